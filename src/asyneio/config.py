@@ -1,0 +1,116 @@
+"""Typed, frozen defaults. A file only overrides; an unknown key is an error; the resolved copy is saved.
+
+Components receive the section they need, never the whole tree. Seconds here, nanoseconds inside.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from asyneio.errors import ConfigError
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class WindowConfig(_Section):
+    """Sliding window."""
+
+    knot_interval_s: float = Field(0.05, gt=0.0, le=1.0, description="time between knots")
+    length_s: float = Field(1.5, gt=0.0, le=20.0, description="time spanned by the knots in the window")
+    frozen_linearization: bool = Field(
+        True, description="first-estimates Jacobians for every state that the marginal prior touches"
+    )
+
+
+class MotionPriorConfig(_Section):
+    """White noise on jerk: square roots of the power spectral density, per axis."""
+
+    angular_jerk_density: float = Field(30.0, gt=0.0, description="rad/s^3/sqrt(Hz)")
+    linear_jerk_density: float = Field(30.0, gt=0.0, description="m/s^3/sqrt(Hz)")
+
+
+class InertialConfig(_Section):
+    """How far the IMU's noise figures are trusted."""
+
+    noise_inflation: float = Field(2.0, gt=0.0, description="factor on the white-noise densities")
+    walk_inflation: float = Field(2.0, gt=0.0, description="factor on the bias walks")
+    initial_gyroscope_bias_sigma: float = Field(0.02, gt=0.0, description="rad/s")
+    initial_accelerometer_bias_sigma: float = Field(0.1, gt=0.0, description="m/s^2")
+    gravity: float = Field(9.81, gt=9.7, lt=9.9, description="m/s^2")
+
+
+class VisualConfig(_Section):
+    """Feature observations and landmarks."""
+
+    pixel_sigma: float = Field(1.0, gt=0.0, description="standard deviation of an observation, pixels")
+    robust_scale: float = Field(2.5, gt=0.0, description="Huber threshold in standard deviations")
+    gate_sigma: float = Field(8.0, gt=0.0, description="observations further off than this are ignored")
+    min_observations: int = Field(3, ge=2, description="observations a landmark needs before it is used")
+    estimate_bearing: bool = Field(
+        True, description="refine the anchor bearing too (3 dof); False: inverse depth only, as in the paper"
+    )
+    bearing_sigma_px: float = Field(50.0, gt=0.0, description="weak prior on the anchor bearing")
+    inverse_depth_sigma: float = Field(3.0, gt=0.0, description="weak prior on inverse depth, 1/m")
+
+
+class OptimizerConfig(_Section):
+    """Levenberg-Marquardt."""
+
+    max_iterations: int = Field(4, ge=1, description="per knot while tracking")
+    initial_max_iterations: int = Field(30, ge=1, description="for the joint optimisation at the start")
+    relative_decrease: float = Field(1e-4, gt=0.0, description="stop when the cost falls by less than this")
+    initial_damping: float = Field(1e-6, gt=0.0)
+
+
+class InitializationConfig(_Section):
+    """Start from the data alone."""
+
+    min_seconds: float = Field(1.0, gt=0.0, description="shortest span tried")
+    min_landmarks: int = Field(15, ge=4)
+    max_scale_sigma: float = Field(0.1, gt=0.0, description="largest relative standard deviation of scale")
+
+
+class Config(_Section):
+    """All settings of the estimator."""
+
+    window: WindowConfig = WindowConfig()
+    motion_prior: MotionPriorConfig = MotionPriorConfig()
+    inertial: InertialConfig = InertialConfig()
+    visual: VisualConfig = VisualConfig()
+    optimizer: OptimizerConfig = OptimizerConfig()
+    initialization: InitializationConfig = InitializationConfig()
+
+
+def load_config(path: Path | None) -> Config:
+    """Read a YAML file of overrides. `None` gives the defaults.
+
+    Raises:
+        ConfigError: the file is missing, is not a mapping, or holds an unknown key or a wrong value.
+    """
+    if path is None:
+        return Config()
+    try:
+        raw = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path} is not valid YAML: {error}") from error
+    if raw is None:
+        return Config()
+    if not isinstance(raw, dict):
+        raise ConfigError(f"{path} holds a {type(raw).__name__}; expected a mapping of sections")
+    try:
+        return Config.model_validate(raw)
+    except ValidationError as error:
+        lines = [f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors()]
+        raise ConfigError(f"{path}: " + "; ".join(lines)) from error
+
+
+def dump_config(config: Config) -> str:
+    """The resolved configuration as YAML, every key written out."""
+    return yaml.safe_dump(config.model_dump(), sort_keys=False)

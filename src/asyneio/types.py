@@ -1,0 +1,171 @@
+"""Records and small frozen dataclasses that cross the walls between rooms.
+
+Conventions (docs/conventions.md): time is int64 nanoseconds; `T_w_b` maps body to world coordinates;
+tangent vectors put rotation first; quaternions are stored x y z w; units are SI and pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+RecordArray = NDArray[np.void]
+
+#: One observation of a feature track: time [ns], track id, distorted pixel position.
+OBSERVATION_DTYPE = np.dtype([("t_ns", "<i8"), ("id", "<i8"), ("u", "<f8"), ("v", "<f8")])
+
+#: One sample of a gyroscope [rad/s] or of an accelerometer [m/s^2]; the two are separate streams.
+INERTIAL_DTYPE = np.dtype([("t_ns", "<i8"), ("xyz", "<f8", (3,))])
+
+NS_PER_S = 1_000_000_000
+
+
+class Distortion(StrEnum):
+    """Lens distortion models, by the names Kalibr uses."""
+
+    NONE = "none"
+    RADTAN = "radtan"
+    EQUIDISTANT = "equidistant"
+
+
+@dataclass(frozen=True)
+class CameraIntrinsics:
+    """Pinhole camera with distortion.
+
+    `coefficients`: none `()`, radtan `(k1, k2, p1, p2[, k3])`, equidistant `(k1, k2, k3, k4)`.
+    Focal lengths and principal point in pixels; `width`, `height` in pixels.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+    distortion: Distortion = Distortion.NONE
+    coefficients: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class ImuNoise:
+    """Continuous-time noise of an IMU.
+
+    Densities in rad/s/sqrt(Hz) and m/s^2/sqrt(Hz), walks in rad/s^2/sqrt(Hz) and m/s^3/sqrt(Hz) (the units
+    of Kalibr's imu.yaml). `rate_hz` is the declared sample rate, `None` where it is not declared.
+    """
+
+    gyroscope_density: float
+    accelerometer_density: float
+    gyroscope_walk: float
+    accelerometer_walk: float
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Camera, extrinsics, clock offset and IMU noise of one sensor rig.
+
+    `T_b_c` (4,4) maps camera to body (IMU) coordinates; `t_imu = t_cam + timeshift_ns`.
+    """
+
+    camera: CameraIntrinsics
+    T_b_c: FloatArray
+    timeshift_ns: int
+    noise: ImuNoise
+
+
+@dataclass(frozen=True)
+class PoseTrajectory:
+    """Time-stamped poses `T_w_b`: `t_ns` (N,) int64 ascending, `position` (N,3) [m], `quaternion` (N,4) xyzw."""
+
+    t_ns: IntArray
+    position: FloatArray
+    quaternion: FloatArray
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Feature tracks and inertial samples of one run, all times in the IMU clock, ascending.
+
+    `observations` OBSERVATION_DTYPE, `gyroscope` and `accelerometer` INERTIAL_DTYPE. `notes` are sentences on
+    what the reader repaired or ignored, for the user.
+    """
+
+    name: str
+    observations: RecordArray
+    gyroscope: RecordArray
+    accelerometer: RecordArray
+    calibration: Calibration
+    ground_truth: PoseTrajectory | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Packet:
+    """What the sensors delivered up to and including `t_end_ns`, in the IMU clock (dtypes as in Recording)."""
+
+    t_end_ns: int
+    observations: RecordArray
+    gyroscope: RecordArray
+    accelerometer: RecordArray
+
+
+class Health(StrEnum):
+    """What the estimator thinks of itself."""
+
+    INITIALIZING = "initializing"
+    TRACKING = "tracking"
+    LOST = "lost"
+
+
+#: Order and size of the error state of a knot (math: T Exp([phi, rho]); others additive).
+STATE_BLOCKS = ("phi", "rho", "omega", "nu", "omega_dot", "nu_dot", "bias_gyroscope", "bias_accelerometer")
+STATE_DOF = 24
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """State of the body at one instant, with covariance.
+
+    `T_w_b` (4,4); `velocity_w` (3,) [m/s] in the world; `angular_velocity_b` (3,) [rad/s];
+    `generalized_acceleration` (6,) `[omega_dot, nu_dot]` in the body; biases (3,);
+    `covariance` (24,24) of the error state in the order of STATE_BLOCKS (right perturbation, body frame).
+    """
+
+    t_ns: int
+    T_w_b: FloatArray
+    velocity_w: FloatArray
+    angular_velocity_b: FloatArray
+    generalized_acceleration: FloatArray
+    bias_gyroscope: FloatArray
+    bias_accelerometer: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What one call of `Odometry.process` did, for the log and the report."""
+
+    t_ns: int
+    health: Health
+    reason: str = ""
+    knots: int = 0
+    landmarks: int = 0
+    observations: int = 0
+    iterations: int = 0
+    cost: float = float("nan")
+    rejected: int = 0
+    seconds: float = 0.0
+
+
+@dataclass
+class Run:
+    """All that one run over a recording produced: causal estimates and step reports."""
+
+    estimates: list[Estimate] = field(default_factory=list)
+    reports: list[StepReport] = field(default_factory=list)
