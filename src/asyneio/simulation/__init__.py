@@ -1,0 +1,18 @@
+"""Feature-level simulator: analytic motion, asynchronous tracks, separate IMU streams, exact truth.
+
+Imports nothing of the estimator, so that it may judge it.
+"""
+
+from asyneio.simulation.camera import PinholeCamera as PinholeCamera
+from asyneio.simulation.motion import AnalyticMotion as AnalyticMotion
+from asyneio.simulation.motion import Sinusoids as Sinusoids
+from asyneio.simulation.presets import MotionStyle as MotionStyle
+from asyneio.simulation.presets import draw_motion as draw_motion
+from asyneio.simulation.scenario import SCENARIOS as SCENARIOS
+from asyneio.simulation.scenario import Scenario as Scenario
+from asyneio.simulation.scene import SceneKind as SceneKind
+from asyneio.simulation.simulate import Simulation as Simulation
+from asyneio.simulation.simulate import simulate as simulate
+from asyneio.simulation.tracks import TrackSpec as TrackSpec
+from asyneio.simulation.truth import StateTruth as StateTruth
+from asyneio.simulation.truth import Truth as Truth

@@ -1,0 +1,104 @@
+"""Named styles of motion, drawn with a seed: same amplitudes and frequencies, different phases.
+
+Magnitudes are those of hand-held and small flying cameras. A term is (amplitude, frequency in Hz); the draw
+scatters each frequency by ten per cent and takes each phase at random, so that seeds of one style differ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from asyneio.errors import SimulationError
+from asyneio.simulation.motion import COORDINATES, AnalyticMotion, Sinusoids
+from asyneio.types import FloatArray
+
+_FREQUENCY_SCATTER = 0.1
+
+Terms = tuple[tuple[float, float], ...]
+
+
+class MotionStyle(StrEnum):
+    """Styles of motion by name."""
+
+    GENTLE = "gentle"
+    MODERATE = "moderate"
+    AGGRESSIVE = "aggressive"
+    ROTATION = "rotation"
+    STATIC_START = "static_start"
+
+
+@dataclass(frozen=True)
+class _Style:
+    terms: tuple[Terms, Terms, Terms, Terms, Terms, Terms]
+    hold_s: float = 0.0
+
+
+_MODERATE = (
+    ((0.60, 0.13), (0.08, 0.60)),
+    ((0.70, 0.15), (0.08, 0.53)),
+    ((0.30, 0.20), (0.05, 0.70)),
+    ((0.15, 0.35), (0.05, 0.90)),
+    ((0.15, 0.30), (0.05, 1.00)),
+    ((0.50, 0.12), (0.15, 0.50)),
+)
+
+_STYLES: dict[MotionStyle, _Style] = {
+    MotionStyle.GENTLE: _Style(
+        (
+            ((0.40, 0.10), (0.04, 0.40)),
+            ((0.50, 0.08), (0.04, 0.35)),
+            ((0.20, 0.12), (0.03, 0.45)),
+            ((0.08, 0.25), (0.02, 0.60)),
+            ((0.08, 0.20), (0.02, 0.70)),
+            ((0.30, 0.08), (0.05, 0.35)),
+        )
+    ),
+    MotionStyle.MODERATE: _Style(_MODERATE),
+    MotionStyle.AGGRESSIVE: _Style(
+        (
+            ((0.55, 0.25), (0.05, 1.50)),
+            ((0.60, 0.28), (0.05, 1.40)),
+            ((0.30, 0.35), (0.04, 1.60)),
+            ((0.30, 0.90), (0.04, 2.50)),
+            ((0.22, 0.80), (0.04, 2.30)),
+            ((0.40, 0.30), (0.32, 1.00)),
+        )
+    ),
+    MotionStyle.ROTATION: _Style(
+        (
+            ((0.12, 0.20), (0.02, 0.90)),
+            ((0.12, 0.17), (0.02, 1.00)),
+            ((0.08, 0.25), (0.02, 1.10)),
+            ((0.35, 0.55), (0.05, 1.30)),
+            ((0.25, 0.50), (0.05, 1.40)),
+            ((1.00, 0.20), (0.20, 0.80)),
+        )
+    ),
+    MotionStyle.STATIC_START: _Style(_MODERATE, hold_s=2.0),
+}
+
+
+def draw_motion(style: str, rng: np.random.Generator, C_f_b: FloatArray) -> AnalyticMotion:
+    """A motion of a named style with phases and frequencies from `rng`, centred on the world's origin.
+
+    Args:
+        style: a value of `MotionStyle`.
+        rng: source of randomness; the same state gives the same motion.
+        C_f_b: (3,3) rotation of the body in the carrier (x forward, y left, z up).
+
+    Raises:
+        SimulationError: the style is unknown.
+    """
+    if style not in list(MotionStyle):
+        raise SimulationError(f"motion {style!r} is unknown; expected one of {', '.join(MotionStyle)}")
+    chosen = _STYLES[MotionStyle(style)]
+    table = np.zeros((2, len(COORDINATES), max(len(terms) for terms in chosen.terms)))
+    for row, terms in enumerate(chosen.terms):
+        table[:, row, : len(terms)] = np.array(terms).T
+    amplitude, frequency_hz = table
+    scatter = rng.uniform(1.0 - _FREQUENCY_SCATTER, 1.0 + _FREQUENCY_SCATTER, frequency_hz.shape)
+    phase = rng.uniform(0.0, 2.0 * np.pi, amplitude.shape)
+    return AnalyticMotion(Sinusoids(amplitude, frequency_hz * scatter, phase), C_f_b, hold_s=chosen.hold_s)

@@ -1,0 +1,117 @@
+"""Run a scenario: a recording as a reader would deliver it, and the truth behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from asyneio.simulation.camera import BoolArray, PinholeCamera
+from asyneio.simulation.imu import BiasWalk, as_records, corrupt, draw_bias, sample_times, specific_force_b
+from asyneio.simulation.motion import AnalyticMotion
+from asyneio.simulation.presets import draw_motion
+from asyneio.simulation.scenario import Scenario
+from asyneio.simulation.scene import draw_landmarks
+from asyneio.simulation.tracks import Tracks, Viewer, simulate_tracks
+from asyneio.simulation.truth import Truth
+from asyneio.types import (
+    NS_PER_S,
+    OBSERVATION_DTYPE,
+    Calibration,
+    FloatArray,
+    IntArray,
+    RecordArray,
+    Recording,
+)
+
+#: Camera axes (x right, y down, z forward) in the carrier (x forward, y left, z up), one a column.
+_C_f_c = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated run.
+
+    `recording` has all times in the IMU clock. `landmarks_w` (L,3) [m]; `landmark_of_track` (K,) is the index
+    of the landmark that track id k follows; `outlier` (M,) tells which observations were displaced.
+    """
+
+    scenario: Scenario
+    recording: Recording
+    truth: Truth
+    landmarks_w: FloatArray
+    landmark_of_track: IntArray
+    outlier: BoolArray
+
+    def observations_in_camera_clock(self) -> RecordArray:
+        """The observations as a camera would stamp them, `t_cam = t_imu - timeshift`, for writing files."""
+        observations = self.recording.observations.copy()
+        observations["t_ns"] -= self.scenario.timeshift_ns
+        return observations
+
+
+def simulate(scenario: Scenario) -> Simulation:
+    """Simulate a scenario; the same scenario gives the same arrays.
+
+    Raises:
+        SimulationError: the scenario is impossible, or its camera never sees a landmark.
+    """
+    seeds = np.random.SeedSequence(scenario.seed).spawn(5)
+    for_motion, for_scene, for_tracks, for_gyroscope, for_accelerometer = map(np.random.default_rng, seeds)
+    # The camera, not the body, looks along the carrier: any mounting of the IMU then sees the same scene.
+    motion = draw_motion(scenario.motion, for_motion, _C_f_c @ scenario.T_b_c[:3, :3].T)
+    landmarks_w = draw_landmarks(scenario.scene, scenario.landmarks, for_scene)
+    camera = PinholeCamera.from_intrinsics(scenario.camera)
+    viewer = Viewer(motion, camera, scenario.T_b_c, landmarks_w)
+    tracks = simulate_tracks(
+        viewer, scenario.tracks, scenario.camera_offset_s, scenario.duration_s, for_tracks
+    )
+    gyroscope, bias_gyroscope = _gyroscope(scenario, motion, for_gyroscope)
+    accelerometer, bias_accelerometer = _accelerometer(scenario, motion, for_accelerometer)
+    end_ns = scenario.start_ns + round(scenario.duration_s * NS_PER_S)
+    truth = Truth(scenario.start_ns, end_ns, motion, bias_gyroscope, bias_accelerometer)
+    recording = Recording(
+        name=f"{scenario.name}-{scenario.seed}",
+        observations=_observation_records(scenario.start_ns, tracks),
+        gyroscope=gyroscope,
+        accelerometer=accelerometer,
+        calibration=_calibration(scenario),
+        ground_truth=truth.poses(scenario.ground_truth_rate_hz),
+    )
+    return Simulation(scenario, recording, truth, landmarks_w, tracks.landmark_of_track, tracks.outlier)
+
+
+def _gyroscope(
+    scenario: Scenario, motion: AnalyticMotion, rng: np.random.Generator
+) -> tuple[RecordArray, BiasWalk]:
+    spec = scenario.gyroscope
+    t_ns = sample_times(spec, scenario.duration_s)
+    bias = draw_bias(spec, t_ns, rng)
+    ideal = motion.angular_velocity_b(t_ns / NS_PER_S)
+    return as_records(scenario.start_ns + t_ns, corrupt(ideal, t_ns, bias, spec, rng)), bias
+
+
+def _accelerometer(
+    scenario: Scenario, motion: AnalyticMotion, rng: np.random.Generator
+) -> tuple[RecordArray, BiasWalk]:
+    spec = scenario.accelerometer
+    t_ns = sample_times(spec, scenario.duration_s)
+    bias = draw_bias(spec, t_ns, rng)
+    ideal = specific_force_b(motion, t_ns / NS_PER_S, scenario.gravity)
+    return as_records(scenario.start_ns + t_ns, corrupt(ideal, t_ns, bias, spec, rng)), bias
+
+
+def _observation_records(start_ns: int, tracks: Tracks) -> RecordArray:
+    records = np.zeros(tracks.t_ns.size, dtype=OBSERVATION_DTYPE)
+    records["t_ns"] = start_ns + tracks.t_ns
+    records["id"] = tracks.track
+    records["u"], records["v"] = tracks.pixels.T
+    return records
+
+
+def _calibration(scenario: Scenario) -> Calibration:
+    noise = scenario.noise
+    if scenario.gyroscope_rate_hz == scenario.accelerometer_rate_hz:
+        # Only then is there one rate to declare.
+        noise = replace(noise, rate_hz=scenario.gyroscope_rate_hz)
+    return Calibration(scenario.camera, scenario.T_b_c, scenario.timeshift_ns, noise)
