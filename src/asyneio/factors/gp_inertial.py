@@ -1,0 +1,143 @@
+"""GPIF: gyroscope and accelerometer samples as separate factors on the trajectory (21)-(23).
+
+Biases are interpolated linearly between the knots, `alpha` = (tau - t_k) / (t_{k+1} - t_k).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from asyneio.geometry.linalg import matvec_t
+from asyneio.geometry.se3 import right_jacobian, right_jacobian_times
+from asyneio.trajectory.interpolation import query_pose, query_pose_jacobian, query_rates, weighted
+from asyneio.types import FloatArray
+
+
+@njit(cache=True)
+def gyroscope_residual(
+    value: FloatArray,
+    local: FloatArray,
+    weights: FloatArray,
+    bias: FloatArray,
+    alpha: float,
+    residual: FloatArray,
+) -> None:
+    """`residual` (3,) of (21), unwhitened. `bias` (2,6) holds [b_g, b_a] of the two knots."""
+    xi = np.empty(6)
+    xi_dot = np.empty(6)
+    omega = np.empty(6)
+    J = np.empty((6, 6))
+    weighted(local, weights[0], xi)
+    weighted(local, weights[1], xi_dot)
+    right_jacobian(xi, J)
+    for i in range(3):
+        omega[i] = J[i, 0] * xi_dot[0] + J[i, 1] * xi_dot[1] + J[i, 2] * xi_dot[2]
+        residual[i] = value[i] - omega[i] - (1.0 - alpha) * bias[0, i] - alpha * bias[1, i]
+
+
+@njit(cache=True)
+def gyroscope_jacobian(local: FloatArray, weights: FloatArray, alpha: float, jacobian: FloatArray) -> None:
+    """`jacobian` (3,48) of `gyroscope_residual` with respect to the local coordinates, exact (68)-(70)."""
+    xi = np.empty(6)
+    xi_dot = np.empty(6)
+    varpi = np.empty(6)
+    J = np.empty((6, 6))
+    d_xi = np.empty((6, 6))
+    weighted(local, weights[0], xi)
+    weighted(local, weights[1], xi_dot)
+    right_jacobian(xi, J)
+    right_jacobian_times(xi, xi_dot, d_xi, varpi)
+    jacobian[:] = 0.0
+    for i in range(3):
+        for b in range(5):
+            o = 6 + 6 * b
+            for j in range(3):
+                jacobian[i, o + j] = -(weights[0, b] * d_xi[i, j] + weights[1, b] * J[i, j])
+        jacobian[i, 36 + i] = -(1.0 - alpha)
+        jacobian[i, 42 + i] = -alpha
+
+
+@njit(cache=True)
+def accelerometer_residual(
+    value: FloatArray,
+    C_0: FloatArray,
+    local: FloatArray,
+    weights: FloatArray,
+    bias: FloatArray,
+    alpha: float,
+    gravity_w: FloatArray,
+    residual: FloatArray,
+) -> None:
+    """`residual` (3,) of (21), unwhitened. `bias` (2,6), `gravity_w` (3,) in the world."""
+    varpi = np.empty(6)
+    varpi_dot = np.empty(6)
+    unused = np.empty((12, 18))
+    gravity_b = np.empty(3)
+    query_rates(local, weights, varpi, varpi_dot, unused)
+    _gravity_in_body(C_0, local, weights, gravity_w, gravity_b)
+    w, v, a = varpi[:3], varpi[3:], varpi_dot[3:]
+    residual[0] = value[0] - a[0] - (w[1] * v[2] - w[2] * v[1]) + gravity_b[0]
+    residual[1] = value[1] - a[1] - (w[2] * v[0] - w[0] * v[2]) + gravity_b[1]
+    residual[2] = value[2] - a[2] - (w[0] * v[1] - w[1] * v[0]) + gravity_b[2]
+    for i in range(3):
+        residual[i] -= (1.0 - alpha) * bias[0, 3 + i] + alpha * bias[1, 3 + i]
+
+
+@njit(cache=True)
+def _gravity_in_body(
+    C_0: FloatArray, local: FloatArray, weights: FloatArray, gravity_w: FloatArray, out: FloatArray
+) -> None:
+    """`out = C(tau)^T g`."""
+    C = np.empty((3, 3))
+    r = np.empty(3)
+    query_pose(C_0, np.zeros(3), local, weights[0], C, r)
+    matvec_t(C, gravity_w, out)
+
+
+@njit(cache=True)
+def accelerometer_jacobian(
+    C_0: FloatArray,
+    local: FloatArray,
+    weights: FloatArray,
+    alpha: float,
+    gravity_w: FloatArray,
+    jacobian: FloatArray,
+) -> None:
+    """`jacobian` (3,48) of `accelerometer_residual` with respect to the local coordinates, (22)-(23)."""
+    varpi = np.empty(6)
+    varpi_dot = np.empty(6)
+    rates = np.empty((12, 18))
+    d_eps = np.empty((6, 6))
+    d_pose = np.empty((6, 6))
+    g = np.empty(3)
+    d_gamma = np.empty((3, 18))
+    query_rates(local, weights, varpi, varpi_dot, rates)
+    query_pose_jacobian(local, weights[0], d_eps, d_pose)
+    _gravity_in_body(C_0, local, weights, gravity_w, g)
+    w, v = varpi[:3], varpi[3:]
+    jacobian[:] = 0.0
+    for i in range(3):
+        i1 = (i + 1) % 3
+        i2 = (i + 2) % 3
+        for j in range(18):
+            # - nu_dot - omega x nu = - nu_dot + nu^ omega - omega^ nu (23)
+            d_gamma[i, j] = (
+                -rates[9 + i, j]
+                - (w[i1] * rates[3 + i2, j] - w[i2] * rates[3 + i1, j])
+                + (v[i1] * rates[i2, j] - v[i2] * rates[i1, j])
+            )
+        for j in range(3):
+            # (C^T g)^ on the rotation of the query pose (23).
+            d_gamma[i, j] += g[i1] * d_pose[i2, j] - g[i2] * d_pose[i1, j]
+            jacobian[i, j] = g[i1] * d_eps[i2, j] - g[i2] * d_eps[i1, j]
+        for b in range(5):
+            o = 6 + 6 * b
+            for j in range(6):
+                jacobian[i, o + j] = (
+                    weights[0, b] * d_gamma[i, j]
+                    + weights[1, b] * d_gamma[i, 6 + j]
+                    + weights[2, b] * d_gamma[i, 12 + j]
+                )
+        jacobian[i, 39 + i] = -(1.0 - alpha)
+        jacobian[i, 45 + i] = -alpha

@@ -1,0 +1,36 @@
+"""From the local coordinates of an interval to its two knots."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from asyneio.trajectory.interpolation import interval_chain
+from asyneio.types import FloatArray
+
+#: Local coordinates with biases: 36 kinematic, then [b_g, b_a] of knot k and of knot k+1.
+INTERVAL_DOF = 48
+#: Error state of a knot: eps, varpi, varpi_dot, b_g, b_a.
+KNOT_DOF = 24
+
+
+@njit(cache=True)
+def local_to_knots(
+    C_0: FloatArray, r_0: FloatArray, C_1: FloatArray, r_1: FloatArray, varpi_1: FloatArray, out: FloatArray
+) -> None:
+    """`out` (48,48) = d y / d [knot k (24), knot k+1 (24)]."""
+    chain = out[:36, :36]
+    interval_chain(C_0, r_0, C_1, r_1, varpi_1, chain)
+    # Knots interleave kinematics and biases: move the second knot's columns right by six.
+    for i in range(36):
+        for j in range(36, 48):
+            out[i, j] = 0.0
+        for j in range(17, -1, -1):
+            out[i, 24 + j] = out[i, 18 + j]
+        for j in range(18, 24):
+            out[i, j] = 0.0
+    for i in range(36, 48):
+        for j in range(48):
+            out[i, j] = 0.0
+    for i in range(6):
+        out[36 + i, 18 + i] = 1.0
+        out[42 + i, 42 + i] = 1.0

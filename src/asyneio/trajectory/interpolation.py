@@ -1,0 +1,199 @@
+"""Between two knots: local variables of an interval and the state at a query time, with exact Jacobians.
+
+| symbol     | meaning                                                              | size |
+|------------|----------------------------------------------------------------------|------|
+| eps_k      | perturbation of T_k on the right                                     | 6    |
+| varpi      | generalised velocity [omega, nu] in the body                         | 6    |
+| xi         | Log(T_k^{-1} T_{k+1})                                                | 6    |
+| xi_dot     | J_r^{-1}(xi) varpi_{k+1}                                        (8)  | 6    |
+| xi_ddot    | J_r^{-1}(xi) varpi_dot_{k+1} + (d/dt J_r^{-1}) varpi_{k+1}      (9)  | 6    |
+
+Everything measured inside an interval is a function of its *local coordinates*
+
+    y = [eps_k, varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot]   (36)
+
+and depends on the last five only through fixed scalar weights (20). The one place where the knot k+1 enters
+is `interval_chain`, d y / d (knot k, knot k+1), computed once per interval and iteration.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from asyneio.geometry.linalg import matmul
+from asyneio.geometry.se3 import (
+    adjoint_inverse,
+    right_jacobian,
+    right_jacobian_inverse,
+    right_jacobian_inverse_rate_times,
+    right_jacobian_inverse_times,
+    right_jacobian_rate_times,
+    right_jacobian_times,
+    se3_between,
+    se3_compose,
+    se3_exp,
+    se3_log,
+)
+from asyneio.types import FloatArray
+
+#: Local coordinates of an interval: eps_k, varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot.
+LOCAL_DOF = 36
+#: Kinematic coordinates of a knot: eps, varpi, varpi_dot.
+KINEMATIC_DOF = 18
+
+
+@njit(cache=True)
+def interval_local(
+    C_0: FloatArray,
+    r_0: FloatArray,
+    varpi_0: FloatArray,
+    C_1: FloatArray,
+    r_1: FloatArray,
+    varpi_1: FloatArray,
+    out: FloatArray,
+) -> None:
+    """End quantities `out` (5,6) = [varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot] of an interval (54)-(55).
+
+    `varpi_0`, `varpi_1` (2,6) hold [varpi, varpi_dot] of the two knots.
+    """
+    C = np.empty((3, 3))
+    r = np.empty(3)
+    unused = np.empty((6, 6))
+    rate_u = np.empty((6, 6))
+    rate_v = np.empty((6, 6))
+    acceleration = np.empty(6)
+    se3_between(C_0, r_0, C_1, r_1, C, r)
+    out[0] = varpi_0[0]
+    out[1] = varpi_0[1]
+    xi = out[2]
+    se3_log(C, r, xi)
+    right_jacobian_inverse_times(xi, varpi_1[0], unused, out[3])
+    right_jacobian_inverse_times(xi, varpi_1[1], unused, acceleration)
+    right_jacobian_inverse_rate_times(xi, out[3], varpi_1[0], unused, rate_u, rate_v, out[4])
+    out[4] += acceleration
+
+
+@njit(cache=True)
+def interval_chain(
+    C_0: FloatArray,
+    r_0: FloatArray,
+    C_1: FloatArray,
+    r_1: FloatArray,
+    varpi_1: FloatArray,
+    out: FloatArray,
+) -> None:
+    """`out` (36,36) = d y / d [knot k, knot k+1], knots as [eps, varpi, varpi_dot]; exact (45)-(53), (75)-(81)."""
+    C = np.empty((3, 3))
+    r = np.empty(3)
+    xi = np.empty(6)
+    xi_dot = np.empty(6)
+    unused = np.empty(6)
+    J_inv = np.empty((6, 6))
+    Ad_inv = np.empty((6, 6))
+    d_dot = np.empty((6, 6))
+    d_acc = np.empty((6, 6))
+    d_rate = np.empty((6, 6))
+    d_rate_u = np.empty((6, 6))
+    d_rate_v = np.empty((6, 6))
+    work = np.empty((6, 6))
+    se3_between(C_0, r_0, C_1, r_1, C, r)
+    se3_log(C, r, xi)
+    right_jacobian_inverse(xi, J_inv)
+    adjoint_inverse(C, r, Ad_inv)
+    right_jacobian_inverse_times(xi, varpi_1[0], d_dot, xi_dot)
+    right_jacobian_inverse_times(xi, varpi_1[1], d_acc, unused)
+    right_jacobian_inverse_rate_times(xi, xi_dot, varpi_1[0], d_rate, d_rate_u, d_rate_v, unused)
+    # d xi_ddot / d xi, with xi_dot itself a function of xi.
+    matmul(d_rate_u, d_dot, work)
+    for i in range(6):
+        for j in range(6):
+            d_acc[i, j] += d_rate[i, j] + work[i, j]
+    out[:] = 0.0
+    for i in range(18):
+        out[i, i] = 1.0
+    # Columns of eps_{k+1}: d xi = J^{-1}; then those of eps_k: -J^{-1} Ad(T_{k,k+1})^{-1} (45).
+    for i in range(6):
+        for j in range(6):
+            out[18 + i, 18 + j] = J_inv[i, j]
+    matmul(d_dot, J_inv, out[24:30, 18:24])
+    matmul(d_acc, J_inv, out[30:36, 18:24])
+    matmul(out[18:36, 18:24], Ad_inv, out[18:36, 0:6])
+    for i in range(18, 36):
+        for j in range(6):
+            out[i, j] = -out[i, j]
+    # Columns of varpi_{k+1} and varpi_dot_{k+1}.
+    matmul(d_rate_u, J_inv, work)
+    for i in range(6):
+        for j in range(6):
+            out[24 + i, 24 + j] = J_inv[i, j]
+            out[30 + i, 24 + j] = d_rate_v[i, j] + work[i, j]
+            out[30 + i, 30 + j] = J_inv[i, j]
+
+
+@njit(cache=True)
+def weighted(local: FloatArray, weights: FloatArray, out: FloatArray) -> None:
+    """One row of (20): `out` (6,) = sum_b weights[b] local[b], `weights` (5,), `local` (5,6)."""
+    for i in range(6):
+        s = 0.0
+        for b in range(5):
+            s += weights[b] * local[b, i]
+        out[i] = s
+
+
+@njit(cache=True)
+def query_pose(
+    C_0: FloatArray, r_0: FloatArray, local: FloatArray, weights: FloatArray, C: FloatArray, r: FloatArray
+) -> None:
+    """Pose at the query time, `T(tau) = T_k Exp(xi(tau))` (58); `weights` (5,) is the first row of (20)."""
+    xi = np.empty(6)
+    C_d = np.empty((3, 3))
+    r_d = np.empty(3)
+    weighted(local, weights, xi)
+    se3_exp(xi, C_d, r_d)
+    se3_compose(C_0, r_0, C_d, r_d, C, r)
+
+
+@njit(cache=True)
+def query_pose_jacobian(local: FloatArray, weights: FloatArray, d_eps: FloatArray, d_xi: FloatArray) -> None:
+    """Of the perturbation of T(tau): with respect to eps_k (63) and to xi(tau) (62), both (6,6)."""
+    xi = np.empty(6)
+    C_d = np.empty((3, 3))
+    r_d = np.empty(3)
+    weighted(local, weights, xi)
+    se3_exp(xi, C_d, r_d)
+    adjoint_inverse(C_d, r_d, d_eps)
+    right_jacobian(xi, d_xi)
+
+
+@njit(cache=True)
+def query_rates(
+    local: FloatArray, weights: FloatArray, varpi: FloatArray, varpi_dot: FloatArray, jacobian: FloatArray
+) -> None:
+    """Generalised velocity and acceleration at the query time, (8) and the exact form of (71).
+
+    `weights` (3,5); `jacobian` (12,18) = d [varpi, varpi_dot] / d [xi, xi_dot, xi_ddot](tau), exact (68)-(74).
+    """
+    gamma = np.empty((3, 6))
+    J = np.empty((6, 6))
+    d_vel = np.empty((6, 6))
+    d_acc = np.empty((6, 6))
+    d_rate = np.empty((6, 6))
+    d_rate_u = np.empty((6, 6))
+    d_rate_v = np.empty((6, 6))
+    rate = np.empty(6)
+    for a in range(3):
+        weighted(local, weights[a], gamma[a])
+    right_jacobian(gamma[0], J)
+    right_jacobian_times(gamma[0], gamma[1], d_vel, varpi)
+    right_jacobian_times(gamma[0], gamma[2], d_acc, varpi_dot)
+    right_jacobian_rate_times(gamma[0], gamma[1], gamma[1], d_rate, d_rate_u, d_rate_v, rate)
+    jacobian[:] = 0.0
+    for i in range(6):
+        varpi_dot[i] += rate[i]
+        for j in range(6):
+            jacobian[i, j] = d_vel[i, j]
+            jacobian[i, 6 + j] = J[i, j]
+            jacobian[6 + i, j] = d_acc[i, j] + d_rate[i, j]
+            jacobian[6 + i, 6 + j] = d_rate_u[i, j] + d_rate_v[i, j]
+            jacobian[6 + i, 12 + j] = J[i, j]

@@ -1,0 +1,225 @@
+"""Every factor's analytic Jacobian with respect to both knots, against central differences (relative 1e-6)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asyneio.factors.bias import bias_factor
+from asyneio.factors.gp_inertial import (
+    accelerometer_jacobian,
+    accelerometer_residual,
+    gyroscope_jacobian,
+    gyroscope_residual,
+)
+from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
+from asyneio.factors.local_frame import local_to_knots
+from asyneio.factors.marginal_prior import knot_difference
+from asyneio.factors.reprojection import landmark_direction, reprojection_jacobian, reprojection_residual
+from asyneio.trajectory.interpolation import interval_local, query_pose, query_pose_jacobian
+from asyneio.trajectory.motion_prior import interpolation_weights
+
+from .jacobian_checker import check_jacobian
+from .knots import KNOT_BLOCKS, PAIR_BLOCKS, Knot, hat6, random_pair
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+# (interval, scale of the motion): ordinary, long, violent (rotation near 2.5 rad in one interval), tiny
+CASES = [(0.05, 1.0), (0.2, 1.0), (0.4, 2.5), (1e-3, 1.0)]
+
+
+def local_of(k0: Knot, k1: Knot) -> np.ndarray:
+    out = np.empty((5, 6))
+    interval_local(k0.C, k0.r, k0.varpi, k1.C, k1.r, k1.varpi, out)
+    return out
+
+
+def chain_of(k0: Knot, k1: Knot) -> np.ndarray:
+    out = np.empty((48, 48))
+    local_to_knots(k0.C, k0.r, k1.C, k1.r, k1.varpi, out)
+    return out
+
+
+def weights_at(fraction: float, dt: float) -> np.ndarray:
+    out = np.empty((3, 5))
+    interpolation_weights(fraction * dt, dt, out)
+    return out
+
+
+def pair(seed: int, dt: float, scale: float) -> tuple[Knot, Knot]:
+    return random_pair(np.random.default_rng(seed), dt, scale)
+
+
+@pytest.mark.parametrize(("dt", "scale"), CASES)
+@pytest.mark.parametrize("seed", range(3))
+def test_local_coordinates(seed: int, dt: float, scale: float) -> None:
+    k0, k1 = pair(seed, dt, scale)
+
+    def f(d: np.ndarray) -> np.ndarray:
+        return local_of(k0.perturbed(d[:24]), k1.perturbed(d[24:])).ravel()
+
+    check_jacobian("interval chain", chain_of(k0, k1)[6:36], f, PAIR_BLOCKS)
+
+
+@pytest.mark.parametrize(("dt", "scale"), CASES)
+def test_gp_prior(dt: float, scale: float) -> None:
+    k0, k1 = pair(7, dt, scale)
+    density = np.array([1.0, 2.0, 3.0, 0.5, 0.7, 4.0])
+    coefficients = np.empty((3, 5))
+    gp_prior_coefficients(dt, coefficients)
+    jacobian = np.zeros((18, 48))
+    for a in range(3):
+        for b in range(5):
+            for i in range(6):
+                jacobian[6 * a + i, 6 + 6 * b + i] = coefficients[a, b] / density[i]
+
+    def f(d: np.ndarray) -> np.ndarray:
+        out = np.empty((3, 6))
+        gp_prior_factor(local_of(k0.perturbed(d[:24]), k1.perturbed(d[24:])), coefficients, density, out)
+        return out.ravel()
+
+    # Rows differ by powers of dt: compare row group by row group.
+    analytic = jacobian @ chain_of(k0, k1)
+    for a in range(3):
+        rows = slice(6 * a, 6 * a + 6)
+        check_jacobian(f"gp prior row {a}", analytic[rows], lambda d, rows=rows: f(d)[rows], PAIR_BLOCKS)
+
+
+@pytest.mark.parametrize(("dt", "scale"), CASES)
+@pytest.mark.parametrize("fraction", [0.0, 0.31, 0.9, 1.0])
+def test_gyroscope(dt: float, scale: float, fraction: float) -> None:
+    k0, k1 = pair(3, dt, scale)
+    w = weights_at(fraction, dt)
+    value = np.array([0.3, -1.0, 2.0])
+    jacobian = np.empty((3, 48))
+    gyroscope_jacobian(local_of(k0, k1), w, fraction, jacobian)
+
+    def f(d: np.ndarray) -> np.ndarray:
+        a, b = k0.perturbed(d[:24]), k1.perturbed(d[24:])
+        out = np.empty(3)
+        gyroscope_residual(value, local_of(a, b), w, np.stack([a.bias, b.bias]), fraction, out)
+        return out
+
+    check_jacobian("gyroscope", jacobian @ chain_of(k0, k1), f, PAIR_BLOCKS)
+
+
+@pytest.mark.parametrize(("dt", "scale"), CASES)
+@pytest.mark.parametrize("fraction", [0.0, 0.31, 0.9, 1.0])
+def test_accelerometer(dt: float, scale: float, fraction: float) -> None:
+    k0, k1 = pair(4, dt, scale)
+    w = weights_at(fraction, dt)
+    value = np.array([0.3, -1.0, 9.0])
+    jacobian = np.empty((3, 48))
+    accelerometer_jacobian(k0.C, local_of(k0, k1), w, fraction, GRAVITY, jacobian)
+
+    def f(d: np.ndarray) -> np.ndarray:
+        a, b = k0.perturbed(d[:24]), k1.perturbed(d[24:])
+        out = np.empty(3)
+        accelerometer_residual(
+            value, a.C, local_of(a, b), w, np.stack([a.bias, b.bias]), fraction, GRAVITY, out
+        )
+        return out
+
+    check_jacobian("accelerometer", jacobian @ chain_of(k0, k1), f, PAIR_BLOCKS)
+
+
+@pytest.mark.parametrize(("dt", "scale"), CASES)
+@pytest.mark.parametrize("rho", [0.0, 0.4, 5.0])
+def test_reprojection(dt: float, scale: float, rho: float) -> None:
+    rng = np.random.default_rng(11)
+    k0, k1 = pair(5, dt, scale)
+    anchor = Knot(
+        k0.T @ expm_of(0.2 * rng.normal(size=6)), np.zeros((2, 6)), np.zeros(6)
+    )  # somewhere near, so that the landmark is in front
+    T_bc = expm_of(0.3 * rng.normal(size=6))
+    C_bc, r_bc = np.ascontiguousarray(T_bc[:3, :3]), np.ascontiguousarray(T_bc[:3, 3])
+    fraction = 0.37
+    w = weights_at(fraction, dt)
+    kappa, tangent = bearing_in_front(anchor, k0, k1, C_bc, r_bc, rho, w)
+    xy = np.array([0.1, -0.2])
+    root = np.array([[200.0, 3.0], [0.0, 180.0]])
+
+    def direction(a: Knot, k: np.ndarray, inverse_depth: float, p: Knot, q: Knot) -> tuple[np.ndarray, ...]:
+        C, r = np.empty((3, 3)), np.empty(3)
+        query_pose(p.C, p.r, local_of(p, q), w[0], C, r)
+        x_a, x_b, h = np.empty(3), np.empty(3), np.empty(3)
+        landmark_direction(a.C, a.r, C, r, C_bc, r_bc, k, inverse_depth, x_a, x_b, h)
+        return C, r, x_a, x_b, h
+
+    def f(d: np.ndarray) -> np.ndarray:
+        moved = anchor.perturbed(np.concatenate([d[:6], np.zeros(18)]))
+        k = kappa + tangent @ d[7:9]
+        *_, h = direction(moved, k, rho + d[6], k0.perturbed(d[9:33]), k1.perturbed(d[33:57]))
+        out = np.empty(2)
+        assert reprojection_residual(h, xy, root, out)
+        return out
+
+    C, r, x_a, x_b, h = direction(anchor, kappa, rho, k0, k1)
+    d_anchor, d_pose, d_landmark = np.empty((2, 6)), np.empty((2, 6)), np.empty((2, 3))
+    assert reprojection_jacobian(
+        anchor.C, anchor.r, C, r, C_bc, r_bc, rho, tangent, x_a, x_b, h, root, d_anchor, d_pose, d_landmark
+    )
+    d_eps, d_xi = np.empty((6, 6)), np.empty((6, 6))
+    query_pose_jacobian(local_of(k0, k1), w[0], d_eps, d_xi)
+    local_jacobian = np.zeros((2, 48))
+    local_jacobian[:, :6] = d_pose @ d_eps
+    for b in range(5):
+        local_jacobian[:, 6 + 6 * b : 12 + 6 * b] = w[0, b] * d_pose @ d_xi
+    analytic = np.hstack([d_anchor, d_landmark, local_jacobian @ chain_of(k0, k1)])
+    blocks = [("anchor", 6), ("inverse depth", 1), ("bearing", 2), *PAIR_BLOCKS]
+    check_jacobian("reprojection", analytic, f, blocks)
+
+
+def expm_of(xi: np.ndarray) -> np.ndarray:
+    return Knot(np.eye(4), np.zeros((2, 6)), np.zeros(6)).perturbed(np.concatenate([xi, np.zeros(18)])).T
+
+
+def bearing_in_front(anchor, k0, k1, C_bc, r_bc, rho, w):  # type: ignore[no-untyped-def]
+    """A unit bearing whose point lies in front of the query camera, with an orthonormal tangent basis."""
+    rng = np.random.default_rng(2)
+    C, r = np.empty((3, 3)), np.empty(3)
+    query_pose(k0.C, k0.r, local_of(k0, k1), w[0], C, r)
+    for _ in range(500):
+        kappa = rng.normal(size=3)
+        kappa /= np.linalg.norm(kappa)
+        x_a, x_b, h = np.empty(3), np.empty(3), np.empty(3)
+        landmark_direction(anchor.C, anchor.r, C, r, C_bc, r_bc, kappa, rho, x_a, x_b, h)
+        if h[2] > 0.7:
+            q, _ = np.linalg.qr(np.column_stack([kappa, rng.normal(size=(3, 2))]))
+            return kappa, np.ascontiguousarray(q[:, 1:])
+    raise AssertionError("no bearing found")
+
+
+def test_landmark_behind_is_a_status() -> None:
+    out = np.full(2, np.nan)
+    assert not reprojection_residual(np.array([0.1, 0.1, -0.5]), np.zeros(2), np.eye(2), out)
+    assert not reprojection_residual(np.array([0.1, 0.1, np.nan]), np.zeros(2), np.eye(2), out)
+    assert np.array_equal(out, np.zeros(2))
+
+
+def test_bias() -> None:
+    walk = np.array([1e-5, 2e-5, 3e-5, 1e-3, 2e-3, 3e-3])
+    dt = 0.05
+    b = 0.1 * np.random.default_rng(0).normal(size=(2, 6))
+
+    def f(d: np.ndarray) -> np.ndarray:
+        out = np.empty(6)
+        bias_factor(b[0] + d[:6], b[1] + d[6:], walk, dt, out)
+        return out
+
+    info = np.diag(1.0 / (walk * np.sqrt(dt)))
+    check_jacobian("bias", np.hstack([-info, info]), f, [("b_k", 6), ("b_k+1", 6)])
+
+
+def test_marginal_prior_is_linear_in_delta() -> None:
+    k0, _ = pair(9, 0.1, 1.0)
+
+    def f(d: np.ndarray) -> np.ndarray:
+        k = k0.perturbed(d)
+        out = np.empty(24)
+        knot_difference(k0.C, k0.r, k0.varpi, k0.bias, k.C, k.r, k.varpi, k.bias, out)
+        return out
+
+    check_jacobian("marginal prior", np.eye(24), f, KNOT_BLOCKS)
+    delta = 0.3 * np.random.default_rng(1).normal(size=24)
+    np.testing.assert_allclose(f(delta), delta, atol=1e-12)
+    assert hat6(delta[:6]).shape == (4, 4)
