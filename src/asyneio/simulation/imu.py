@@ -1,7 +1,7 @@
 """Gyroscope and accelerometer as two separate streams with white noise and wandering biases.
 
 Noise is given as continuous-time densities: a sample at rate `f` has standard deviation `density sqrt(f)`,
-and a bias walks by `walk sqrt(dt)` between two instants (exact for a Wiener process sampled at those instants).
+and a bias walks by `walk sqrt(dt)` between two instants, which is exact for a Wiener process sampled there.
 """
 
 from __future__ import annotations

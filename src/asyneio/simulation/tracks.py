@@ -20,7 +20,9 @@ from asyneio.simulation.motion import AnalyticMotion
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
 #: Visibility and image speed are followed on this lattice; observation times themselves are off it.
-_LATTICE_S = 0.002
+_LATTICE_S = 0.004
+#: Landmarks tried first for a new track; only when none of them is visible are all of them tried.
+_TRIALS = 300
 #: An empty slot looks for a landmark again after this long.
 _RETRY_S = 0.02
 
@@ -70,7 +72,8 @@ class TrackSpec:
 class Tracks:
     """Observations in time order: `t_ns` (M,) since the start, `track` (M,) ids, `pixels` (M,2).
 
-    `outlier` (M,) tells which were displaced. `landmark_of_track` (K,) gives the landmark's index of each track id 0..K-1.
+    `outlier` (M,) tells which were displaced. `landmark_of_track` (K,) is the index of the landmark that each
+    track id 0..K-1 follows.
     """
 
     t_ns: IntArray
@@ -133,13 +136,10 @@ def _lives(
             free[finished] = True
         if birth >= lattice_s.size - 1:
             continue
-        points_c = _to_camera(viewer.landmarks_w, T_w_c[birth])
-        _, seen = viewer.camera.visible(points_c, spec.margin_px)
-        candidates = np.flatnonzero(seen & free)
-        if candidates.size == 0:
+        landmark = _pick_visible(viewer, spec, T_w_c[birth], np.flatnonzero(free), rng)
+        if landmark < 0:
             heapq.heappush(queue, (birth + round(_RETRY_S / _LATTICE_S), slot, -1))
             continue
-        landmark = int(rng.choice(candidates))
         free[landmark] = False
         life_s = min(rng.exponential(spec.mean_life_s), spec.max_life_s)
         until = min(birth + 1 + max(1, round(life_s / _LATTICE_S)), lattice_s.size)
@@ -149,6 +149,18 @@ def _lives(
         alive = seen.size if seen.all() else int(np.argmin(seen))
         heapq.heappush(queue, (birth + max(1, alive - 1), slot, landmark))
         yield landmark, _observation_times(lattice_s[birth : birth + alive], pixels[:alive], spec, rng)
+
+
+def _pick_visible(
+    viewer: Viewer, spec: TrackSpec, T_w_c: FloatArray, free: IntArray, rng: np.random.Generator
+) -> int:
+    """One of the landmarks `free` (indices) that a camera at `T_w_c` (4,4) sees, uniformly; -1 for none."""
+    shuffled = free[rng.permutation(free.size)]
+    for some in (shuffled[:_TRIALS], shuffled[_TRIALS:]):
+        _, seen = viewer.camera.visible(_to_camera(viewer.landmarks_w[some], T_w_c), spec.margin_px)
+        if seen.any():
+            return int(some[np.argmax(seen)])
+    return -1
 
 
 def _to_camera(points_w: FloatArray, T_w_c: FloatArray) -> FloatArray:
