@@ -1,0 +1,56 @@
+"""Files that are either complete or absent: written under a temporary name, then renamed."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from asyneio.errors import RecordingError
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[IO[bytes]]:
+    """Open a temporary neighbour of `path` for writing; it replaces `path` on success, else vanishes.
+
+    Parent directories are made.
+
+    Raises:
+        RecordingError: the file cannot be written (permissions, disk full, a directory in its place).
+    """
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        temporary = Path(name)
+        with os.fdopen(handle, "wb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        # mkstemp files are private; a result is an ordinary file and follows the user's umask.
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+        temporary = None
+    except OSError as error:
+        raise RecordingError(
+            f"cannot write {path}: {error.strerror or error}; check the folder's permissions and free space"
+        ) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text` as UTF-8, whole or not at all. Raises RecordingError as `atomic_file` does."""
+    with atomic_file(path) as stream:
+        stream.write(text.encode("utf-8"))
+
+
+def _umask() -> int:
+    """The umask of the process; it can only be read by setting it."""
+    current = os.umask(0)
+    os.umask(current)
+    return current

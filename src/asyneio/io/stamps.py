@@ -1,0 +1,125 @@
+"""Checks on time stamps: order, duplicates, rate, and whether two streams share one clock and unit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asyneio.errors import RecordingError
+from asyneio.types import NS_PER_S, IntArray, RecordArray
+
+#: Disorder up to this is the jitter of a driver and is sorted away; beyond it the stream was reset.
+MAX_DISORDER_NS = 10_000_000
+
+#: Sample rates of inertial units outside this range mean a wrong time unit.
+PLAUSIBLE_RATE_HZ = (5.0, 50_000.0)
+
+#: Factors between the time units that people write by mistake, against nanoseconds.
+_UNITS = {10**3: "microseconds", 10**6: "milliseconds", 10**9: "seconds"}
+
+
+def sort_in_time(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, ...]]:
+    """Rows in ascending `t_ns`, equal stamps in file order, with a note when anything moved.
+
+    Raises:
+        RecordingError: a stamp lies more than MAX_DISORDER_NS before one that precedes it.
+    """
+    t_ns = rows["t_ns"]
+    backward = np.flatnonzero(t_ns[1:] < t_ns[:-1])
+    if backward.size == 0:
+        return rows, ()
+    latest = np.maximum.accumulate(t_ns)
+    # Unsigned differences are exact for every pair of int64 with latest >= t.
+    disorder = latest.astype(np.uint64) - t_ns.astype(np.uint64)
+    worst = int(np.argmax(disorder))
+    if int(disorder[worst]) > MAX_DISORDER_NS:
+        raise RecordingError(
+            f"{what}: time runs backwards by {int(disorder[worst]) / 1e6:.1f} ms at row {worst + 1} "
+            f"(t_ns = {int(t_ns[worst])}); up to {MAX_DISORDER_NS / 1e6:.0f} ms is sorted, more means "
+            "a sensor reset or two recordings in one file: split the file there"
+        )
+    order = np.argsort(t_ns, kind="stable")
+    worst_ms = int(disorder[worst]) / 1e6
+    return rows[order], (
+        f"{what}: sorted {backward.size} backward step(s) in time, at most {worst_ms:.2f} ms",
+    )
+
+
+def drop_equal_stamps(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, ...]]:
+    """Keep the first row of each stamp of ascending rows, with a note when any was dropped."""
+    keep = np.ones(rows.size, dtype=bool)
+    keep[1:] = rows["t_ns"][1:] != rows["t_ns"][:-1]
+    dropped = int(rows.size - keep.sum())
+    if dropped == 0:
+        return rows, ()
+    return rows[keep], (f"{what}: dropped {dropped} sample(s) with a repeated time stamp",)
+
+
+def check_rate(t_ns: IntArray, declared_hz: float | None, what: str) -> tuple[str, ...]:
+    """Compare the median rate of ascending stamps with the plausible range and with the declared rate.
+
+    Raises:
+        RecordingError: fewer than two samples, or a rate that only a wrong time unit explains.
+    """
+    if t_ns.size < 2:
+        raise RecordingError(f"{what} holds {t_ns.size} sample(s); at least two are needed")
+    rate_hz = NS_PER_S / float(np.median(np.diff(t_ns).astype(np.float64)))
+    low, high = PLAUSIBLE_RATE_HZ
+    if not low <= rate_hz <= high:
+        raise RecordingError(
+            f"{what}: the median interval gives {rate_hz:.4g} Hz, expected {low:g} to {high:g} Hz; "
+            f"t_ns must be whole nanoseconds{_unit_hint(rate_hz / 500.0)}"
+        )
+    if declared_hz is not None and not 0.8 <= rate_hz / declared_hz <= 1.25:
+        return (f"{what}: measured rate {rate_hz:.1f} Hz, but the calibration declares {declared_hz:.1f} Hz",)
+    return ()
+
+
+def check_overlap(first: IntArray, second: IntArray, first_name: str, second_name: str) -> None:
+    """Require that two ascending series of stamps share an interval and look like one time unit.
+
+    Raises:
+        RecordingError: no common interval, or spans that differ by a power of a thousand.
+    """
+    a0, a1 = int(first[0]), int(first[-1])
+    b0, b1 = int(second[0]), int(second[-1])
+    ranges = f"{first_name} spans {_range(a0, a1)}, {second_name} spans {_range(b0, b1)}"
+    if a1 <= b0 or b1 <= a0:
+        raise RecordingError(
+            f"{ranges}: they do not overlap; both must be nanoseconds of one clock"
+            f"{_likely_cause((a0, a1), (b0, b1), first_name, second_name)}"
+        )
+    cause = _unit_cause(a1 - a0, b1 - b0, first_name, second_name)
+    if cause and min(a1 - a0, b1 - b0) > 0:
+        raise RecordingError(f"{ranges}: the lengths differ by a power of a thousand{cause}")
+
+
+def _range(start: int, end: int) -> str:
+    return f"{start} to {end} ns ({(end - start) / NS_PER_S:.3f} s)"
+
+
+def _likely_cause(first: tuple[int, int], second: tuple[int, int], first_name: str, second_name: str) -> str:
+    for pair in ((first[1] - first[0], second[1] - second[0]), (abs(first[1]), abs(second[1]))):
+        cause = _unit_cause(*pair, first_name, second_name)
+        if cause:
+            return cause
+    offset_s = (second[0] - first[0]) / NS_PER_S
+    return f" (if the unit is right, the clocks are about {offset_s:.3f} s apart: see timeshift_cam_imu)"
+
+
+def _unit_cause(first: int, second: int, first_name: str, second_name: str) -> str:
+    """A hint when one of two magnitudes is a power of a thousand times the other, otherwise nothing."""
+    if min(first, second) <= 0:
+        return ""
+    smaller = first_name if first < second else second_name
+    ratio = max(first, second) / min(first, second)
+    for factor, unit in _UNITS.items():
+        if factor / 2.5 < ratio < factor * 2.5:
+            return f" (likely factor {factor}: is {smaller} in {unit}?)"
+    return ""
+
+
+def _unit_hint(factor: float) -> str:
+    for power, unit in _UNITS.items():
+        if power / 30.0 < factor < power * 30.0:
+            return f" (likely factor {power}: are the stamps in {unit}?)"
+    return ""

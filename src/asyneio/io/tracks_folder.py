@@ -1,0 +1,92 @@
+"""The tracks folder: feature tracks and inertial samples as CSV, calibration and ground truth beside them.
+
+tracks.csv          t_ns,id,u,v            camera clock, distorted pixels
+imu.csv             t_ns,gx,gy,gz,ax,ay,az IMU clock, rad/s and m/s^2
+                    or gyroscope.csv (t_ns,gx,gy,gz) and accelerometer.csv (t_ns,ax,ay,az)
+camchain-imucam.yaml, imu.yaml             Kalibr's layout
+groundtruth.tum                            optional, IMU clock
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from asyneio.errors import RecordingError
+from asyneio.io.csv_table import read_csv
+from asyneio.io.inertial_files import read_inertial
+from asyneio.io.kalibr import read_calibration
+from asyneio.io.stamps import check_overlap, sort_in_time
+from asyneio.io.tracks_checks import cut_tracks, drop_outside, drop_repeated
+from asyneio.io.tum import read_tum
+from asyneio.types import OBSERVATION_DTYPE, Calibration, PoseTrajectory, RecordArray, Recording
+
+#: Stamps beyond this (about 146 years either way) could overflow when clocks are shifted against each other.
+_MAX_STAMP_NS = 2**62
+
+
+def read_tracks_folder(
+    path: Path,
+    calibration_path: Path | None = None,
+    imu_path: Path | None = None,
+    max_track_seconds: float | None = None,
+) -> Recording:
+    """Read and validate a tracks folder.
+
+    Args:
+        path: the folder.
+        calibration_path: Kalibr camera file; None: `camchain-imucam.yaml` in the folder.
+        imu_path: Kalibr IMU file; None: `imu.yaml` in the folder.
+        max_track_seconds: cut tracks into pieces shorter than this, with new ids; None: leave them whole.
+
+    Returns:
+        The recording in the IMU clock; its `notes` say what was repaired or assumed.
+
+    Raises:
+        RecordingError: the folder or a file is missing, malformed or contradicts itself.
+        CalibrationError: a calibration file is missing, malformed or impossible.
+    """
+    if not path.is_dir():
+        raise RecordingError(
+            f"{path} is not a folder; expected a tracks folder: tracks.csv, imu.csv and a Kalibr calibration"
+        )
+    calibration, notes = read_calibration(
+        calibration_path or path / "camchain-imucam.yaml", imu_path or path / "imu.yaml"
+    )
+    observations, track_notes = _read_tracks(path / "tracks.csv", calibration)
+    inertial = read_inertial(path, calibration.noise.rate_hz)
+    for stream, name in (
+        (inertial.gyroscope, "the gyroscope"),
+        (inertial.accelerometer, "the accelerometer"),
+    ):
+        check_overlap(observations["t_ns"], stream["t_ns"], "tracks.csv", name)
+    truth, truth_notes = _read_truth(path / "groundtruth.tum")
+    if max_track_seconds is not None:
+        observations = cut_tracks(observations, max_track_seconds)
+    return Recording(
+        name=path.resolve().name,
+        observations=observations,
+        gyroscope=inertial.gyroscope,
+        accelerometer=inertial.accelerometer,
+        calibration=calibration,
+        ground_truth=truth,
+        notes=notes + track_notes + inertial.notes + truth_notes,
+    )
+
+
+def _read_tracks(path: Path, calibration: Calibration) -> tuple[RecordArray, tuple[str, ...]]:
+    """Checked observations, moved from the camera clock to the IMU clock."""
+    columns = {name: OBSERVATION_DTYPE[name].str for name in OBSERVATION_DTYPE.names or ()}
+    table = read_csv(path, columns)
+    rows, sorted_note = sort_in_time(table.rows, path.name)
+    rows, repeated_note = drop_repeated(rows)
+    rows, outside_note = drop_outside(rows, calibration.camera)
+    if np.abs(rows["t_ns"]).max() >= _MAX_STAMP_NS or rows["t_ns"].min() <= -_MAX_STAMP_NS:
+        raise RecordingError(f"{path}: stamps reach {rows['t_ns'].max()}; expected nanoseconds of one epoch")
+    rows["t_ns"] += calibration.timeshift_ns
+    return rows, table.notes + sorted_note + repeated_note + outside_note
+
+
+def _read_truth(path: Path) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+    return read_tum(path) if path.is_file() else (None, ())
