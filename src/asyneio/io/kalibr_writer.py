@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import yaml
@@ -31,7 +30,8 @@ def write_camchain(path: Path, calibration: Calibration) -> None:
         "resolution": [int(camera.width), int(camera.height)],
         "timeshift_cam_imu": calibration.timeshift_ns / NS_PER_S,
     }
-    write_text(path, _dump({"cam0": section}))
+    # None keeps lists of numbers on one line and mappings in block style.
+    write_text(path, yaml.safe_dump({"cam0": section}, sort_keys=False, default_flow_style=None, width=110))
 
 
 def write_imu_noise(path: Path, noise: ImuNoise) -> None:
@@ -44,8 +44,4 @@ def write_imu_noise(path: Path, noise: ImuNoise) -> None:
     }
     if noise.rate_hz is not None:
         section["update_rate"] = float(noise.rate_hz)
-    write_text(path, _dump(section))
-
-
-def _dump(content: Mapping[str, object]) -> str:
-    return yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None, width=110)
+    write_text(path, yaml.safe_dump(section, sort_keys=False))

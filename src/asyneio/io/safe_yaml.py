@@ -10,9 +10,11 @@ import yaml
 from asyneio.errors import CalibrationError
 
 #: Calibration files hold a few kilobytes.
-MAX_BYTES = 256 * 1024
+MAX_BYTES = 64 * 1024
 #: A handful of aliases is style; many nested ones expand without bound.
 MAX_ALIASES = 32
+#: The parser takes quadratic time on nested brackets; a calibration needs a few dozen.
+MAX_BRACKETS = 1000
 
 
 def load_mapping(path: Path) -> dict[str, Any]:
@@ -25,6 +27,10 @@ def load_mapping(path: Path) -> dict[str, Any]:
     if text.startswith("%YAML:1.0"):
         raise CalibrationError(
             f"{path} is in OpenCV's YAML dialect (%YAML:1.0); expected a Kalibr file, plain YAML"
+        )
+    if text.count("[") + text.count("{") > MAX_BRACKETS:
+        raise CalibrationError(
+            f"{path} holds more than {MAX_BRACKETS} brackets; that is not a calibration file"
         )
     try:
         if sum(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)) > MAX_ALIASES:

@@ -1,0 +1,45 @@
+"""Shared fixtures: real data where they are, one reproducible hypothesis profile, printed seeds."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+#: Every random draw of the tests starts here; printed in the header so that a failure can be repeated.
+SEED = 20_241_121
+
+settings.register_profile("asyneio", derandomize=True, deadline=None)
+settings.load_profile("asyneio")
+
+_REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+def find_data() -> Path | None:
+    """The folder of real recordings: ASYNEIO_DATA, or `shared/data` beside the checkout; None if absent."""
+    named = os.environ.get("ASYNEIO_DATA")
+    folder = Path(named) if named else _REPOSITORY.parent / "shared" / "data"
+    return folder if folder.is_dir() else None
+
+
+def pytest_report_header() -> str:
+    data = find_data()
+    return f"asyneio: seed {SEED}, hypothesis derandomized, real data {data if data else 'absent'}"
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real recordings. Tests that need it are skipped where there is none."""
+    data = find_data()
+    if data is None:
+        pytest.skip("real data absent: set ASYNEIO_DATA to the folder that holds tumvi_calib")
+    return data
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A generator in the same state for every test."""
+    return np.random.default_rng(SEED)
