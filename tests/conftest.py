@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,21 @@ def find_data() -> Path | None:
 def pytest_report_header() -> str:
     data = find_data()
     return f"asyneio: seed {SEED}, hypothesis derandomized, real data {data if data else 'absent'}"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Where ASYNEIO_REQUIRE_DATA is set, a test on real data that skips has failed."""
+    report = yield
+    if os.environ.get("ASYNEIO_REQUIRE_DATA") and report.skipped and "data_dir" in _fixtures(item):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        report.outcome = "failed"
+        report.longrepr = f"skipped although ASYNEIO_REQUIRE_DATA is set: {reason}"
+    return report
+
+
+def _fixtures(item: pytest.Item) -> list[str]:
+    return item.fixturenames if isinstance(item, pytest.Function) else []
 
 
 @pytest.fixture(scope="session")
