@@ -11,12 +11,12 @@ import math
 from functools import cache
 from typing import NamedTuple
 
-import mp_oracle as oracle
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from asyneio.geometry import se3, so3
+from tests.geometry import mp_oracle as oracle
 
 FloatArray = NDArray[np.float64]
 
