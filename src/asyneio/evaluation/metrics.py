@@ -12,8 +12,9 @@ from asyneio.evaluation.alignment import align_umeyama, yaw_of
 from asyneio.evaluation.association import PoseTrack
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
-#: A pair may miss the asked distance in time or path by this fraction.
-_PAIR_TOLERANCE = 0.1
+#: A pair may miss the asked distance by this fraction; steps of a path are less even than those of time.
+_TIME_TOLERANCE = 0.03
+_PATH_TOLERANCE = 0.1
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def relative_errors_by_time(
     estimate: PoseTrack, truth: PoseTrack, t_ns: IntArray, delta_s: float
 ) -> RelativeErrors | None:
     """Relative errors of all pairs about `delta_s` apart, or None if there are no such pairs."""
-    pairs = _pairs((t_ns - t_ns[0]) / NS_PER_S, delta_s)
+    pairs = _pairs((t_ns - t_ns[0]) / NS_PER_S, delta_s, _TIME_TOLERANCE)
     return _relative_errors(estimate, truth, pairs, delta_s, "s")
 
 
@@ -96,11 +97,11 @@ def relative_errors_by_distance(
     estimate: PoseTrack, truth: PoseTrack, delta_m: float
 ) -> RelativeErrors | None:
     """Relative errors of all pairs with about `delta_m` of true path between, or None if there are none."""
-    pairs = _pairs(travelled(truth.position), delta_m)
+    pairs = _pairs(travelled(truth.position), delta_m, _PATH_TOLERANCE)
     return _relative_errors(estimate, truth, pairs, delta_m, "m")
 
 
-def _pairs(progress: FloatArray, delta: float) -> tuple[IntArray, IntArray]:
+def _pairs(progress: FloatArray, delta: float, tolerance: float) -> tuple[IntArray, IntArray]:
     """For each index the one whose progress (N,), non-decreasing, is nearest to `delta` further on."""
     if delta <= 0.0:
         raise EvaluationError(f"relative errors over {delta}; expected a positive distance in time or path")
@@ -109,7 +110,7 @@ def _pairs(progress: FloatArray, delta: float) -> tuple[IntArray, IntArray]:
     nearer_before = wanted - progress[after - 1] < progress[after] - wanted
     second = np.where(nearer_before, after - 1, after)
     first = np.arange(progress.size)
-    close = np.abs(progress[second] - wanted) <= _PAIR_TOLERANCE * delta
+    close = np.abs(progress[second] - wanted) <= tolerance * delta
     return first[close], second[close]
 
 
