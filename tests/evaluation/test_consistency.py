@@ -126,7 +126,9 @@ def test_bounds_are_those_of_chi_square() -> None:
 def test_runs_are_compared_at_equal_times_since_their_start() -> None:
     def ramp(start_ns: int, step_ns: int, count: int) -> Nees:
         elapsed = np.arange(count, dtype=np.int64) * step_ns
-        return Nees(start_ns + elapsed, {block: elapsed * 1e-9 for block in NeesBlock})
+        return Nees(
+            start_ns + elapsed, {block: np.asarray(elapsed * 1e-9, dtype=np.float64) for block in NeesBlock}
+        )
 
     result = anees([ramp(0, 10_000_000, 300), ramp(5 * 10**9, 40_000_000, 50)], NeesBlock.VELOCITY, 0.2)
     assert result.elapsed_s[-1] == pytest.approx(1.8)

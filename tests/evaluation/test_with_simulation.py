@@ -32,7 +32,7 @@ def test_the_truth_has_no_error_against_itself(run: Simulation) -> None:
 
 def test_an_error_of_one_sigma_is_seen_in_its_own_block(run: Simulation) -> None:
     estimates = perfect_estimates(run)
-    shifted = [dataclasses.replace(e, bias_gyroscope=e.bias_gyroscope + [0.0, 1.0, 0.0]) for e in estimates]
+    shifted = [dataclasses.replace(e, bias_gyroscope=e.bias_gyroscope + np.eye(3)[1]) for e in estimates]
     found = nees(shifted, run.truth.at)
     np.testing.assert_allclose(found.values[NeesBlock.BIAS_GYROSCOPE], 1.0)
     assert found.values[NeesBlock.BIAS_ACCELEROMETER].max() < 1e-20
