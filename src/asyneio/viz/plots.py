@@ -1,0 +1,129 @@
+"""The plots of a report: plain arrays in, a figure out; to be called inside `style.plotting()`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from asyneio.types import FloatArray
+from asyneio.viz.data import Comparison, Features, Series, Timing
+from asyneio.viz.style import ACCENT, AXES_COLORS, ESTIMATE, TRUTH, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: More points than this no screen can show and only make the page heavy.
+MAX_POINTS = 1500
+
+
+def plot_path(position: FloatArray, comparison: Comparison | None) -> Figure:
+    """The path from above and from the side, over the truth where there is one; metres, equal scales."""
+    from matplotlib.figure import Figure
+
+    shown = position if comparison is None else comparison.position_estimate
+    figure = Figure(figsize=(5.0, 5.6), layout="constrained")
+    spans = np.maximum(np.ptp(shown, axis=0), 1e-3)
+    heights = [max(spans[1], 0.35 * spans[0]), max(spans[2], 0.35 * spans[0])]
+    top, side = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": heights})
+    for axes, vertical, title in ((top, 1, "from above"), (side, 2, "from the side")):
+        if comparison is not None:
+            _path(axes, comparison.position_truth, vertical, TRUTH, "truth", 2.6, 0.45)
+        _path(axes, shown, vertical, ESTIMATE, "estimate", 1.1, 1.0)
+        axes.plot(*shown[0, [0, vertical]], "o", color=ACCENT, markersize=5, label="start", zorder=5)
+        axes.set(aspect="equal", title=title, ylabel=f"{'xyz'[vertical]} [m]")
+        # Equal scales must not squeeze a panel: the limits give way, not the box.
+        axes.set_adjustable("datalim")
+    side.set_xlabel("x [m]")
+    top.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.25, 1.0), borderaxespad=0.2)
+    return figure
+
+
+def plot_errors(series: Series, unit: str, names: tuple[str, str, str]) -> Figure:
+    """Error of each axis over time inside its three-sigma band."""
+    figure, panels = new_figure(3, 4.2)
+    for axis, axes in enumerate(panels):
+        t_s, error, sigma = _thin(series.t_s, series.value[:, axis], series.sigma[:, axis])
+        _band(axes, t_s, np.zeros_like(t_s), sigma, AXES_COLORS[axis])
+        axes.plot(t_s, error, color=AXES_COLORS[axis])
+        axes.axhline(0.0, color="#999999", linewidth=0.6)
+        axes.set_ylabel(f"{names[axis]} [{unit}]")
+    panels[0].set_title("error and 3 sigma", fontweight="normal", fontsize=9)
+    panels[-1].set_xlabel("time [s]")
+    return figure
+
+
+def plot_vector(series: Series, unit: str, names: tuple[str, str, str]) -> Figure:
+    """Value of each axis over time with its three-sigma band, and the truth where there is one."""
+    figure, panels = new_figure(3, 4.2)
+    for axis, axes in enumerate(panels):
+        t_s, value, sigma = _thin(series.t_s, series.value[:, axis], series.sigma[:, axis])
+        if series.truth is not None:
+            axes.plot(*_thin(series.t_s, series.truth[:, axis]), color=TRUTH, linewidth=2.4, alpha=0.45)
+        _band(axes, t_s, value, sigma, AXES_COLORS[axis])
+        axes.plot(t_s, value, color=AXES_COLORS[axis])
+        _limit_to_settled(axes, value, sigma)
+        axes.set_ylabel(f"{names[axis]} [{unit}]")
+    known = "value, 3 sigma and truth (grey)" if series.truth is not None else "value and 3 sigma"
+    panels[0].set_title(known, fontweight="normal", fontsize=9)
+    panels[-1].set_xlabel("time [s]")
+    return figure
+
+
+def plot_features(features: Features) -> Figure:
+    """How many tracks are alive, and how old they are."""
+    figure, (count, age) = new_figure(2, 3.2)
+    t_s, alive = _thin(features.t_s, features.alive)
+    count.fill_between(t_s, alive, step="mid", color=ESTIMATE, alpha=0.25, linewidth=0.0)
+    count.plot(t_s, alive, color=ESTIMATE, drawstyle="steps-mid")
+    count.set(ylabel="tracks alive", ylim=(0.0, None))
+    t_s, low, middle, high = _thin(features.t_s, *features.age_s.T)
+    age.fill_between(t_s, low, high, color=AXES_COLORS[1], alpha=0.2, linewidth=0.0, label="quartiles")
+    age.plot(t_s, middle, color=AXES_COLORS[1], label="median")
+    age.set(ylabel="age [s]", xlabel="time [s]", ylim=(0.0, None))
+    age.legend(ncols=2, loc="upper right")
+    return figure
+
+
+def plot_timing(timing: Timing) -> Figure:
+    """Processing time of each step against the time it may take."""
+    figure, (axes,) = new_figure(1, 2.4)
+    step_ms, budget_ms = 1e3 * timing.step_s, 1e3 * timing.interval_s
+    axes.plot(timing.t_s, step_ms, ".", color=ESTIMATE, markersize=2.5, label="one step", rasterized=True)
+    axes.axhline(budget_ms, color=ACCENT, linestyle="--", label=f"real time ({budget_ms:.0f} ms)")
+    axes.set(xlabel="time [s]", ylabel="processing [ms]", yscale="log")
+    low, high = (float(np.percentile(step_ms, share)) for share in (1.0, 100.0))
+    axes.set_ylim(max(0.3 * low, 1e-3), 2.5 * max(high, budget_ms))
+    axes.legend(ncols=2, loc="upper right")
+    return figure
+
+
+def _path(
+    axes: Axes, position: FloatArray, vertical: int, color: str, label: str, width: float, alpha: float
+) -> None:
+    x, y = _thin(position[:, 0], position[:, vertical])
+    axes.plot(x, y, color=color, label=label, linewidth=width, alpha=alpha)
+
+
+def _band(axes: Axes, t_s: FloatArray, middle: FloatArray, sigma: FloatArray, color: str) -> None:
+    axes.fill_between(t_s, middle - 3.0 * sigma, middle + 3.0 * sigma, color=color, alpha=0.15, linewidth=0.0)
+
+
+def _limit_to_settled(axes: Axes, value: FloatArray, sigma: FloatArray) -> None:
+    """Keep a wide band of the first seconds from flattening the rest of the curve."""
+    settled = slice(value.size // 10, None)
+    reach = 3.0 * np.percentile(sigma[settled], 90.0)
+    low = min(value.min(), value[settled].min() - reach)
+    high = max(value.max(), value[settled].max() + reach)
+    margin = 0.08 * max(high - low, 1e-12)
+    axes.set_ylim(low - margin, high + margin)
+
+
+def _thin(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Every k-th element, the last included, such that at most about MAX_POINTS remain."""
+    size = columns[0].size
+    if size <= MAX_POINTS:
+        return columns
+    index = np.unique(np.linspace(0, size - 1, MAX_POINTS).astype(np.int64))
+    return tuple(column[index] for column in columns)
