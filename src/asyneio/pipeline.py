@@ -37,6 +37,9 @@ COMPILING = "Compiling numerical kernels (first run after installation, up to a 
 class Estimator(Protocol):
     """What the runner needs of an estimator."""
 
+    @property
+    def origin(self) -> Estimate | None: ...
+
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]: ...
 
 
@@ -98,10 +101,14 @@ class Summary:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run produced, and its figures."""
+    """What a run produced, and its figures.
+
+    `origin` is the knot that defines the world's origin and yaw, to which all covariances are relative.
+    """
 
     run: Run
     summary: Summary
+    origin: Estimate | None = None
 
 
 def run_recording(recording: Recording, config: Config, progress: Progress = SILENT) -> RunResult:
@@ -133,9 +140,8 @@ def run_recording(recording: Recording, config: Config, progress: Progress = SIL
                 )
         except AsyneioError as caught:
             error = str(caught)
-    return RunResult(
-        run, _summarize(recording, run, (start_ns, interval_ns, total), compilation.seconds, error)
-    )
+    summary = _summarize(recording, run, (start_ns, interval_ns, total), compilation.seconds, error)
+    return RunResult(run, summary, estimator.origin)
 
 
 def usable_span(recording: Recording) -> tuple[int, int]:

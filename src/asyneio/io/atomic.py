@@ -43,6 +43,17 @@ def atomic_file(path: Path) -> Iterator[IO[bytes]]:
             temporary.unlink(missing_ok=True)
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder that can be written to, so that a long run does not end in a failure to save.
+
+    Raises:
+        RecordingError: it cannot be made or written to.
+    """
+    probe = path / ".writable"
+    write_text(probe, "")
+    probe.unlink()
+
+
 def write_text(path: Path, text: str) -> None:
     """Write `text` as UTF-8, whole or not at all. Raises RecordingError as `atomic_file` does."""
     with atomic_file(path) as stream:

@@ -58,17 +58,13 @@ class ReportData:
     """One run. Times count from the start of the recording; biases in rad/s and m/s^2.
 
     `position` (N,3) [m] is the path in the estimator's own world, shown where there is no comparison.
-    `figures` are rows of the table: what, and the value with its unit.
     """
 
-    title: str
-    evidence: str
-    figures: tuple[tuple[str, str], ...]
-    notes: tuple[str, ...]
     position: FloatArray
     velocity: Series
     bias_gyroscope: Series
     bias_accelerometer: Series
     features: Features
     timing: Timing
+    notes: tuple[str, ...] = ()
     comparison: Comparison | None = None

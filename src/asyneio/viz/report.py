@@ -13,6 +13,8 @@ from asyneio.viz.style import plotting, to_svg
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Rows = tuple[tuple[str, str], ...]
+
 _XYZ = ("x", "y", "z")
 
 _STYLE = """
@@ -39,21 +41,28 @@ footer { font-size: .85rem; margin: 1rem 0; }
 """
 
 
-def render_report(data: ReportData, version: str) -> str:
+def render_report(title: str, lead: str, table: Rows, data: ReportData, version: str) -> str:
     """The page as text.
+
+    Args:
+        title: heading of the page.
+        lead: a sentence below it: where the data come from.
+        table: rows of figures: what, and the value with its unit.
+        data: what to plot.
+        version: of the package, for the foot of the page.
 
     Raises:
         VisualizationError: matplotlib is not installed.
     """
     with plotting():
-        figures = [_figure(title, caption, to_svg(figure)) for title, caption, figure in _figures(data)]
+        figures = [_figure(name, caption, to_svg(figure)) for name, caption, figure in _figures(data)]
     return "\n".join(
         (
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f"<title>{escape(data.title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
-            f'<header><h1>{escape(data.title)}</h1><p class="lead">{escape(data.evidence)}</p></header>',
-            f'<main class="grid">\n{figures[0]}\n{_table(data.figures)}',
+            f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
+            f'<header><h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p></header>',
+            f'<main class="grid">\n{figures[0]}\n{_table(table)}',
             *figures[1:],
             _notes(data.notes),
             f"</main>\n<footer>asyneio {escape(version)}</footer>\n</body>\n</html>\n",
@@ -86,7 +95,7 @@ def _figure(title: str, caption: str, svg: str) -> str:
     return f"<figure><h2>{escape(title)}</h2><figcaption>{escape(caption)}</figcaption>{named}</figure>"
 
 
-def _table(rows: tuple[tuple[str, str], ...]) -> str:
+def _table(rows: Rows) -> str:
     body = "".join(f"<tr><th>{escape(what)}</th><td>{escape(value)}</td></tr>" for what, value in rows)
     return f"<section><h2>Figures</h2><table>{body}</table></section>"
 

@@ -1,0 +1,60 @@
+"""What commands show: notes and a progress bar on standard error, tables on standard output."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from asyneio.types import Health
+
+
+class RunProgress:
+    """Shows how far a run has come: health, share done, speed against real time, time left."""
+
+    def __init__(self, bar: Progress, task: TaskID) -> None:
+        self._bar = bar
+        self._task = task
+
+    def message(self, text: str) -> None:
+        """Print a line above the bar."""
+        self._bar.console.print(escape(text), highlight=False, soft_wrap=True)
+
+    def advance(self, done_s: float, total_s: float, health: Health) -> None:
+        """Move the bar to so many seconds of the recording."""
+        elapsed_s = self._bar.tasks[self._task].elapsed or 0.0
+        rate = f"{done_s / elapsed_s:.1f}x real time" if elapsed_s > 0.5 else ""
+        self._bar.update(self._task, completed=done_s, total=total_s, description=str(health), rate=rate)
+
+
+@contextmanager
+def run_progress() -> Iterator[RunProgress]:
+    """A progress bar on standard error; where that is no terminal, only its messages appear."""
+    columns = (
+        TextColumn("{task.description:12}"),
+        BarColumn(),
+        TextColumn("{task.completed:.1f}/{task.total:.1f} s"),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        yield RunProgress(bar, bar.add_task("starting", total=1.0, rate=""))
+
+
+def say(text: str) -> None:
+    """One line on standard error."""
+    Console(stderr=True).print(escape(text), highlight=False, soft_wrap=True)
+
+
+def table(title: str, rows: Iterable[tuple[str, str]]) -> None:
+    """Two columns, what and value, on standard output."""
+    grid = Table(title=escape(title), title_justify="left", show_header=False, title_style="bold")
+    grid.add_column(style="dim")
+    grid.add_column(justify="right", overflow="fold")
+    for what, value in rows:
+        grid.add_row(escape(what), escape(value))
+    Console().print(grid)

@@ -1,0 +1,90 @@
+"""What `run` and `demo` share: run a recording, write everything, show the figures, never hide a failure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from asyneio import __version__
+from asyneio.cli import console
+from asyneio.cli.figures import run_figures
+from asyneio.cli.reporting import KnownStates, report_data
+from asyneio.config import Config
+from asyneio.errors import EstimationError, EvaluationError
+from asyneio.evaluation import Evaluation, evaluate, protocol_named
+from asyneio.io import to_trajectory
+from asyneio.io.atomic import make_folder, write_text
+from asyneio.pipeline import RunResult, run_recording, write_outputs
+from asyneio.types import Recording
+from asyneio.viz import available, render_report
+
+REPORT_FILE = "report.html"
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to run and where the results go.
+
+    `evidence` tells the reader of the report where the data come from; `known` gives true velocity and biases
+    at chosen times, where a simulation knows them.
+    """
+
+    recording: Recording
+    config: Config
+    folder: Path
+    evidence: str
+    known: KnownStates | None = None
+
+
+def execute(job: Job) -> RunResult:
+    """Run a recording and write its results, with a report where matplotlib is installed.
+
+    Raises:
+        EstimationError: the trajectory is missing or incomplete (what there is has been written).
+        RecordingError: the recording is too short, or a file cannot be written.
+    """
+    make_folder(job.folder)
+    with console.run_progress() as progress:
+        result = run_recording(job.recording, job.config, progress)
+    written = write_outputs(result, job.config, job.folder)
+    score = _score(result, job.recording)
+    figures = run_figures(result.summary, score)
+    console.table(job.recording.name, figures)
+    written += _write_report(job, result, score, figures)
+    for path in written:
+        console.say(f"wrote {path}")
+    if result.summary.failure:
+        raise EstimationError(f"{result.summary.failure}. {_advice(result)}")
+    return result
+
+
+def _score(result: RunResult, recording: Recording) -> Evaluation | None:
+    """The estimate against the recording's ground truth, where there are both."""
+    if recording.ground_truth is None or not result.run.estimates:
+        return None
+    try:
+        return evaluate(to_trajectory(result.run.estimates), recording.ground_truth, protocol_named("posyaw"))
+    except EvaluationError as error:
+        console.say(f"note: not compared with the ground truth: {error}")
+        return None
+
+
+def _write_report(
+    job: Job, result: RunResult, score: Evaluation | None, figures: tuple[tuple[str, str], ...]
+) -> list[Path]:
+    path = job.folder / REPORT_FILE
+    path.unlink(missing_ok=True)
+    if not result.run.estimates:
+        return []
+    if not available():
+        console.say("note: no report without matplotlib: pip install 'asyneio[report]'")
+        return []
+    data = report_data(result, job.recording, job.config.window.knot_interval_s, score, job.known)
+    write_text(path, render_report(job.recording.name, job.evidence, figures, data, __version__))
+    return [path]
+
+
+def _advice(result: RunResult) -> str:
+    if result.run.estimates:
+        return f"What was estimated until then ({len(result.run.estimates)} knots) is written, but not whole"
+    return "Check the calibration and the units first, then whether the sensor moves enough at the start"

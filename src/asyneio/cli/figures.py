@@ -1,0 +1,63 @@
+"""The figures of a run and of an evaluation as rows of a table: what, and the value with its unit."""
+
+from __future__ import annotations
+
+import math
+
+from asyneio.evaluation import Evaluation
+from asyneio.pipeline import Summary
+
+Rows = tuple[tuple[str, str], ...]
+
+
+def run_figures(summary: Summary, score: Evaluation | None) -> Rows:
+    """Rows on a run; with the most important errors where there is ground truth."""
+    rows = [
+        ("health", str(summary.health)),
+        ("recording", f"{summary.duration_s:.2f} s"),
+        ("processing", f"{summary.processing_s:.2f} s, {summary.real_time_factor:.1f} times real time"),
+    ]
+    if summary.compile_s > 0.0:
+        rows.append(("compilation (first run only)", f"{summary.compile_s:.1f} s"))
+    rows += [
+        ("first estimate after", _seconds(summary.first_estimate_s)),
+        ("knots", f"{summary.knots}"),
+        ("feature tracks", f"{summary.features}, mean life {summary.mean_track_life_s:.2f} s"),
+        ("landmarks in the window", f"{summary.mean_landmarks:.0f} on average"),
+        ("observations", f"{summary.observations}, {summary.rejected} times rejected"),
+    ]
+    if summary.lost_steps:
+        rows.append(("steps without track", f"{summary.lost_steps}"))
+    return (*rows, *(score_figures(score) if score else ()))
+
+
+def score_figures(score: Evaluation) -> Rows:
+    """Rows on an evaluation under one protocol."""
+    position, orientation = score.position_m, score.orientation_deg
+    rows = [
+        ("aligned by", score.protocol.name),
+        ("compared", f"{score.associated} poses over {score.duration_s:.2f} s, {score.path_length_m:.2f} m"),
+        ("position error, RMSE (ATE)", f"{100.0 * position.rmse:.3f} cm"),
+        ("position error, max", f"{100.0 * position.max:.3f} cm"),
+        ("orientation error, RMSE", f"{orientation.rmse:.3f} deg"),
+        ("yaw error, RMSE", f"{score.yaw_deg.rmse:.3f} deg"),
+        ("mean position error of path (MPE)", _unless_nan(score.mpe_percent, "{:.3f} %")),
+        ("yaw error of path", _unless_nan(score.yaw_error_deg_per_m, "{:.4f} deg/m")),
+        ("scale error", _unless_nan(score.scale_error_percent, "{:+.2f} %")),
+    ]
+    if score.unassociated:
+        rows.insert(2, ("poses without truth nearby", f"{score.unassociated}"))
+    for relative in score.relative:
+        name = f"relative error over {relative.delta:g} {relative.unit}"
+        rows.append(
+            (name, f"{100.0 * relative.translation_m.rmse:.2f} cm, {relative.rotation_deg.rmse:.2f} deg RMSE")
+        )
+    return tuple(rows)
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.2f} s" if math.isfinite(value) else "never"
+
+
+def _unless_nan(value: float, layout: str) -> str:
+    return layout.format(value) if math.isfinite(value) else "undetermined"

@@ -1,0 +1,81 @@
+"""The command line: commands by name, errors as one paragraph.
+
+Commands import the estimator only when they run, so that `asyneio --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from asyneio import __version__
+from asyneio.cli.demo import demo
+from asyneio.cli.evaluate import evaluate
+from asyneio.cli.run import run
+from asyneio.cli.simulate import simulate
+from asyneio.errors import AsyneioError
+
+EXIT_FAILURE = 1
+EXIT_INTERRUPTED = 130
+
+#: Set it to see where an unexpected error comes from.
+TRACEBACK_VARIABLE = "ASYNEIO_TRACEBACK"
+
+app = typer.Typer(
+    help="Asynchronous event-inertial odometry with Gaussian-process regression.",
+    epilog="Example: asyneio demo",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command(epilog="Example: asyneio run recordings/desk -o results/desk --max-track-seconds 1")(run)
+app.command(epilog="Example: asyneio evaluate results/desk/trajectory.tum recordings/desk/groundtruth.tum")(
+    evaluate
+)
+app.command(epilog="Example: asyneio simulate moderate -o recordings/simulated --seed 3 --duration 10")(
+    simulate
+)
+app.command(epilog="Example: asyneio demo -o results/demo")(demo)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"asyneio {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit."),
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Entry point. Exit status: 0 whole output, 1 missing or incomplete, 2 wrong usage, 130 interrupted."""
+    try:
+        app(prog_name="asyneio")
+    except AsyneioError as error:
+        _fail(str(error))
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
+    except OSError as error:
+        _fail(f"{error.filename or 'a file'}: {error.strerror or error}; check the path and free space")
+    except Exception as error:
+        if os.environ.get(TRACEBACK_VARIABLE):
+            raise
+        _fail(
+            f"unexpected {type(error).__name__}: {error}. This is a defect of asyneio: please report it "
+            f"with what the command prints when {TRACEBACK_VARIABLE}=1 is set"
+        )
+
+
+def _fail(message: str) -> None:
+    print(f"asyneio: {' '.join(message.split())}", file=sys.stderr)
+    sys.exit(EXIT_FAILURE)

@@ -1,0 +1,157 @@
+"""From a run to what the report shows: errors with the estimator's bounds, tracks alive, time per step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asyneio.errors import EvaluationError
+from asyneio.evaluation import AlignmentKind, Evaluation, align, associate
+from asyneio.io import to_trajectory
+from asyneio.io.estimates_file import stack_estimates
+from asyneio.pipeline import RunResult, usable_span
+from asyneio.types import NS_PER_S, STATE_BLOCKS, FloatArray, IntArray, RecordArray, Recording
+from asyneio.viz import Comparison, Features, ReportData, Series, Timing
+
+
+class KnownState(Protocol):
+    """True states at N times, as a simulation knows them: all (N,3), SI, velocity in the truth's world."""
+
+    @property
+    def velocity_w(self) -> FloatArray: ...
+    @property
+    def bias_gyroscope(self) -> FloatArray: ...
+    @property
+    def bias_accelerometer(self) -> FloatArray: ...
+
+
+KnownStates = Callable[[IntArray], KnownState]
+
+
+def report_data(
+    result: RunResult,
+    recording: Recording,
+    interval_s: float,
+    score: Evaluation | None,
+    known: KnownStates | None = None,
+) -> ReportData:
+    """Everything the report plots; there must be at least one estimate.
+
+    Args:
+        result: the run.
+        recording: what was run.
+        interval_s: time between knots, the budget of one step.
+        score: comparison with the ground truth, None where there is none.
+        known: true velocity and biases at given times, None where they are not known.
+    """
+    start_ns = usable_span(recording)[0]
+    t_ns = np.array([estimate.t_ns for estimate in result.run.estimates], dtype=np.int64)
+    t_s = (t_ns - start_ns) / NS_PER_S
+    states = stack_estimates(result.run.estimates)
+    comparison, R = _compare(result, recording, score, start_ns)
+    truth = known(t_ns) if known else None
+    return ReportData(
+        position=states["T_w_b"][:, :3, 3],
+        velocity=Series(
+            t_s,
+            states["velocity_w"] @ R.T,
+            _velocity_sigma(states, R),
+            truth.velocity_w if truth else None,
+        ),
+        bias_gyroscope=_bias(states, "bias_gyroscope", t_s, truth.bias_gyroscope if truth else None),
+        bias_accelerometer=_bias(
+            states, "bias_accelerometer", t_s, truth.bias_accelerometer if truth else None
+        ),
+        features=count_features(recording.observations, t_ns, start_ns),
+        timing=Timing(
+            np.array([(report.t_ns - start_ns) / NS_PER_S for report in result.run.reports]),
+            np.array([report.seconds for report in result.run.reports]),
+            interval_s,
+        ),
+        notes=recording.notes,
+        comparison=comparison,
+    )
+
+
+def count_features(observations: RecordArray, t_ns: IntArray, start_ns: int) -> Features:
+    """Tracks alive at each time (first observation passed, last not yet), and the quartiles of their ages."""
+    order = np.lexsort((observations["t_ns"], observations["id"]))
+    ids, stamps = observations["id"][order], observations["t_ns"][order]
+    heads = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]])
+    first, last = stamps[heads], stamps[np.r_[heads[1:], ids.size] - 1]
+    alive = np.zeros(t_ns.size, dtype=np.int64)
+    age_s = np.full((t_ns.size, 3), np.nan)
+    for index, now in enumerate(t_ns.tolist()):
+        ages = now - first[(first <= now) & (now <= last)]
+        alive[index] = ages.size
+        if ages.size:
+            age_s[index] = np.percentile(ages, [25.0, 50.0, 75.0]) / NS_PER_S
+    return Features((t_ns - start_ns) / NS_PER_S, alive, age_s)
+
+
+def _compare(
+    result: RunResult, recording: Recording, score: Evaluation | None, start_ns: int
+) -> tuple[Comparison | None, FloatArray]:
+    """The comparison, and the rotation (3,3) from the estimator's world to the truth's.
+
+    The covariance speaks of errors relative to the knot that defines the estimator's world. So they are taken
+    from there, or from the first estimate that the truth covers.
+    """
+    if score is None or recording.ground_truth is None:
+        return None, np.eye(3)
+    origin = [result.origin] if result.origin else []
+    estimates = [*origin, *result.run.estimates]
+    try:
+        matched = associate(to_trajectory(estimates), recording.ground_truth)
+        alignment = align(AlignmentKind.ORIGIN, matched.estimate, matched.truth)
+    except EvaluationError:
+        return None, np.eye(3)
+    index = np.searchsorted([estimate.t_ns for estimate in estimates], matched.t_ns)
+    covariance = stack_estimates(estimates)["covariance"][index]
+    aligned = alignment.apply(matched.estimate)
+    t_s = (matched.t_ns - start_ns) / NS_PER_S
+    turn = Rotation.from_matrix(np.swapaxes(matched.truth.C, 1, 2) @ aligned.C).as_rotvec()
+    comparison = Comparison(
+        position_estimate=score.position_estimate_w,
+        position_truth=score.position_truth_w,
+        position_error=Series(
+            t_s,
+            aligned.position - matched.truth.position,
+            _sigma(aligned.C @ _block(covariance, "rho", "rho") @ np.swapaxes(aligned.C, 1, 2)),
+        ),
+        orientation_error=Series(t_s, np.rad2deg(turn), np.rad2deg(_sigma(_block(covariance, "phi", "phi")))),
+    )
+    return comparison, alignment.R
+
+
+def _velocity_sigma(states: dict[str, FloatArray], R: FloatArray) -> FloatArray:
+    """Of the world velocity `C nu`: the error is `C (d nu + phi^ nu)`, with `phi^ nu = -nu^ phi`."""
+    C = states["T_w_b"][:, :3, :3]
+    nu = np.einsum("nji,nj->ni", C, states["velocity_w"])
+    nu_hat = np.cross(np.eye(3), nu[:, None, :], axis=2)
+    jacobian = R @ C @ np.concatenate([nu_hat, np.broadcast_to(np.eye(3), C.shape)], axis=2)
+    phi, rate = _slice("phi"), _slice("nu")
+    wanted = np.r_[phi, rate]
+    covariance = states["covariance"][:, wanted[:, None], wanted]
+    return _sigma(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2))
+
+
+def _bias(states: dict[str, FloatArray], name: str, t_s: FloatArray, truth: FloatArray | None) -> Series:
+    return Series(t_s, states[name], _sigma(_block(states["covariance"], name, name)), truth)
+
+
+def _slice(name: str) -> IntArray:
+    start = 3 * STATE_BLOCKS.index(name)
+    return np.arange(start, start + 3)
+
+
+def _block(covariance: FloatArray, rows: str, columns: str) -> FloatArray:
+    return covariance[:, _slice(rows)[:, None], _slice(columns)]
+
+
+def _sigma(covariance: FloatArray) -> FloatArray:
+    """Standard deviations (N,3) of covariances (N,3,3); rounding may leave a variance of -1e-20."""
+    return np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))
