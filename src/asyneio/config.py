@@ -73,6 +73,9 @@ class InitializationConfig(_Section):
     min_seconds: float = Field(1.0, gt=0.0, description="shortest span tried")
     min_landmarks: int = Field(15, ge=4)
     max_scale_sigma: float = Field(0.1, gt=0.0, description="largest relative standard deviation of scale")
+    max_ray_residual_px: float = Field(
+        10.0, gt=0.0, description="largest RMS miss of the linear alignment, in observation standard deviations"
+    )
 
 
 class Config(_Section):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 RecordArray = NDArray[np.void]
 
 #: One observation of a feature track: time [ns], track id, distorted pixel position.

@@ -1,0 +1,1 @@
+"""Sliding window: problem arrays, linearisation, Levenberg-Marquardt, marginalisation, covariance."""

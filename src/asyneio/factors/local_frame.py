@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 from asyneio.trajectory.interpolation import interval_chain
@@ -18,19 +19,13 @@ def local_to_knots(
     C_0: FloatArray, r_0: FloatArray, C_1: FloatArray, r_1: FloatArray, varpi_1: FloatArray, out: FloatArray
 ) -> None:
     """`out` (48,48) = d y / d [knot k (24), knot k+1 (24)]."""
-    chain = out[:36, :36]
+    chain = np.empty((36, 36))
     interval_chain(C_0, r_0, C_1, r_1, varpi_1, chain)
-    # Knots interleave kinematics and biases: move the second knot's columns right by six.
+    out[:] = 0.0
     for i in range(36):
-        for j in range(36, 48):
-            out[i, j] = 0.0
-        for j in range(17, -1, -1):
-            out[i, 24 + j] = out[i, 18 + j]
-        for j in range(18, 24):
-            out[i, j] = 0.0
-    for i in range(36, 48):
-        for j in range(48):
-            out[i, j] = 0.0
+        for j in range(18):
+            out[i, j] = chain[i, j]
+            out[i, 24 + j] = chain[i, 18 + j]
     for i in range(6):
         out[36 + i, 18 + i] = 1.0
         out[42 + i, 42 + i] = 1.0

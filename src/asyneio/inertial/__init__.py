@@ -1,0 +1,1 @@
+"""Inertial measurements: dead reckoning between knots."""

@@ -1,0 +1,1 @@
+"""From nothing to a first window: visual-inertial alignment and warm-up."""

@@ -112,16 +112,12 @@ def interval_chain(
     out[:] = 0.0
     for i in range(18):
         out[i, i] = 1.0
-    # Columns of eps_{k+1}: d xi = J^{-1}; then those of eps_k: -J^{-1} Ad(T_{k,k+1})^{-1} (45).
-    for i in range(6):
-        for j in range(6):
-            out[18 + i, 18 + j] = J_inv[i, j]
-    matmul(d_dot, J_inv, out[24:30, 18:24])
-    matmul(d_acc, J_inv, out[30:36, 18:24])
-    matmul(out[18:36, 18:24], Ad_inv, out[18:36, 0:6])
-    for i in range(18, 36):
-        for j in range(6):
-            out[i, j] = -out[i, j]
+    # Columns of eps_{k+1}: d xi = J^{-1}; those of eps_k: -J^{-1} Ad(T_{k,k+1})^{-1} (45).
+    _write_pose_columns(J_inv, Ad_inv, 0, out)
+    matmul(d_dot, J_inv, work)
+    _write_pose_columns(work, Ad_inv, 1, out)
+    matmul(d_acc, J_inv, work)
+    _write_pose_columns(work, Ad_inv, 2, out)
     # Columns of varpi_{k+1} and varpi_dot_{k+1}.
     matmul(d_rate_u, J_inv, work)
     for i in range(6):
@@ -129,6 +125,17 @@ def interval_chain(
             out[24 + i, 24 + j] = J_inv[i, j]
             out[30 + i, 24 + j] = d_rate_v[i, j] + work[i, j]
             out[30 + i, 30 + j] = J_inv[i, j]
+
+
+@njit(cache=True)
+def _write_pose_columns(d_eps_1: FloatArray, Ad_inv: FloatArray, block: int, out: FloatArray) -> None:
+    """Rows of xi (block 0), xi_dot (1) or xi_ddot (2): columns of eps_{k+1} and of eps_k."""
+    d_eps_0 = np.empty((6, 6))
+    matmul(d_eps_1, Ad_inv, d_eps_0)
+    for i in range(6):
+        for j in range(6):
+            out[18 + 6 * block + i, 18 + j] = d_eps_1[i, j]
+            out[18 + 6 * block + i, j] = -d_eps_0[i, j]
 
 
 @njit(cache=True)

@@ -1,0 +1,125 @@
+"""The window's landmarks: birth from a track and the present trajectory, lookup by track, removal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+
+from asyneio.estimation.problem import Landmarks, States, bearing_tangent
+from asyneio.geometry.linalg import matmul, matvec
+from asyneio.geometry.triangulation import triangulate_inverse_depth
+from asyneio.trajectory.interpolation import interval_local, query_pose
+from asyneio.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass
+class LandmarkTable:
+    """Landmarks sorted by track id; `anchor` holds absolute knot numbers."""
+
+    track: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    anchor: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    kappa: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    rho: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __len__(self) -> int:
+        return len(self.track)
+
+    def index_of(self, track: IntArray) -> IntArray:
+        """Index of each track's landmark, -1 where it has none."""
+        if len(self.track) == 0:
+            return np.full(len(track), -1)
+        at = np.minimum(np.searchsorted(self.track, track), len(self.track) - 1)
+        return np.where(self.track[at] == track, at, -1)
+
+    def add(self, track: IntArray, anchor: IntArray, kappa: FloatArray, rho: FloatArray) -> None:
+        """Add landmarks of tracks that have none."""
+        order = np.argsort(np.concatenate([self.track, track]), kind="stable")
+        self.track = np.concatenate([self.track, track])[order]
+        self.anchor = np.concatenate([self.anchor, anchor])[order]
+        self.kappa = np.concatenate([self.kappa, kappa])[order]
+        self.rho = np.concatenate([self.rho, rho])[order]
+
+    def keep(self, mask: BoolArray) -> None:
+        """Forget the landmarks outside `mask`."""
+        self.track = self.track[mask]
+        self.anchor = self.anchor[mask]
+        self.kappa = self.kappa[mask]
+        self.rho = self.rho[mask]
+
+    def arrays(self, first: int) -> Landmarks:
+        """Arrays for the optimiser, anchors relative to knot `first`."""
+        return Landmarks(self.anchor - first, self.kappa, bearing_tangent(self.kappa), self.rho)
+
+
+@njit(cache=True)
+def camera_poses(
+    states: States,
+    interval: IntArray,
+    weights: FloatArray,
+    C_bc: FloatArray,
+    r_bc: FloatArray,
+    C_out: FloatArray,
+    r_out: FloatArray,
+) -> None:
+    """Camera poses in the world (N,3,3), (N,3) at query times given by interval and weights (N,5)."""
+    local = np.empty((5, 6))
+    C = np.empty((3, 3))
+    r = np.empty(3)
+    last = -1
+    for n in range(interval.shape[0]):
+        i = interval[n]
+        if i != last:
+            interval_local(
+                states.C[i],
+                states.r[i],
+                states.varpi[i],
+                states.C[i + 1],
+                states.r[i + 1],
+                states.varpi[i + 1],
+                local,
+            )
+            last = i
+        query_pose(states.C[i], states.r[i], local, weights[n], C, r)
+        matmul(C, C_bc, C_out[n])
+        matvec(C, r_bc, r_out[n])
+        for k in range(3):
+            r_out[n, k] += r[k]
+
+
+@njit(cache=True)
+def born_landmark(
+    C_wc: FloatArray,
+    r_wc: FloatArray,
+    direction: FloatArray,
+    reference: int,
+    C_anchor: FloatArray,
+    r_anchor: FloatArray,
+    default_rho: float,
+    bearing_sigma: float,
+    kappa: FloatArray,
+) -> float:
+    """Inverse depth (returned) and bearing `kappa` (3,) at the anchor camera, of a track's first observations.
+
+    The bearing is that of observation `reference`, carried to the anchor with its triangulated depth; without
+    parallax (depth uncertain by more than its own size) with the default depth. Never behind the anchor.
+    """
+    rho, information = triangulate_inverse_depth(
+        C_wc, r_wc, direction, C_wc[reference], r_wc[reference], direction[reference]
+    )
+    sigma = bearing_sigma / np.sqrt(information) if information > 0.0 else np.inf
+    if rho < 2.0 * sigma:
+        rho = default_rho
+    scaled_w = np.empty(3)
+    matvec(C_wc[reference], direction[reference], scaled_w)
+    norm = 0.0
+    for i in range(3):
+        kappa[i] = 0.0
+        for j in range(3):
+            kappa[i] += C_anchor[j, i] * (scaled_w[j] + rho * (r_wc[reference, j] - r_anchor[j]))
+        norm += kappa[i] ** 2
+    norm = np.sqrt(norm)
+    for i in range(3):
+        kappa[i] /= norm
+    return rho / norm

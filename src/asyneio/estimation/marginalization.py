@@ -1,0 +1,114 @@
+"""Marginalisation of the oldest knot and the landmarks anchored in it, into a square-root prior.
+
+What goes in: the old prior, the factors of the first interval, and every observation of every landmark whose
+anchor is the oldest knot, at whatever time it was made. No observation is thrown away: a track that outlives
+its anchor begins a new landmark.
+
+What comes out is linearised where the states were at that moment; the linearisation point of every knot that the
+prior touches is frozen from then on (first-estimates Jacobians), because evaluating later factors elsewhere
+would feed information into the four directions that nothing observes (position and yaw). With poses perturbed
+on the right and velocities in the body these directions depend on the poses alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg.lapack import dpstrf
+
+from asyneio.errors import EstimationError
+from asyneio.estimation.linear_system import eliminate_landmarks, linearize
+from asyneio.estimation.optimizer import add_prior, difference
+from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem, States, Visual
+from asyneio.types import BoolArray, FloatArray, IntArray
+
+#: A pivot below this, relative to the diagonal, is rounding and not information.
+_RELATIVE_PIVOT = 1e-13
+
+
+def marginalize_oldest(problem: Problem, prior: Prior) -> Prior:
+    """The prior on knots 1..m that replaces knot 0, its landmarks and their factors.
+
+    Raises:
+        EstimationError: the oldest knot is not constrained.
+    """
+    part = _factors_of_oldest(problem)
+    system = linearize(part)
+    add_prior(system, prior, difference(problem.states, prior))
+    eliminate_landmarks(system, part.landmarks, part.model)
+    knots = _touched_knots(part, prior)
+    n = 24 * knots
+    H, b = system.H[:n, :n], system.b[:n]
+    try:
+        factor = cho_factor(H[:24, :24], lower=True, check_finite=False)
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(
+            "the oldest knot is not constrained by its factors; expected a prior on the first knot"
+        ) from error
+    gain = cho_solve(factor, H[:24, 24:], check_finite=False)
+    information = H[24:, 24:] - H[24:, :24] @ gain
+    gradient = b[24:] - gain.T @ b[:24]
+    linearization = States(*(a[1:knots].copy() for a in problem.linearization))
+    R, y = _square_root(0.5 * (information + information.T), gradient)
+    # Gradient R^T (R delta + r_0) at the present delta, which is zero for knots frozen only now.
+    shifted = Prior(R, information, np.zeros(len(R)), linearization)
+    delta = difference(States(*(a[1:] for a in problem.states)), shifted)
+    return Prior(R, R.T @ R, y - R @ delta, linearization)
+
+
+def _touched_knots(part: Problem, prior: Prior) -> int:
+    """Number of leading knots that the removed factors or the old prior touch; at least two."""
+    counts = np.diff(part.visual.start)
+    last_interval = int(np.flatnonzero(counts)[-1]) if counts.any() else 0
+    return max(last_interval + 2, prior.knots)
+
+
+def _square_root(information: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """`R` with `R^T R = information` by Cholesky with pivoting, and `y` with `R^T y = gradient`.
+
+    Rows stop where only rounding is left, so a direction without information stays without.
+    """
+    scale = np.sqrt(np.maximum(information.diagonal(), 0.0))
+    scale[scale == 0.0] = 1.0
+    scaled = information / np.outer(scale, scale)
+    factor, pivots, rank, _ = dpstrf(scaled, lower=0, tol=_RELATIVE_PIVOT)
+    order = pivots - 1
+    upper = np.triu(factor)[:rank]
+    R = np.empty_like(upper)
+    R[:, order] = upper
+    y = solve_triangular(upper[:, :rank], (gradient / scale)[order[:rank]], trans="T", check_finite=False)
+    return R * scale, y
+
+
+def _factors_of_oldest(problem: Problem) -> Problem:
+    """The sub-problem of interval 0 and of the landmarks anchored in knot 0."""
+    motion = np.zeros_like(problem.motion)
+    motion[0] = problem.motion[0]
+    keep = problem.landmarks.anchor == 0
+    return problem._replace(
+        motion=motion,
+        gyroscope=_first_interval(problem.gyroscope),
+        accelerometer=_first_interval(problem.accelerometer),
+        visual=_of_landmarks(problem.visual, keep),
+        landmarks=Landmarks(*(np.ascontiguousarray(a[keep]) for a in problem.landmarks)),
+    )
+
+
+def _first_interval(samples: Inertial) -> Inertial:
+    start = samples.start.copy()
+    start[1:] = start[1]
+    return samples._replace(start=start)
+
+
+def _of_landmarks(visual: Visual, keep: BoolArray) -> Visual:
+    """Observations of the landmarks in `keep`, renumbered."""
+    chosen = keep[visual.landmark]
+    interval = np.repeat(np.arange(len(visual.start) - 1), np.diff(visual.start))[chosen]
+    number: IntArray = np.cumsum(keep) - 1
+    return Visual(
+        start=np.searchsorted(interval, np.arange(len(visual.start))),
+        weights=visual.weights[chosen],
+        landmark=number[visual.landmark[chosen]],
+        xy=visual.xy[chosen],
+        root_information=visual.root_information[chosen],
+    )

@@ -1,0 +1,113 @@
+"""Measurements of the window: raw records in, arrays sorted by interval out. No Python per measurement.
+
+Knots carry absolute numbers that never change while the window slides; an interval has the number of its
+first knot. A measurement at `t` belongs to the interval with t_k < t <= t_{k+1}.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asyneio.estimation.problem import Inertial, Visual
+from asyneio.trajectory.motion_prior import interpolation_weights_many
+from asyneio.types import BoolArray, FloatArray, IntArray, RecordArray
+
+
+def _weights(t_ns: IntArray, start_ns: IntArray, end_ns: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Interpolation weights (N,3,5) and the fraction of the interval (N,) at each time."""
+    tau = (t_ns - start_ns) * 1e-9
+    dt = (end_ns - start_ns) * 1e-9
+    out = np.empty((len(tau), 3, 5))
+    interpolation_weights_many(tau, dt, out)
+    return out, tau / dt
+
+
+class InertialBuffer:
+    """Samples of one inertial sensor inside the window."""
+
+    def __init__(self) -> None:
+        self._interval: IntArray = np.empty(0, dtype=np.int64)
+        self._value: FloatArray = np.empty((0, 3))
+        self._weights: FloatArray = np.empty((0, 3, 5))
+        self._alpha: FloatArray = np.empty(0)
+        self._root: FloatArray = np.empty(0)
+
+    def append(self, samples: RecordArray, sigma: float, interval: int, start_ns: int, end_ns: int) -> None:
+        """Samples (INERTIAL_DTYPE) of one interval, with standard deviation `sigma` per axis."""
+        n = len(samples)
+        weights, alpha = _weights(samples["t_ns"], np.full(n, start_ns), np.full(n, end_ns))
+        self._interval = np.concatenate([self._interval, np.full(n, interval)])
+        self._value = np.concatenate([self._value, samples["xyz"]])
+        self._weights = np.concatenate([self._weights, weights])
+        self._alpha = np.concatenate([self._alpha, alpha])
+        self._root = np.concatenate([self._root, np.full(n, 1.0 / sigma)])
+
+    def drop_before(self, interval: int) -> None:
+        """Forget the samples of intervals before `interval`."""
+        n = int(np.searchsorted(self._interval, interval))
+        self._interval = self._interval[n:]
+        self._value = self._value[n:]
+        self._weights = self._weights[n:]
+        self._alpha = self._alpha[n:]
+        self._root = self._root[n:]
+
+    def arrays(self, first: int, intervals: int) -> Inertial:
+        """Arrays for the intervals `first .. first + intervals - 1`."""
+        start = np.searchsorted(self._interval, first + np.arange(intervals + 1))
+        return Inertial(start, self._value, self._weights, self._alpha, self._root)
+
+
+class VisualBuffer:
+    """Observations inside the window, of tracks with and without a landmark yet."""
+
+    def __init__(self) -> None:
+        self.t_ns: IntArray = np.empty(0, dtype=np.int64)
+        self.track: IntArray = np.empty(0, dtype=np.int64)
+        self.interval: IntArray = np.empty(0, dtype=np.int64)
+        self.xy: FloatArray = np.empty((0, 2))
+        self.root_information: FloatArray = np.empty((0, 2, 2))
+        self.weights: FloatArray = np.empty((0, 5))
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def append(
+        self,
+        t_ns: IntArray,
+        track: IntArray,
+        xy: FloatArray,
+        root_information: FloatArray,
+        interval: int,
+        bounds_ns: tuple[int, int],
+    ) -> None:
+        """Undistorted observations `xy` (N,2) of one interval that spans `bounds_ns`."""
+        n = len(t_ns)
+        weights, _ = _weights(t_ns, np.full(n, bounds_ns[0]), np.full(n, bounds_ns[1]))
+        self.t_ns = np.concatenate([self.t_ns, t_ns])
+        self.track = np.concatenate([self.track, track])
+        self.interval = np.concatenate([self.interval, np.full(n, interval)])
+        self.xy = np.concatenate([self.xy, xy])
+        self.root_information = np.concatenate([self.root_information, root_information])
+        self.weights = np.concatenate([self.weights, weights[:, 0]])
+
+    def keep(self, mask: BoolArray) -> None:
+        """Forget the observations outside `mask`."""
+        self.t_ns = self.t_ns[mask]
+        self.track = self.track[mask]
+        self.interval = self.interval[mask]
+        self.xy = self.xy[mask]
+        self.root_information = self.root_information[mask]
+        self.weights = self.weights[mask]
+
+    def arrays(self, landmark: IntArray, first: int, intervals: int) -> Visual:
+        """Arrays for the observations with `landmark >= 0`, sorted by interval and landmark."""
+        chosen = np.flatnonzero(landmark >= 0)
+        chosen = chosen[np.lexsort((landmark[chosen], self.interval[chosen]))]
+        start = np.searchsorted(self.interval[chosen], first + np.arange(intervals + 1))
+        return Visual(
+            start,
+            self.weights[chosen],
+            landmark[chosen],
+            self.xy[chosen],
+            self.root_information[chosen],
+        )

@@ -1,0 +1,239 @@
+"""Levenberg-Marquardt on the manifold, landmarks eliminated, knots solved by a dense Cholesky factorisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from asyneio.errors import EstimationError
+from asyneio.estimation.linear_system import (
+    LinearSystem,
+    eliminate_landmarks,
+    evaluate_cost,
+    landmark_steps,
+    linearize,
+)
+from asyneio.estimation.problem import Landmarks, Prior, Problem, States
+from asyneio.factors.marginal_prior import knot_difference
+from asyneio.geometry.se3 import se3_compose, se3_exp
+from asyneio.types import FloatArray
+
+_MAX_DAMPING = 1e8
+
+
+@dataclass(frozen=True)
+class OptimizerSettings:
+    """When to stop. `damping` is what the first rejected step starts from; steps begin undamped."""
+
+    max_iterations: int
+    relative_decrease: float
+    damping: float
+
+
+@dataclass(frozen=True)
+class OptimizerReport:
+    """What an optimisation did. Costs include the prior."""
+
+    iterations: int
+    initial_cost: float
+    cost: float
+    visual_cost: float
+    rejected: int
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Optimised problem, the reduced normal equations it was last solved with, and the report.
+
+    `information` (24K,24K) is the Schur complement of the landmarks plus the prior at the last linearisation.
+    """
+
+    problem: Problem
+    information: FloatArray
+    landmark_system: LinearSystem
+    report: OptimizerReport
+
+
+def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Solution:
+    """Minimise the window's cost (39) plus the marginal prior.
+
+    Raises:
+        EstimationError: the system stays singular at any damping, or the cost is not finite.
+    """
+    prior_delta = difference(problem.states, prior)
+    damping = 0.0
+    initial_cost = cost = float("inf")
+    iterations = 0
+    converged = False
+    while True:
+        system = linearize(problem)
+        cost = system.cost[0] + add_prior(system, prior, prior_delta)
+        if not np.isfinite(cost):
+            raise EstimationError(
+                "the cost of the window is not finite; expected finite states and measurements: "
+                "check the recording for corrupt values"
+            )
+        initial_cost = cost if iterations == 0 else initial_cost
+        visual_cost, rejected = float(system.cost[1]), int(system.rejected[0])
+        eliminate_landmarks(system, problem.landmarks, problem.model)
+        iterations += 1
+        accepted = _damped_step(problem, system, prior, cost, damping, settings.damping)
+        if accepted is None:
+            break
+        problem, prior_delta, new_cost, damping = accepted
+        converged = cost - new_cost <= settings.relative_decrease * cost
+        cost = new_cost
+        if converged or iterations >= settings.max_iterations:
+            break
+    report = OptimizerReport(iterations, initial_cost, float(cost), visual_cost, rejected, converged)
+    return Solution(problem, system.H, system, report)
+
+
+def _damped_step(
+    problem: Problem, system: LinearSystem, prior: Prior, cost: float, damping: float, first_damping: float
+) -> tuple[Problem, FloatArray, float, float] | None:
+    """One accepted step: (problem, prior difference, cost, next damping); None if no step lowers the cost."""
+    diagonal = system.H.diagonal().copy()
+    while damping <= _MAX_DAMPING:
+        step = _solve(system, diagonal, damping)
+        if step is not None:
+            candidate = retract(problem, system, step)
+            delta = difference(candidate.states, prior)
+            new_cost = evaluate_cost(candidate) + prior_cost(prior, delta)
+            # Equal costs count: at the minimum rounding decides.
+            if new_cost <= cost * (1.0 + 1e-9):
+                next_damping = damping / 10.0 if damping > first_damping else 0.0
+                return candidate, delta, new_cost, next_damping
+        damping = max(first_damping, 10.0 * damping)
+    if step is None:
+        raise EstimationError(
+            "the normal equations are singular at any damping; expected a constrained window: "
+            "too few measurements, or states that are not finite"
+        )
+    return None
+
+
+def _solve(system: LinearSystem, diagonal: FloatArray, damping: float) -> FloatArray | None:
+    """Knot steps (K,24), or None where the matrix is not positive definite."""
+    H = system.H.copy()
+    H[np.diag_indices_from(H)] += damping * diagonal
+    try:
+        factor = cho_factor(H, lower=True, overwrite_a=True, check_finite=False)
+    except LinAlgError:
+        return None
+    step: FloatArray = -cho_solve(factor, system.b, check_finite=False)
+    if not np.isfinite(step).all():
+        return None
+    return step.reshape(-1, 24)
+
+
+def add_prior(system: LinearSystem, prior: Prior, delta: FloatArray) -> float:
+    """Add the marginal prior to the normal equations; returns its cost."""
+    residual = prior.R @ delta + prior.r_0
+    n = prior.R.shape[1]
+    system.H[:n, :n] += prior.information
+    system.b[:n] += prior.R.T @ residual
+    return 0.5 * float(residual @ residual)
+
+
+def prior_cost(prior: Prior, delta: FloatArray) -> float:
+    """Cost of the marginal prior at the difference `delta` (24 m,) from its linearisation point."""
+    residual = prior.R @ delta + prior.r_0
+    return 0.5 * float(residual @ residual)
+
+
+def difference(states: States, prior: Prior) -> FloatArray:
+    """`delta` (24 m,) of the first m knots from the prior's linearisation point."""
+    out = np.empty((prior.knots, 24))
+    _difference(prior.linearization, states, out)
+    return out.ravel()
+
+
+@njit(cache=True)
+def _difference(linearization: States, states: States, out: FloatArray) -> None:
+    for k in range(out.shape[0]):
+        knot_difference(
+            linearization.C[k],
+            linearization.r[k],
+            linearization.varpi[k],
+            linearization.bias[k],
+            states.C[k],
+            states.r[k],
+            states.varpi[k],
+            states.bias[k],
+            out[k],
+        )
+
+
+def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem:
+    """The problem after a step of the knots (K,24) and the step of the landmarks that follows from it."""
+    states = problem.states.copied()
+    linearization = problem.linearization.copied()
+    landmarks = problem.landmarks.copied()
+    landmark_step = np.zeros((len(landmarks.rho), 3))
+    landmark_steps(system, problem.model.landmark_dof, step, landmark_step)
+    _retract(states, linearization, problem.frozen, step, landmarks, landmark_step)
+    return problem._replace(states=states, linearization=linearization, landmarks=landmarks)
+
+
+@njit(cache=True)
+def _retract(
+    states: States,
+    linearization: States,
+    frozen: int,
+    step: FloatArray,
+    landmarks: Landmarks,
+    landmark_step: FloatArray,
+) -> None:
+    delta = np.empty(24)
+    C_d = np.empty((3, 3))
+    r_d = np.empty(3)
+    for k in range(states.r.shape[0]):
+        # A frozen knot moves in the tangent space of its linearisation point, where the prior is linear.
+        knot_difference(
+            linearization.C[k],
+            linearization.r[k],
+            linearization.varpi[k],
+            linearization.bias[k],
+            states.C[k],
+            states.r[k],
+            states.varpi[k],
+            states.bias[k],
+            delta,
+        )
+        for c in range(24):
+            delta[c] += step[k, c]
+        se3_exp(delta[:6], C_d, r_d)
+        se3_compose(linearization.C[k], linearization.r[k], C_d, r_d, states.C[k], states.r[k])
+        for c in range(6):
+            states.varpi[k, 0, c] += step[k, 6 + c]
+            states.varpi[k, 1, c] += step[k, 12 + c]
+            states.bias[k, c] += step[k, 18 + c]
+        if k >= frozen:
+            linearization.C[k] = states.C[k]
+            linearization.r[k] = states.r[k]
+            linearization.varpi[k] = states.varpi[k]
+            linearization.bias[k] = states.bias[k]
+    for j in range(landmarks.rho.shape[0]):
+        landmarks.rho[j] += landmark_step[j, 0]
+        norm = 0.0
+        for i in range(3):
+            landmarks.kappa[j, i] += (
+                landmarks.tangent[j, i, 0] * landmark_step[j, 1] + landmarks.tangent[j, i, 1] * landmark_step[j, 2]
+            )
+            norm += landmarks.kappa[j, i] ** 2
+        norm = np.sqrt(norm)
+        # kappa / rho is the point: a longer kappa means a smaller inverse distance.
+        landmarks.rho[j] /= norm
+        for i in range(3):
+            landmarks.kappa[j, i] /= norm
+        for t in range(2):
+            dot = 0.0
+            for i in range(3):
+                dot += landmarks.tangent[j, i, t] * landmarks.kappa[j, i]
+            for i in range(3):
+                landmarks.tangent[j, i, t] -= dot * landmarks.kappa[j, i]

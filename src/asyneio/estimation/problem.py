@@ -1,0 +1,111 @@
+"""The window's optimisation problem as flat arrays, in NamedTuples that kernels read.
+
+K knots, I = K - 1 intervals, L landmarks. Measurements are sorted by interval; `start[i]:start[i + 1]` are those
+of interval i.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from asyneio.types import BoolArray, FloatArray, IntArray
+
+
+class States(NamedTuple):
+    """States of the knots."""
+
+    C: FloatArray  # (K,3,3) rotation body to world
+    r: FloatArray  # (K,3) position in the world [m]
+    varpi: FloatArray  # (K,2,6) generalised velocity and acceleration in the body
+    bias: FloatArray  # (K,6) [b_g, b_a]
+
+    def copied(self) -> States:
+        """A copy that shares no memory."""
+        return States(self.C.copy(), self.r.copy(), self.varpi.copy(), self.bias.copy())
+
+
+class Inertial(NamedTuple):
+    """Samples of one inertial sensor."""
+
+    start: IntArray  # (I+1,)
+    value: FloatArray  # (N,3) rad/s or m/s^2
+    weights: FloatArray  # (N,3,5) interpolation weights (20)
+    alpha: FloatArray  # (N,) fraction of the interval that has passed
+    root_information: FloatArray  # (N,) 1/sigma
+
+
+class Visual(NamedTuple):
+    """Observations of landmarks; within an interval sorted by landmark."""
+
+    start: IntArray  # (I+1,)
+    weights: FloatArray  # (M,5) first row of the interpolation weights (20)
+    landmark: IntArray  # (M,) index of the landmark
+    xy: FloatArray  # (M,2) undistorted, normalised
+    root_information: FloatArray  # (M,2,2)
+
+
+class Landmarks(NamedTuple):
+    """Landmarks: bearing and inverse depth in the camera at the anchor knot."""
+
+    anchor: IntArray  # (L,) index of the anchor knot
+    kappa: FloatArray  # (L,3) unit bearing
+    tangent: FloatArray  # (L,3,2) basis of the plane orthogonal to kappa
+    rho: FloatArray  # (L,) inverse distance [1/m]
+
+    def copied(self) -> Landmarks:
+        """A copy that shares no memory."""
+        return Landmarks(self.anchor.copy(), self.kappa.copy(), self.tangent.copy(), self.rho.copy())
+
+
+class Prior(NamedTuple):
+    """Square-root prior over the first m knots, and where it was linearised."""
+
+    R: FloatArray  # (rank, 24 m)
+    information: FloatArray  # (24 m, 24 m) R^T R, kept because every iteration adds it
+    r_0: FloatArray  # (rank,) residual at the linearisation point
+    linearization: States  # m knots
+
+    @property
+    def knots(self) -> int:
+        """Number of knots it touches."""
+        return self.R.shape[1] // 24
+
+
+class Model(NamedTuple):
+    """Constants of the window."""
+
+    dt: FloatArray  # (I,) lengths of the intervals [s]
+    gravity_w: FloatArray  # (3,)
+    root_density: FloatArray  # (6,) sqrt of the motion prior's power spectral density
+    bias_walk: FloatArray  # (6,)
+    C_bc: FloatArray  # (3,3) camera in body
+    r_bc: FloatArray  # (3,)
+    robust_scale: float
+    gate: float
+    landmark_dof: int  # 1 inverse depth; 3 inverse depth and bearing
+    landmark_damping: FloatArray  # (3,) information added on the diagonal, no gradient
+
+
+class Problem(NamedTuple):
+    """Everything that one optimisation needs."""
+
+    states: States
+    linearization: States  # where Jacobians are taken; equals `states` except for frozen knots
+    frozen: int  # number of leading knots with a frozen linearisation point
+    motion: BoolArray  # (I,) whether the motion prior and the bias walk of an interval count
+    gyroscope: Inertial
+    accelerometer: Inertial
+    visual: Visual
+    landmarks: Landmarks
+    model: Model
+
+
+def bearing_tangent(kappa: FloatArray) -> FloatArray:
+    """Orthonormal bases (N,3,2) of the planes orthogonal to the unit vectors `kappa` (N,3)."""
+    axis = np.zeros_like(kappa)
+    axis[np.arange(len(kappa)), np.argmin(np.abs(kappa), axis=1)] = 1.0
+    first = np.cross(kappa, axis)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(kappa, first)], axis=2)

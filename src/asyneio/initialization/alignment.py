@@ -1,0 +1,171 @@
+"""Linear visual-inertial alignment: velocity, gravity and depths from tracks and IMU, no initial guess.
+
+In the body frame b0 at the first instant the IMU gives rotation R(t) and the double integral s(t) of the
+specific force, so that the body is at p(t) = v t + g t^2 / 2 + s(t), linear in velocity v and gravity g. A landmark
+X seen along d(t) = R(t) C_bc z (unit) from the camera centre c(t) = p(t) + R(t) r_bc satisfies
+
+    (1 - d d^T) (X - c(t)) = 0,
+
+which is linear in X, v and g. Every X is eliminated by its own 3x3 block; six unknowns are left. Gravity's
+known magnitude is then imposed by Gauss-Newton on the sphere. Rows are weighted by the inverse distance of
+the landmark (second pass), so that residuals are angles.
+
+Source: the closed-form solution family of Martinelli (IJCV 2014) and Dong-Si and Mourikis (IROS 2012), with the
+gravity sphere of VINS-Mono (49).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from asyneio.errors import EstimationError
+from asyneio.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class AlignmentData:
+    """What alignment sees, all in the first body frame: M observations of tracks numbered 0..L-1."""
+
+    t: FloatArray  # (M,) seconds after the first instant
+    direction: FloatArray  # (M,3) unit, R(t) C_bc z
+    offset: FloatArray  # (M,3) s(t) + R(t) r_bc
+    track: IntArray  # (M,)
+    tracks: int
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Velocity (3,) and gravity (3,) in the first body frame; RMS angle of the rays [rad]; landmarks in front."""
+
+    velocity: FloatArray
+    gravity: FloatArray
+    residual_rad: float
+    share_in_front: float
+
+
+def align(data: AlignmentData, gravity: float) -> Alignment:
+    """Solve the linear problem, weight it by distance, impose the magnitude of gravity, solve again.
+
+    Raises:
+        EstimationError: the six unknowns are not determined (no motion, no parallax).
+    """
+    distance = np.ones(data.tracks)
+    solution = np.zeros(6)
+    points = np.zeros((data.tracks, 3))
+    for _ in range(3):
+        A, b, blocks = _reduced(data, distance)
+        solution = _solve_on_sphere(A, b, gravity)
+        points = _points(blocks, solution)
+        distance = _mean_distance(data, points, solution)
+    residual, in_front = _ray_residual(data, points, solution)
+    return Alignment(solution[:3], solution[3:], residual, in_front)
+
+
+def _reduced(data: AlignmentData, distance: FloatArray) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
+    """Normal equations of [v, g] (6x6), and the blocks that give the landmarks back."""
+    H_xx = np.zeros((data.tracks, 3, 3))
+    H_xs = np.zeros((data.tracks, 3, 6))
+    b_x = np.zeros((data.tracks, 3))
+    A = np.zeros((6, 6))
+    b = np.zeros(6)
+    _normal_equations(data.t, data.direction, data.offset, data.track, distance, H_xx, H_xs, b_x, A, b)
+    trace = np.trace(H_xx, axis1=1, axis2=2)
+    # Without parallax the block is singular along the ray: a little information at infinity keeps it solvable.
+    H_xx += (1e-9 * trace)[:, None, None] * np.eye(3)
+    inverse = np.linalg.inv(H_xx)
+    A -= np.einsum("lij,lik,lkm->jm", H_xs, inverse, H_xs)
+    b -= np.einsum("lij,lik,lk->j", H_xs, inverse, b_x)
+    return A, b, (inverse, H_xs, b_x)
+
+
+@njit(cache=True)
+def _normal_equations(
+    t: FloatArray,
+    direction: FloatArray,
+    offset: FloatArray,
+    track: IntArray,
+    distance: FloatArray,
+    H_xx: FloatArray,
+    H_xs: FloatArray,
+    b_x: FloatArray,
+    A: FloatArray,
+    b: FloatArray,
+) -> None:
+    """Sums of P = 1 - d d^T weighted by 1/distance^2; residual P (X - t v - t^2/2 g - offset)."""
+    P = np.empty((3, 3))
+    for n in range(t.shape[0]):
+        j = track[n]
+        w = 1.0 / (distance[j] * distance[j])
+        f0, f1 = t[n], 0.5 * t[n] * t[n]
+        for p in range(3):
+            for q in range(3):
+                P[p, q] = w * ((1.0 if p == q else 0.0) - direction[n, p] * direction[n, q])
+        for p in range(3):
+            Po = P[p, 0] * offset[n, 0] + P[p, 1] * offset[n, 1] + P[p, 2] * offset[n, 2]
+            b_x[j, p] += Po
+            b[p] -= f0 * Po
+            b[3 + p] -= f1 * Po
+            for q in range(3):
+                H_xx[j, p, q] += P[p, q]
+                H_xs[j, p, q] -= f0 * P[p, q]
+                H_xs[j, p, 3 + q] -= f1 * P[p, q]
+                A[p, q] += f0 * f0 * P[p, q]
+                A[p, 3 + q] += f0 * f1 * P[p, q]
+                A[3 + p, q] += f0 * f1 * P[p, q]
+                A[3 + p, 3 + q] += f1 * f1 * P[p, q]
+
+
+def _solve_on_sphere(A: FloatArray, b: FloatArray, gravity: float) -> FloatArray:
+    """Minimiser of x^T A x / 2 - b^T x over x = [v, g] with |g| = gravity."""
+    try:
+        x = np.linalg.solve(A, b)
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(
+            "velocity and gravity are not determined by the tracks; expected translation with parallax: move the sensor"
+        ) from error
+    norm = np.linalg.norm(x[3:])
+    if not np.isfinite(norm) or norm == 0.0:
+        raise EstimationError("the alignment found no gravity; expected a moving camera over a few tenths of a second")
+    x[3:] *= gravity / norm
+    for _ in range(10):
+        unit = x[3:] / gravity
+        basis = np.linalg.svd(unit[None])[2][1:].T * gravity
+        J = np.zeros((6, 5))
+        J[:3, :3] = np.eye(3)
+        J[3:, 3:] = basis
+        step = np.linalg.solve(J.T @ A @ J, J.T @ (b - A @ x))
+        x = x + J @ step
+        x[3:] *= gravity / np.linalg.norm(x[3:])
+        if np.linalg.norm(step) < 1e-10:
+            break
+    return x
+
+
+def _points(blocks: tuple[FloatArray, ...], solution: FloatArray) -> FloatArray:
+    inverse, H_xs, b_x = blocks
+    points: FloatArray = np.einsum("lij,lj->li", inverse, b_x - H_xs @ solution)
+    return points
+
+
+def _rays(data: AlignmentData, points: FloatArray, solution: FloatArray) -> FloatArray:
+    """Vectors (M,3) from the camera centres to the landmarks."""
+    centre = data.t[:, None] * solution[:3] + 0.5 * data.t[:, None] ** 2 * solution[3:] + data.offset
+    rays: FloatArray = points[data.track] - centre
+    return rays
+
+
+def _mean_distance(data: AlignmentData, points: FloatArray, solution: FloatArray) -> FloatArray:
+    rays = np.linalg.norm(_rays(data, points, solution), axis=1)
+    mean = np.bincount(data.track, rays, data.tracks) / np.bincount(data.track, minlength=data.tracks)
+    return np.asarray(np.clip(mean, 0.05, 1e3))
+
+
+def _ray_residual(data: AlignmentData, points: FloatArray, solution: FloatArray) -> tuple[float, float]:
+    rays = _rays(data, points, solution)
+    along = np.einsum("ni,ni->n", rays, data.direction)
+    across = np.linalg.norm(rays - along[:, None] * data.direction, axis=1)
+    angle = np.arctan2(across, np.abs(along))
+    return float(np.sqrt(np.mean(angle**2))), float(np.mean(along > 0.0))

@@ -1,0 +1,78 @@
+"""Warm-up (40): generalised velocity and acceleration of the knots from known poses, through the motion prior.
+
+Minimises the WNOJ prior over varpi and varpi_dot with poses fixed, plus zero priors on those of the first knot,
+which remove the null space of the prior.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
+from asyneio.factors.local_frame import local_to_knots
+from asyneio.trajectory.interpolation import interval_local
+from asyneio.types import FloatArray
+
+
+def warm_up(
+    C: FloatArray,
+    r: FloatArray,
+    varpi: FloatArray,
+    dt: FloatArray,
+    root_density: FloatArray,
+    zero_sigma: FloatArray,
+) -> FloatArray:
+    """Rates (K,2,6) that minimise (40), starting from `varpi` (K,2,6).
+
+    Args:
+        C, r: fixed poses of the knots (K,3,3), (K,3).
+        varpi: starting point.
+        dt: lengths of the intervals (K-1,) [s].
+        root_density: (6,) square root of the motion prior's power spectral density.
+        zero_sigma: (2,) standard deviations of the zero priors on varpi and varpi_dot of the first knot,
+            lambda_1 = 1/zero_sigma[0]^2 and lambda_2 = 1/zero_sigma[1]^2 in (40).
+    """
+    out = varpi.copy()
+    for _ in range(5):
+        n = 12 * len(out)
+        H, b = np.zeros((n, n)), np.zeros(n)
+        _normal_equations(C, r, out, dt, root_density, H, b)
+        for a in range(2):
+            info = 1.0 / zero_sigma[a] ** 2
+            rows = np.arange(6 * a, 6 * a + 6)
+            H[rows, rows] += info
+            b[rows] += info * out[0, a]
+        step = -np.linalg.solve(H, b).reshape(out.shape)
+        out += step
+        if np.abs(step).max() < 1e-9 * (1.0 + np.abs(out).max()):
+            break
+    return out
+
+
+@njit(cache=True)
+def _normal_equations(
+    C: FloatArray, r: FloatArray, varpi: FloatArray, dt: FloatArray, root_density: FloatArray, H: FloatArray, b: FloatArray
+) -> None:
+    local = np.empty((5, 6))
+    chain = np.empty((48, 48))
+    coefficients = np.empty((3, 5))
+    residual = np.empty((3, 6))
+    J = np.empty((18, 24))
+    for k in range(dt.shape[0]):
+        interval_local(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], local)
+        local_to_knots(C[k], r[k], C[k + 1], r[k + 1], varpi[k + 1], chain)
+        gp_prior_coefficients(dt[k], coefficients)
+        gp_prior_factor(local, coefficients, root_density, residual)
+        for a in range(3):
+            for i in range(6):
+                for c in range(24):
+                    # Columns of varpi, varpi_dot: 6..17 of the first knot, 30..41 of the second.
+                    column = 6 + c if c < 12 else 18 + c
+                    s = 0.0
+                    for p in range(5):
+                        s += coefficients[a, p] * chain[6 + 6 * p + i, column]
+                    J[6 * a + i, c] = s / root_density[i]
+        o = 12 * k
+        H[o : o + 24, o : o + 24] += np.dot(J.T, J)
+        b[o : o + 24] += np.dot(J.T, residual.copy().reshape(18))

@@ -1,0 +1,66 @@
+"""Measurements on their way into the window: undistorted once at the door, cut by time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asyneio.estimation.window import TrackObservations
+from asyneio.geometry.camera import CameraModel
+from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, FloatArray, Packet, RecordArray
+
+
+class Intake:
+    """Keeps what the window has not taken yet, and the last inertial samples before it."""
+
+    def __init__(self, camera: CameraIntrinsics, pixel_sigma: float) -> None:
+        self._camera = CameraModel(camera)
+        self._pixel_sigma = pixel_sigma
+        self.gyroscope: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
+        self.accelerometer: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
+        empty = np.empty(0, dtype=np.int64)
+        self.observations = TrackObservations(empty, empty, np.empty((0, 2)), np.empty((0, 2, 2)))
+        self.end_ns: int | None = None
+        self.invalid = 0
+
+    def append(self, packet: Packet) -> None:
+        """Take over a packet; observations outside the lens model's valid set are counted and dropped."""
+        self.gyroscope = np.concatenate([self.gyroscope, packet.gyroscope])
+        self.accelerometer = np.concatenate([self.accelerometer, packet.accelerometer])
+        self.end_ns = packet.t_end_ns
+        raw = packet.observations
+        xy, d_xy_d_uv, valid = self._camera.undistort(np.column_stack([raw["u"], raw["v"]]))
+        self.invalid += int(np.count_nonzero(~valid))
+        new = TrackObservations(
+            raw["t_ns"][valid], raw["id"][valid], xy[valid], self._root_information(d_xy_d_uv[valid])
+        )
+        old = self.observations
+        self.observations = TrackObservations(
+            np.concatenate([old.t_ns, new.t_ns]),
+            np.concatenate([old.track, new.track]),
+            np.concatenate([old.xy, new.xy]),
+            np.concatenate([old.root_information, new.root_information]),
+        )
+
+    def _root_information(self, d_xy_d_uv: FloatArray) -> FloatArray:
+        """(N,2,2): whitens normalised coordinates with the isotropic pixel noise they come from."""
+        root: FloatArray = np.linalg.inv(d_xy_d_uv) / self._pixel_sigma
+        return root
+
+    def drop_until(self, t_ns: int) -> None:
+        """Forget what the window has taken; two earlier inertial samples stay for interpolation."""
+        self.gyroscope = _tail(self.gyroscope, t_ns)
+        self.accelerometer = _tail(self.accelerometer, t_ns)
+        o = self.observations
+        n = int(np.searchsorted(o.t_ns, t_ns, side="right"))
+        self.observations = TrackObservations(o.t_ns[n:], o.track[n:], o.xy[n:], o.root_information[n:])
+
+
+def between(samples: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
+    """Samples with start < t <= end."""
+    a, b = np.searchsorted(samples["t_ns"], [start_ns, end_ns], side="right")
+    return samples[a:b]
+
+
+def _tail(samples: RecordArray, t_ns: int) -> RecordArray:
+    n = int(np.searchsorted(samples["t_ns"], t_ns, side="right"))
+    return samples[max(n - 2, 0) :]

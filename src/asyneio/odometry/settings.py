@@ -1,0 +1,92 @@
+"""From the configuration and the calibration to the plain values that the rooms below take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.config import Config
+from asyneio.errors import CalibrationError
+from asyneio.estimation.optimizer import OptimizerSettings
+from asyneio.estimation.window import WindowSettings
+from asyneio.types import NS_PER_S, Calibration, FloatArray
+
+
+@dataclass(frozen=True)
+class StartSettings:
+    """What the start needs beyond the window's settings."""
+
+    min_seconds: float
+    min_landmarks: int
+    max_scale_sigma: float
+    max_ray_residual: float  # rad
+    bias_sigma: FloatArray  # (6,) prior on the first biases
+    optimizer: OptimizerSettings
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All plain values of one odometry."""
+
+    knot_interval_ns: int
+    window_s: float
+    window: WindowSettings
+    optimizer: OptimizerSettings
+    start: StartSettings
+
+
+def resolve(config: Config, calibration: Calibration, gyroscope_hz: float, accelerometer_hz: float) -> Settings:
+    """Settings for sensors of the given measured rates.
+
+    Raises:
+        CalibrationError: a noise density is not positive.
+    """
+    noise, inertial, visual = calibration.noise, config.inertial, config.visual
+    if min(noise.gyroscope_density, noise.accelerometer_density) <= 0.0:
+        raise CalibrationError(
+            f"found noise densities {noise.gyroscope_density} and {noise.accelerometer_density}; expected positive "
+            "values: put the sensor's data sheet figures into imu.yaml"
+        )
+    focal = 0.5 * (calibration.camera.fx + calibration.camera.fy)
+    prior = config.motion_prior
+    walk = inertial.walk_inflation * np.repeat([noise.gyroscope_walk, noise.accelerometer_walk], 3)
+    bearing_damping = (focal / visual.bearing_sigma_px) ** 2
+    window = WindowSettings(
+        gravity_w=np.array([0.0, 0.0, -inertial.gravity]),
+        root_density=np.repeat([prior.angular_jerk_density, prior.linear_jerk_density], 3),
+        bias_walk=np.maximum(walk, 1e-9),
+        gyroscope_sigma=inertial.noise_inflation * noise.gyroscope_density * np.sqrt(gyroscope_hz),
+        accelerometer_sigma=inertial.noise_inflation * noise.accelerometer_density * np.sqrt(accelerometer_hz),
+        T_b_c=calibration.T_b_c,
+        robust_scale=visual.robust_scale,
+        gate=visual.gate_sigma,
+        landmark_dof=3 if visual.estimate_bearing else 1,
+        landmark_damping=np.array(
+            [1.0 / visual.inverse_depth_sigma**2, bearing_damping, bearing_damping]
+        ),
+        bearing_sigma=visual.pixel_sigma / focal,
+        min_observations=visual.min_observations,
+        frozen_linearization=config.window.frozen_linearization,
+    )
+    optimizer = config.optimizer
+    return Settings(
+        knot_interval_ns=round(config.window.knot_interval_s * NS_PER_S),
+        window_s=config.window.length_s,
+        window=window,
+        optimizer=OptimizerSettings(
+            optimizer.max_iterations, optimizer.relative_decrease, optimizer.initial_damping
+        ),
+        start=StartSettings(
+            min_seconds=config.initialization.min_seconds,
+            min_landmarks=config.initialization.min_landmarks,
+            max_scale_sigma=config.initialization.max_scale_sigma,
+            max_ray_residual=config.initialization.max_ray_residual_px * visual.pixel_sigma / focal,
+            bias_sigma=np.repeat(
+                [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma], 3
+            ),
+            optimizer=OptimizerSettings(
+                optimizer.initial_max_iterations, optimizer.relative_decrease, optimizer.initial_damping
+            ),
+        ),
+    )

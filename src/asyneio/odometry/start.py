@@ -1,0 +1,192 @@
+"""Start from the data alone: alignment, warm-up (40), joint optimisation (39), and the decision to trust it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asyneio.errors import EstimationError
+from asyneio.estimation.covariance import relative_scale_sigma
+from asyneio.estimation.optimizer import Solution
+from asyneio.estimation.problem import Prior, States
+from asyneio.estimation.window import TrackObservations, Window
+from asyneio.initialization.alignment import AlignmentData, align
+from asyneio.initialization.warm_up import warm_up
+from asyneio.odometry.intake import Intake, between
+from asyneio.odometry.propagation import propagate, rates_at
+from asyneio.odometry.settings import Settings
+from asyneio.types import FloatArray, IntArray
+
+#: The frame is defined by the first knot's position and yaw: as tight as rounding allows.
+_GAUGE_SIGMA = 1e-4
+#: Zero priors of the warm-up: rates of any size a person or a drone makes.
+_WARM_UP_SIGMA = np.array([10.0, 100.0])
+#: A roll or pitch error of the alignment that the joint optimisation may still correct.
+_TILT_SIGMA = 0.5
+
+
+@dataclass(frozen=True)
+class Start:
+    """A started window with the solution it came from."""
+
+    window: Window
+    solution: Solution
+
+
+def try_start(intake: Intake, settings: Settings) -> Start | str:
+    """A window over what the intake holds, or the reason, in words, why not yet."""
+    knots_ns = _knot_times(intake, settings)
+    if knots_ns is None:
+        return "waiting for inertial samples and feature tracks that overlap in time"
+    span_s = float(knots_ns[-1] - knots_ns[0]) * 1e-9
+    if span_s < settings.start.min_seconds:
+        return f"collecting measurements: {span_s:.2f} s of {settings.start.min_seconds:.2f} s"
+    seen = intake.observations.between(int(knots_ns[0]) - 1, int(knots_ns[-1]))
+    seen = _long_tracks(seen, settings.window.min_observations)
+    tracks = len(np.unique(seen.track))
+    if tracks < settings.start.min_landmarks:
+        return f"too few feature tracks: {tracks} of {settings.start.min_landmarks}"
+    try:
+        states = _aligned_states(intake, settings, knots_ns, seen)
+        if isinstance(states, str):
+            return states
+        window = _filled_window(intake, settings, knots_ns, states)
+        solution = window.optimize(settings.start.optimizer)
+    except EstimationError as error:
+        return str(error)
+    reason = _refusal(window, solution, settings)
+    return reason if reason else Start(window, solution)
+
+
+def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
+    """Why the joint optimisation cannot be trusted; empty if it can."""
+    scale_sigma = relative_scale_sigma(solution)
+    if not scale_sigma < settings.start.max_scale_sigma:
+        return (
+            f"scale is known to {100 * scale_sigma:.0f} % only, {100 * settings.start.max_scale_sigma:.0f} % is needed: "
+            "move the sensor sideways, with changing speed"
+        )
+    used = len(solution.problem.visual.landmark)
+    if solution.report.rejected > 0.2 * used:
+        return f"{solution.report.rejected} of {used} observations contradict the motion found"
+    mean_square = 2.0 * solution.report.visual_cost / max(2 * used, 1)
+    if mean_square > settings.window.robust_scale**2:
+        return (
+            f"observations are off by {np.sqrt(mean_square):.1f} standard deviations: wrong calibration or bad tracks"
+        )
+    return ""
+
+
+def _knot_times(intake: Intake, settings: Settings) -> IntArray | None:
+    """Knot times from the first instant that all streams cover."""
+    if intake.end_ns is None or min(len(intake.gyroscope), len(intake.accelerometer)) < 2:
+        return None
+    if len(intake.observations.t_ns) == 0:
+        return None
+    first = max(
+        int(intake.gyroscope["t_ns"][0]),
+        int(intake.accelerometer["t_ns"][0]),
+        int(intake.observations.t_ns[0]),
+    )
+    times = np.arange(first, intake.end_ns + 1, settings.knot_interval_ns)
+    return times if len(times) >= 2 else None
+
+
+def _long_tracks(seen: TrackObservations, minimum: int) -> TrackObservations:
+    _, inverse, counts = np.unique(seen.track, return_inverse=True, return_counts=True)
+    chosen = counts[inverse] >= minimum
+    return TrackObservations(
+        seen.t_ns[chosen], seen.track[chosen], seen.xy[chosen], seen.root_information[chosen]
+    )
+
+
+def _aligned_states(
+    intake: Intake, settings: Settings, knots_ns: IntArray, seen: TrackObservations
+) -> States | str:
+    """Knot states from gyroscope integration and the linear alignment, then warm-up."""
+    w = settings.window
+    zero = np.zeros(3)
+    times = np.union1d(knots_ns, seen.t_ns)
+    free = propagate(
+        intake.gyroscope, intake.accelerometer, np.zeros(6), (np.eye(3), zero, zero), times, zero
+    )
+    at = free.at(seen.t_ns)
+    rays = np.column_stack([seen.xy, np.ones(len(seen.xy))])
+    rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ w.T_b_c[:3, :3].T
+    ids, track = np.unique(seen.track, return_inverse=True)
+    data = AlignmentData(
+        t=(seen.t_ns - knots_ns[0]) * 1e-9,
+        direction=np.einsum("nij,nj->ni", free.C[at], rays),
+        offset=free.r[at] + free.C[at] @ w.T_b_c[:3, 3],
+        track=track,
+        tracks=len(ids),
+    )
+    aligned = align(data, float(np.linalg.norm(w.gravity_w)))
+    if aligned.residual_rad > settings.start.max_ray_residual or aligned.share_in_front < 0.8:
+        return (
+            f"tracks and inertial samples do not agree yet (rays miss by {np.degrees(aligned.residual_rad):.2f} deg, "
+            f"{100 * aligned.share_in_front:.0f} % of the points in front of the camera)"
+        )
+    C_w_b0 = _upright(aligned.gravity)
+    at = free.at(knots_ns)
+    t = ((knots_ns - knots_ns[0]) * 1e-9)[:, None]
+    r = (aligned.velocity * t + 0.5 * aligned.gravity * t**2 + free.r[at]) @ C_w_b0.T
+    v = (aligned.velocity + aligned.gravity * t + free.v[at]) @ C_w_b0.T
+    C = C_w_b0 @ free.C[at]
+    streams = (intake.gyroscope, intake.accelerometer)
+    half = settings.knot_interval_ns // 2
+    rates = np.stack(
+        [
+            rates_at(int(knots_ns[k]), C[k], v[k], streams, np.zeros(6), w.gravity_w, half)
+            for k in range(len(knots_ns))
+        ]
+    )
+    varpi = warm_up(C, r, rates, np.diff(knots_ns) * 1e-9, w.root_density, _WARM_UP_SIGMA)
+    return States(C, r, varpi, np.zeros((len(knots_ns), 6)))
+
+
+def _upright(gravity_b: FloatArray) -> FloatArray:
+    """Smallest rotation (3,3) that turns the gravity seen in the body to -z."""
+    down = np.array([0.0, 0.0, -1.0])
+    unit = gravity_b / np.linalg.norm(gravity_b)
+    axis = np.cross(unit, down)
+    sine, cosine = np.linalg.norm(axis), float(unit @ down)
+    if sine < 1e-12:
+        return np.eye(3) if cosine > 0.0 else np.diag([1.0, -1.0, -1.0])
+    matrix: FloatArray = Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine)).as_matrix()
+    return matrix
+
+
+def _gauge_prior(first: States, bias_sigma: FloatArray) -> Prior:
+    """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero."""
+    R = np.zeros((12, 24))
+    tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, _GAUGE_SIGMA])
+    R[:3, :3] = first.C[0] / tilt_yaw[:, None]
+    R[3:6, 3:6] = np.eye(3) / _GAUGE_SIGMA
+    R[6:, 18:] = np.diag(1.0 / bias_sigma)
+    r_0 = np.zeros(12)
+    r_0[6:] = first.bias[0] / bias_sigma
+    return Prior(R, R.T @ R, r_0, first)
+
+
+def _filled_window(intake: Intake, settings: Settings, knots_ns: IntArray, states: States) -> Window:
+    """A window with all knots, their measurements and landmarks."""
+
+    def knot(k: int) -> States:
+        return States(*(a[k : k + 1].copy() for a in states))
+
+    prior = _gauge_prior(knot(0), settings.start.bias_sigma)
+    window = Window(settings.window, int(knots_ns[0]), knot(0), prior)
+    for k in range(1, len(knots_ns)):
+        span = (int(knots_ns[k - 1]), int(knots_ns[k]))
+        window.extend(
+            span[1],
+            knot(k),
+            between(intake.gyroscope, *span),
+            between(intake.accelerometer, *span),
+            intake.observations.between(*span),
+        )
+    window.add_landmarks()
+    return window
