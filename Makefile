@@ -6,6 +6,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 CANDIDATES := $(or $(PYTHON),python3.13 python3.12 python3.11 python3)
 JOBS ?= 2
 
+# Small matrices: more BLAS threads only wait for each other on a busy machine.
+export OPENBLAS_NUM_THREADS ?= 1
+
 .PHONY: demo test lint type bench clean
 .DELETE_ON_ERROR:
 

@@ -6,6 +6,9 @@ import os
 from collections.abc import Generator
 from pathlib import Path
 
+# As the command line does: small matrices, and tests that run side by side. Numpy reads it when imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 from hypothesis import settings

@@ -59,6 +59,7 @@ def _options(
 
 def main() -> None:
     """Entry point. Exit status: 0 whole output, 1 missing or incomplete, 2 wrong usage, 130 interrupted."""
+    _use_one_blas_thread()
     try:
         app(prog_name="asyneio")
     except AsyneioError as error:
@@ -74,6 +75,16 @@ def main() -> None:
             f"unexpected {type(error).__name__}: {error}. This is a defect of asyneio: please report it "
             f"with what the command prints when {TRACEBACK_VARIABLE}=1 is set"
         )
+
+
+def _use_one_blas_thread() -> None:
+    """Unless the user has chosen otherwise; must come before numpy is imported.
+
+    The window's matrices are small: a second thread gains little on an idle machine, waits for its share of a
+    busy one (measured: fifty times slower), and makes results depend on the number of cores.
+    """
+    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+        os.environ.setdefault(variable, "1")
 
 
 def _fail(message: str) -> None:

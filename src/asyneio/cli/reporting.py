@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.errors import EvaluationError
-from asyneio.evaluation import AlignmentKind, Evaluation, align, associate
+from asyneio.evaluation import AlignmentKind, Association, Evaluation, Similarity, align, associate
 from asyneio.io import to_trajectory
 from asyneio.io.estimates_file import stack_estimates
 from asyneio.pipeline import RunResult, usable_span
@@ -109,30 +109,43 @@ def _compare(
         alignment = align(AlignmentKind.ORIGIN, matched.estimate, matched.truth)
     except EvaluationError:
         return None, np.eye(3)
-    index = np.searchsorted([estimate.t_ns for estimate in estimates], matched.t_ns)
-    covariance = stack_estimates(estimates)["covariance"][index]
-    aligned = alignment.apply(matched.estimate)
-    t_s = (matched.t_ns - start_ns) / NS_PER_S
-    turn = Rotation.from_matrix(np.swapaxes(matched.truth.C, 1, 2) @ aligned.C).as_rotvec()
+    position_error, orientation_error = _errors(result, matched, alignment, start_ns)
     comparison = Comparison(
         position_estimate=score.position_estimate_w,
         position_truth=score.position_truth_w,
-        position_error=Series(
-            t_s,
-            aligned.position - matched.truth.position,
-            _sigma(aligned.C @ _block(covariance, "rho", "rho") @ np.swapaxes(aligned.C, 1, 2)),
-        ),
-        orientation_error=Series(t_s, np.rad2deg(turn), np.rad2deg(_sigma(_block(covariance, "phi", "phi")))),
+        position_error=position_error,
+        orientation_error=orientation_error,
     )
     return comparison, alignment.R
+
+
+def _errors(
+    result: RunResult, matched: Association, alignment: Similarity, start_ns: int
+) -> tuple[Series, Series]:
+    """Errors of position [m, world axes] and orientation [deg, body axes] at the estimates, with sigmas."""
+    t_ns = np.array([estimate.t_ns for estimate in result.run.estimates])
+    index = np.minimum(np.searchsorted(t_ns, matched.t_ns), t_ns.size - 1)
+    # The origin took part in the alignment only.
+    kept = t_ns[index] == matched.t_ns
+    covariance = stack_estimates(result.run.estimates)["covariance"][index[kept]]
+    aligned = alignment.apply(matched.estimate)
+    C = aligned.C[kept]
+    offset = (aligned.position - matched.truth.position)[kept]
+    turn = Rotation.from_matrix(np.swapaxes(matched.truth.C[kept], 1, 2) @ C).as_rotvec()
+    t_s = (matched.t_ns[kept] - start_ns) / NS_PER_S
+    return (
+        Series(t_s, offset, _sigma(C @ _block(covariance, "rho", "rho") @ np.swapaxes(C, 1, 2))),
+        Series(t_s, np.rad2deg(turn), np.rad2deg(_sigma(_block(covariance, "phi", "phi")))),
+    )
 
 
 def _velocity_sigma(states: dict[str, FloatArray], R: FloatArray) -> FloatArray:
     """Of the world velocity `C nu`: the error is `C (d nu + phi^ nu)`, with `phi^ nu = -nu^ phi`."""
     C = states["T_w_b"][:, :3, :3]
     nu = np.einsum("nji,nj->ni", C, states["velocity_w"])
-    nu_hat = np.cross(np.eye(3), nu[:, None, :], axis=2)
-    jacobian = R @ C @ np.concatenate([nu_hat, np.broadcast_to(np.eye(3), C.shape)], axis=2)
+    # Row i is nu x e_i, column i of nu^; the transpose of a skew matrix is its negative.
+    minus_nu_hat = np.cross(nu[:, None, :], np.eye(3))
+    jacobian = R @ C @ np.concatenate([minus_nu_hat, np.broadcast_to(np.eye(3), C.shape)], axis=2)
     phi, rate = _slice("phi"), _slice("nu")
     wanted = np.r_[phi, rate]
     covariance = states["covariance"][:, wanted[:, None], wanted]

@@ -8,7 +8,7 @@ import numpy as np
 
 from asyneio.types import FloatArray
 from asyneio.viz.data import Comparison, Features, Series, Timing
-from asyneio.viz.style import ACCENT, AXES_COLORS, ESTIMATE, TRUTH, new_figure
+from asyneio.viz.style import ACCENT, AXES_COLORS, ESTIMATE, TRUTH, WIDTH, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,26 +17,30 @@ if TYPE_CHECKING:
 #: More points than this no screen can show and only make the page heavy.
 MAX_POINTS = 1500
 
+#: Inches of a path panel between its axis labels.
+_PATH_WIDTH = 4.2
+
 
 def plot_path(position: FloatArray, comparison: Comparison | None) -> Figure:
     """The path from above and from the side, over the truth where there is one; metres, equal scales."""
     from matplotlib.figure import Figure
 
     shown = position if comparison is None else comparison.position_estimate
-    figure = Figure(figsize=(5.0, 5.6), layout="constrained")
-    spans = np.maximum(np.ptp(shown, axis=0), 1e-3)
-    heights = [max(spans[1], 0.35 * spans[0]), max(spans[2], 0.35 * spans[0])]
-    top, side = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": heights})
+    everything = shown if comparison is None else np.vstack([shown, comparison.position_truth])
+    centre, spans = _frame(everything)
+    # The sheet takes the shape of the path, so that equal scales neither crop it nor leave it lost in white.
+    height = _PATH_WIDTH * float(spans[1] + spans[2]) / float(spans[0]) + 1.1
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    top, side = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": spans[1:]})
     for axes, vertical, title in ((top, 1, "from above"), (side, 2, "from the side")):
         if comparison is not None:
             _path(axes, comparison.position_truth, vertical, TRUTH, "truth", 2.6, 0.45)
         _path(axes, shown, vertical, ESTIMATE, "estimate", 1.1, 1.0)
         axes.plot(*shown[0, [0, vertical]], "o", color=ACCENT, markersize=5, label="start", zorder=5)
-        axes.set(aspect="equal", title=title, ylabel=f"{'xyz'[vertical]} [m]")
-        # Equal scales must not squeeze a panel: the limits give way, not the box.
-        axes.set_adjustable("datalim")
-    side.set_xlabel("x [m]")
-    top.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.25, 1.0), borderaxespad=0.2)
+        limits = centre[vertical] + np.array([-0.5, 0.5]) * spans[vertical]
+        axes.set(aspect="equal", title=title, ylabel=f"{'xyz'[vertical]} [m]", ylim=limits)
+    side.set(xlabel="x [m]", xlim=centre[0] + np.array([-0.5, 0.5]) * spans[0])
+    figure.legend(*top.get_legend_handles_labels(), ncols=3, loc="outside upper right")
     return figure
 
 
@@ -97,6 +101,15 @@ def plot_timing(timing: Timing) -> Figure:
     axes.set_ylim(max(0.3 * low, 1e-3), 2.5 * max(high, budget_ms))
     axes.legend(ncols=2, loc="upper right")
     return figure
+
+
+def _frame(position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Middle (3,) and span (3,) of what the path's panels show, with a margin; no panel degenerates."""
+    low, high = position.min(axis=0), position.max(axis=0)
+    spans = np.maximum(1.12 * (high - low), 1e-3)
+    spans[0] = max(spans[0], 0.8 * max(spans[1], spans[2]))
+    spans[1:] = np.maximum(spans[1:], 0.3 * spans[0])
+    return (low + high) / 2.0, spans
 
 
 def _path(
