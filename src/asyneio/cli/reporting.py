@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asyneio.errors import EvaluationError
 from asyneio.evaluation import AlignmentKind, Association, Evaluation, Similarity, align, associate
 from asyneio.io import to_trajectory
 from asyneio.io.estimates_file import stack_estimates
@@ -102,13 +101,11 @@ def _compare(
     """
     if score is None or recording.ground_truth is None:
         return None, np.eye(3)
-    origin = [result.origin] if result.origin else []
-    estimates = [*origin, *result.run.estimates]
-    try:
-        matched = associate(to_trajectory(estimates), recording.ground_truth)
-        alignment = align(AlignmentKind.ORIGIN, matched.estimate, matched.truth)
-    except EvaluationError:
-        return None, np.eye(3)
+    estimates = result.run.estimates
+    if result.origin and result.origin.t_ns < estimates[0].t_ns:
+        estimates = [result.origin, *estimates]
+    matched = associate(to_trajectory(estimates), recording.ground_truth)
+    alignment = align(AlignmentKind.ORIGIN, matched.estimate, matched.truth)
     position_error, orientation_error = _errors(result, matched, alignment, start_ns)
     comparison = Comparison(
         position_estimate=score.position_estimate_w,

@@ -85,7 +85,8 @@ def plot_features(features: Features) -> Figure:
     t_s, low, middle, high = _thin(features.t_s, *features.age_s.T)
     age.fill_between(t_s, low, high, color=AXES_COLORS[1], alpha=0.2, linewidth=0.0, label="quartiles")
     age.plot(t_s, middle, color=AXES_COLORS[1], label="median")
-    age.set(ylabel="age [s]", xlabel="time [s]", ylim=(0.0, None))
+    # Room above for the legend.
+    age.set(ylabel="age [s]", xlabel="time [s]", ylim=(0.0, max(1.35 * float(np.nanmax(high)), 1e-3)))
     age.legend(ncols=2, loc="upper right")
     return figure
 

@@ -1,0 +1,64 @@
+"""An estimator that knows the answer: fast, and able to fail in every way a real one may."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from asyneio.config import Config
+from asyneio.errors import EstimationError
+from asyneio.types import Calibration, Estimate, Health, Packet, StepReport
+from tests.io.recordings import make_estimate
+
+
+class FakeOdometry:
+    """Starts after the third packet, then one estimate on the straight path for each."""
+
+    start_after = 3
+
+    def __init__(self, config: Config, calibration: Calibration) -> None:
+        self.seen = 0
+        self._rng = np.random.default_rng(0)
+        self.origin: Estimate | None = None
+
+    def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        self.seen += 1
+        if self.seen <= self.start_after:
+            return [], StepReport(packet.t_end_ns, Health.INITIALIZING, "too few feature tracks")
+        return self.track(packet)
+
+    def track(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        report = StepReport(packet.t_end_ns, Health.TRACKING, knots=10, landmarks=40, rejected=2)
+        return [make_estimate(packet.t_end_ns, self._rng)], report
+
+
+class NeverStarts(FakeOdometry):
+    start_after = 10**9
+
+
+class LosesTrack(FakeOdometry):
+    def track(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        if self.seen > 20:
+            return [], StepReport(packet.t_end_ns, Health.LOST, "speed of 80 m/s")
+        return super().track(packet)
+
+
+class SkipsAWhile(FakeOdometry):
+    def track(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        if 20 <= self.seen < 30:
+            return [], StepReport(packet.t_end_ns, Health.LOST, "no features")
+        return super().track(packet)
+
+
+class Diverges(FakeOdometry):
+    def track(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        estimates, report = super().track(packet)
+        return [replace(estimate, T_w_b=np.full((4, 4), np.nan)) for estimate in estimates], report
+
+
+class Raises(FakeOdometry):
+    def track(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        if self.seen > 20:
+            raise EstimationError("the system is singular")
+        return super().track(packet)

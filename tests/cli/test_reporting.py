@@ -1,0 +1,131 @@
+"""What the report is fed with: bounds propagated correctly, errors zero where the estimate is the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asyneio.cli.reporting import count_features, report_data
+from asyneio.evaluation import evaluate, protocol_named
+from asyneio.io import to_trajectory
+from asyneio.pipeline import RunResult, Summary
+from asyneio.types import (
+    NS_PER_S,
+    OBSERVATION_DTYPE,
+    STATE_BLOCKS,
+    STATE_DOF,
+    Estimate,
+    Health,
+    PoseTrajectory,
+    Recording,
+    Run,
+    StepReport,
+)
+from tests.io.recordings import START_NS, make_estimate, make_recording
+
+_SUMMARY = Summary("r", "0", 1.0, 1.0, 0.0, 1.0, 0.1, 1, 1, 1, 1.0, 1.0, 0, 0.1, Health.TRACKING, 0, "", ())
+
+
+def curve(s: np.ndarray) -> tuple[np.ndarray, Rotation]:
+    """Positions (N,3) and attitudes on a helix with a tilt."""
+    position = np.stack([np.cos(s), np.sin(s), 0.2 * s], axis=1)
+    return position, Rotation.from_euler("zyx", np.stack([s, 0.1 * np.sin(s), 0.2 * np.cos(s)], axis=1))
+
+
+def run_along(s: np.ndarray, yaw: float, covariance: np.ndarray) -> tuple[list[Estimate], PoseTrajectory]:
+    """Estimates in a world turned by `yaw`, and the truth."""
+    position, attitude = curve(s)
+    t_ns = START_NS + np.rint(s * NS_PER_S).astype(np.int64)
+    world = Rotation.from_euler("z", yaw)
+    estimates = []
+    for index in range(s.size):
+        T_w_b = np.eye(4)
+        T_w_b[:3, :3] = (world * attitude[index]).as_matrix()
+        T_w_b[:3, 3] = world.apply(position[index]) + np.array([3.0, 2.0, 1.0])
+        velocity = world.apply([-np.sin(s[index]), np.cos(s[index]), 0.2])
+        base = make_estimate(int(t_ns[index]))
+        estimates.append(replace(base, T_w_b=T_w_b, velocity_w=velocity, covariance=covariance))
+    return estimates, PoseTrajectory(t_ns, position, attitude.as_quat())
+
+
+@pytest.fixture
+def covariance(rng: np.random.Generator) -> np.ndarray:
+    root = 1e-3 * rng.standard_normal((STATE_DOF, STATE_DOF))
+    return root @ root.T
+
+
+@pytest.fixture
+def recording(rng: np.random.Generator) -> Recording:
+    return make_recording(rng, seconds=5.0)
+
+
+def test_a_perfect_estimate_has_no_error(recording: Recording, covariance: np.ndarray) -> None:
+    estimates, truth = run_along(np.arange(0.2, 4.0, 0.05), 0.7, covariance)
+    reports = [StepReport(estimate.t_ns, Health.TRACKING, seconds=0.01) for estimate in estimates]
+    result = RunResult(Run(estimates, reports), _SUMMARY, origin=estimates[0])
+    recording = replace(recording, ground_truth=truth)
+    score = evaluate(to_trajectory(estimates), truth, protocol_named("posyaw"))
+    data = report_data(result, recording, 0.05, score)
+    assert data.comparison is not None
+    np.testing.assert_allclose(data.comparison.position_error.value, 0.0, atol=1e-9)
+    np.testing.assert_allclose(data.comparison.orientation_error.value, 0.0, atol=1e-6)
+    # The velocity is shown in the truth's world.
+    s = data.velocity.t_s + 3_000_001 / NS_PER_S
+    np.testing.assert_allclose(
+        data.velocity.value, np.stack([-np.sin(s), np.cos(s), 0.2 + 0 * s], axis=1), atol=1e-9
+    )
+    assert data.timing.step_s.tolist() == [0.01] * len(estimates)
+
+
+def test_errors_start_at_the_origin_knot(recording: Recording, covariance: np.ndarray) -> None:
+    estimates, truth = run_along(np.arange(0.2, 4.0, 0.05), 0.0, covariance)
+    for estimate in estimates[1:]:
+        estimate.T_w_b[:3, 3] += [0.1, 0.0, 0.0]
+    result = RunResult(Run(estimates[1:], []), _SUMMARY, origin=estimates[0])
+    recording = replace(recording, ground_truth=truth)
+    score = evaluate(to_trajectory(estimates[1:]), truth, protocol_named("posyaw"))
+    data = report_data(result, recording, 0.05, score)
+    assert data.comparison is not None
+    error = data.comparison.position_error
+    assert error.t_s.size == len(estimates) - 1
+    np.testing.assert_allclose(error.value, np.tile([0.1, 0.0, 0.0], (error.t_s.size, 1)), atol=1e-9)
+
+
+def test_bounds_match_samples(recording: Recording, covariance: np.ndarray, rng: np.random.Generator) -> None:
+    estimates, truth = run_along(np.array([0.5, 0.7, 0.9]), 0.4, covariance)
+    result = RunResult(Run(estimates, []), _SUMMARY)
+    recording = replace(recording, ground_truth=truth)
+    score = evaluate(to_trajectory(estimates), truth, protocol_named("posyaw"))
+    data = report_data(result, recording, 0.05, score)
+    assert data.comparison is not None
+    draws = rng.multivariate_normal(np.zeros(STATE_DOF), covariance, 200_000)
+    phi, rho, nu_error, bias = (
+        draws[:, 3 * STATE_BLOCKS.index(name) :][:, :3] for name in ("phi", "rho", "nu", "bias_gyroscope")
+    )
+    position, attitude = curve(np.array([0.7]))
+    assert position.shape == (1, 3)
+    C = attitude[0]
+    velocity = np.array([-np.sin(0.7), np.cos(0.7), 0.2])
+    nu = C.inv().apply(velocity)
+    sampled_velocity = (C * Rotation.from_rotvec(phi)).apply(nu + nu_error)
+    for series, samples in (
+        (data.velocity, sampled_velocity),
+        (data.comparison.position_error, C.apply(rho)),
+        (data.comparison.orientation_error, np.rad2deg(phi)),
+        (data.bias_gyroscope, bias),
+    ):
+        np.testing.assert_allclose(series.sigma[1], samples.std(axis=0), rtol=0.02)
+
+
+def test_features_are_counted_from_first_to_last_observation() -> None:
+    observations = np.zeros(5, dtype=OBSERVATION_DTYPE)
+    observations["t_ns"] = START_NS + np.array([0, 1, 2, 3, 4]) * NS_PER_S
+    observations["id"] = [7, 8, 7, 8, 9]
+    times = START_NS + np.array([0, 1, 2, 3, 10]) * NS_PER_S
+    features = count_features(observations, times, START_NS)
+    assert features.alive.tolist() == [1, 2, 2, 1, 0]
+    np.testing.assert_allclose(features.age_s[:4, 1], [0.0, 0.5, 1.5, 2.0])
+    assert np.isnan(features.age_s[4]).all()

@@ -1,0 +1,201 @@
+"""The runner: nothing lost between packets, figures right, failures never hidden, outputs whole."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numba import njit
+
+from asyneio import pipeline
+from asyneio.config import Config, load_config
+from asyneio.errors import RecordingError
+from asyneio.io import read_estimates, read_tum
+from asyneio.pipeline import COMPILING, packets, run_recording, usable_span, write_outputs
+from asyneio.types import (
+    INERTIAL_DTYPE,
+    OBSERVATION_DTYPE,
+    Estimate,
+    Health,
+    Packet,
+    RecordArray,
+    Recording,
+    StepReport,
+)
+from tests.cli.fakes import Diverges, FakeOdometry, LosesTrack, NeverStarts, Raises, SkipsAWhile
+from tests.io.recordings import START_NS, make_recording
+
+INTERVAL_NS = 50_000_000
+
+
+@pytest.fixture
+def recording(rng: np.random.Generator) -> Recording:
+    return make_recording(rng, seconds=3.0, accelerometer_hz=190.0)
+
+
+@pytest.fixture(autouse=True)
+def _fake(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
+
+
+class Recorder:
+    """Progress that remembers."""
+
+    def __init__(self) -> None:
+        self.messages: list[str] = []
+        self.steps: list[tuple[float, float, Health]] = []
+
+    def message(self, text: str) -> None:
+        self.messages.append(text)
+
+    def advance(self, done_s: float, total_s: float, health: Health) -> None:
+        self.steps.append((done_s, total_s, health))
+
+
+def stamped(dtype: np.dtype[np.void], stamps: list[int]) -> RecordArray:
+    rows = np.zeros(len(stamps), dtype=dtype)
+    rows["t_ns"] = sorted(stamps)
+    return rows
+
+
+_STAMPS = st.lists(st.integers(0, 1000), min_size=1, max_size=60)
+
+
+@given(observed=_STAMPS, gyroscope=_STAMPS, accelerometer=_STAMPS, interval=st.integers(1, 300))
+def test_packets_hold_every_sample_once(
+    observed: list[int], gyroscope: list[int], accelerometer: list[int], interval: int
+) -> None:
+    recording = replace(
+        make_recording(np.random.default_rng(0), 0.2),
+        observations=stamped(OBSERVATION_DTYPE, observed),
+        gyroscope=stamped(INERTIAL_DTYPE, gyroscope),
+        accelerometer=stamped(INERTIAL_DTYPE, accelerometer),
+    )
+    start, count = 100, 700 // interval
+    cut = list(packets(recording, start, interval, count))
+    assert [packet.t_end_ns for packet in cut] == [start + interval * (k + 1) for k in range(count)]
+    for name in ("observations", "gyroscope", "accelerometer"):
+        stamps = getattr(recording, name)["t_ns"]
+        inside = stamps[(stamps >= start) & (stamps <= start + interval * count)]
+        parts = [getattr(packet, name)["t_ns"] for packet in cut]
+        np.testing.assert_array_equal(np.concatenate([[], *parts]), inside)
+        for packet, part in zip(cut, parts, strict=True):
+            assert (part <= packet.t_end_ns).all()
+            assert (part >= packet.t_end_ns - interval).all()
+
+
+def test_span_is_where_all_sensors_have_data(recording: Recording) -> None:
+    start, end = usable_span(recording)
+    assert start == START_NS + 3_000_001
+    assert end == min(recording.gyroscope["t_ns"][-1], recording.accelerometer["t_ns"][-1])
+
+
+def test_figures_of_a_run(recording: Recording) -> None:
+    progress = Recorder()
+    result = run_recording(recording, Config(), progress)
+    summary = result.summary
+    packets_fed = (usable_span(recording)[1] - usable_span(recording)[0]) // INTERVAL_NS
+    assert summary.duration_s == pytest.approx(0.05 * packets_fed)
+    assert summary.knots == packets_fed - 3 == len(result.run.estimates)
+    assert summary.first_estimate_s == pytest.approx(0.2)
+    assert (summary.features, summary.observations) == (12, 720)
+    assert summary.mean_track_life_s == pytest.approx(2.95)
+    assert summary.rejected == 2 * summary.knots
+    assert summary.mean_landmarks == 40.0
+    assert summary.real_time_factor == pytest.approx(summary.duration_s / summary.processing_s)
+    assert (summary.health, summary.failure, summary.lost_steps) == (Health.TRACKING, "", 0)
+    assert len(progress.steps) == packets_fed
+    assert progress.steps[-1][0] == progress.steps[-1][1] == pytest.approx(summary.duration_s)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "failure"),
+    [
+        (NeverStarts, "never started, so there is no trajectory: too few feature tracks"),
+        (LosesTrack, "lost track and did not recover: speed of 80 m/s"),
+        (SkipsAWhile, "a gap of 0.55 s: no features"),
+        (Diverges, "not finite"),
+        (Raises, "stopped after 17 estimates: the system is singular"),
+    ],
+)
+def test_failures_are_named(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch, estimator: type[FakeOdometry], failure: str
+) -> None:
+    monkeypatch.setattr(pipeline, "Odometry", estimator)
+    assert failure in run_recording(recording, Config()).summary.failure
+
+
+def test_too_short_a_recording_is_refused(recording: Recording) -> None:
+    short = replace(recording, gyroscope=recording.gyroscope[:20])
+    with pytest.raises(RecordingError, match=r"at least two knot intervals of 0\.05 s"):
+        run_recording(short, Config())
+
+
+def test_outputs_are_whole_and_reproducible(recording: Recording, tmp_path: Path) -> None:
+    config = load_config(None).model_copy(
+        update={"window": Config().window.model_copy(update={"length_s": 2.0})}
+    )
+    for name in ("a", "b"):
+        result = run_recording(recording, config)
+        written = write_outputs(result, config, tmp_path / name)
+        assert sorted(path.name for path in (tmp_path / name).iterdir()) == sorted(
+            path.name for path in written
+        )
+    for name in ("trajectory.tum", "estimates.npz", "config.yaml"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    trajectory, notes = read_tum(tmp_path / "a" / "trajectory.tum")
+    assert notes == ()
+    estimates = read_estimates(tmp_path / "a" / "estimates.npz")
+    assert trajectory.t_ns.tolist() == [estimate.t_ns for estimate in estimates]
+    assert load_config(tmp_path / "a" / "config.yaml") == config
+    summary = json.loads((tmp_path / "a" / "summary.json").read_text())
+    assert summary["knots"] == len(estimates)
+    assert summary["health"] == "tracking"
+
+
+def test_without_estimates_no_trajectory_and_nothing_stale(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_outputs(run_recording(recording, Config()), Config(), tmp_path)
+    monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
+    write_outputs(run_recording(recording, Config()), Config(), tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["config.yaml", "summary.json"]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["first_estimate_s"] is None
+    assert "never started" in summary["failure"]
+
+
+def test_compilation_is_announced_once_and_counted_apart(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @njit
+    def inner(x: float) -> float:
+        return x + 1.0
+
+    @njit
+    def kernel(x: float) -> float:
+        return 2.0 * inner(x)
+
+    class Compiles(FakeOdometry):
+        def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+            kernel(1.0)
+            kernel(1)
+            return super().process(packet)
+
+    monkeypatch.setattr(pipeline, "Odometry", Compiles)
+    progress = Recorder()
+    summary = run_recording(recording, Config(), progress).summary
+    assert progress.messages == [COMPILING]
+    assert summary.compile_s > 0.02
+    assert summary.processing_s < summary.compile_s
+
+
+def test_nothing_is_announced_when_nothing_compiles(recording: Recording) -> None:
+    progress = Recorder()
+    assert run_recording(recording, Config(), progress).summary.compile_s == 0.0
+    assert progress.messages == []
