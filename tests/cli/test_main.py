@@ -96,7 +96,7 @@ def _reports(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_run_writes_everything_and_shows_a_table(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
     status, out, err = asyneio("run", folder, "-o", tmp_path / "out", "--max-track-seconds", "1")
     assert status == 0, err
-    files = ["config.yaml", "estimates.npz", "report.html", "summary.json", "trajectory.tum"]
+    files = ["config.yaml", "estimates.npz", "overview.png", "report.html", "summary.json", "trajectory.tum"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == files
     for wanted in ("tracking", "times real time", "knots", "position error, RMSE", "mean life"):
         assert wanted in out
@@ -121,6 +121,7 @@ def test_run_without_truth_has_a_report_but_no_errors(asyneio: Asyneio, folder: 
     assert status == 0
     assert "RMSE" not in out
     assert "Position error" not in (tmp_path / "out" / "report.html").read_text()
+    assert not (tmp_path / "out" / "overview.png").exists()
 
 
 def test_truth_of_another_time_is_a_note(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
@@ -290,6 +291,7 @@ def test_simulate_is_reproducible_and_readable(asyneio: Asyneio, tmp_path: Path)
 @pytest.mark.usefixtures("_reports")
 def test_demo_names_the_report(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("asyneio.cli.execute.render_report", lambda *_: "page")
+    monkeypatch.setattr("asyneio.cli.execute.render_overview", lambda *_: b"picture")
     status, out, err = asyneio("demo", "-o", tmp_path / "a folder", "--duration", "2")
     assert status == 0, err
     assert "moderate, seed 0" in err

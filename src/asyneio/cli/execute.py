@@ -13,12 +13,13 @@ from asyneio.config import Config
 from asyneio.errors import EstimationError, EvaluationError
 from asyneio.evaluation import Evaluation, evaluate, protocol_named
 from asyneio.io import to_trajectory
-from asyneio.io.atomic import make_folder, write_text
+from asyneio.io.atomic import atomic_file, make_folder, write_text
 from asyneio.pipeline import RunResult, run_recording, write_outputs
 from asyneio.types import Recording
-from asyneio.viz import available, render_report
+from asyneio.viz import available, render_overview, render_report
 
 REPORT_FILE = "report.html"
+OVERVIEW_FILE = "overview.png"
 
 
 @dataclass(frozen=True)
@@ -72,16 +73,21 @@ def _score(result: RunResult, recording: Recording) -> Evaluation | None:
 def _write_report(
     job: Job, result: RunResult, score: Evaluation | None, figures: tuple[tuple[str, str], ...]
 ) -> list[Path]:
-    path = job.folder / REPORT_FILE
-    path.unlink(missing_ok=True)
+    report, overview = job.folder / REPORT_FILE, job.folder / OVERVIEW_FILE
+    for stale in (report, overview):
+        stale.unlink(missing_ok=True)
     if not result.run.estimates:
         return []
     if not available():
         console.say("note: no report without matplotlib: pip install 'asyneio[report]'")
         return []
     data = report_data(result, job.recording, job.config.window.knot_interval_s, score, job.known)
-    write_text(path, render_report(job.recording.name, job.evidence, figures, data, __version__))
-    return [path]
+    write_text(report, render_report(job.recording.name, job.evidence, figures, data, __version__))
+    if data.comparison is None:
+        return [report]
+    with atomic_file(overview) as stream:
+        stream.write(render_overview(data.comparison))
+    return [report, overview]
 
 
 def _advice(result: RunResult) -> str:

@@ -1,7 +1,7 @@
 """Plots and the report page. matplotlib is imported only when something is drawn."""
 
 from asyneio.viz.data import Comparison, Features, ReportData, Series, Timing
-from asyneio.viz.report import render_report
+from asyneio.viz.report import render_overview, render_report
 from asyneio.viz.style import VisualizationError, available
 
 __all__ = [
@@ -12,5 +12,6 @@ __all__ = [
     "Timing",
     "VisualizationError",
     "available",
+    "render_overview",
     "render_report",
 ]

@@ -47,14 +47,8 @@ def plot_path(position: FloatArray, comparison: Comparison | None) -> Figure:
 def plot_errors(series: Series, unit: str, names: tuple[str, str, str]) -> Figure:
     """Error of each axis over time inside its three-sigma band."""
     figure, panels = new_figure(3, 4.2)
-    for axis, axes in enumerate(panels):
-        t_s, error, sigma = _thin(series.t_s, series.value[:, axis], series.sigma[:, axis])
-        _band(axes, t_s, np.zeros_like(t_s), sigma, AXES_COLORS[axis])
-        axes.plot(t_s, error, color=AXES_COLORS[axis])
-        axes.axhline(0.0, color="#999999", linewidth=0.6)
-        axes.set_ylabel(f"{names[axis]} [{unit}]")
+    _errors(panels, series, unit, names)
     panels[0].set_title("error and 3 sigma", fontweight="normal", fontsize=9)
-    panels[-1].set_xlabel("time [s]")
     return figure
 
 
@@ -72,6 +66,26 @@ def plot_vector(series: Series, unit: str, names: tuple[str, str, str]) -> Figur
     known = "value, 3 sigma and truth (grey)" if series.truth is not None else "value and 3 sigma"
     panels[0].set_title(known, fontweight="normal", fontsize=9)
     panels[-1].set_xlabel("time [s]")
+    return figure
+
+
+def plot_overview(comparison: Comparison) -> Figure:
+    """One picture of a run against the truth: the path from above, and the position error with its bounds."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 4.6), layout="constrained")
+    left, right = np.ravel(np.asarray(figure.subfigures(1, 2, width_ratios=(0.85, 1.15))))
+    path = left.subplots()
+    _path(path, comparison.position_truth, 1, TRUTH, "truth", 3.0, 0.45)
+    _path(path, comparison.position_estimate, 1, ESTIMATE, "estimate", 1.2, 1.0)
+    path.plot(*comparison.position_estimate[0, :2], "o", color=ACCENT, markersize=5, label="start", zorder=5)
+    path.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    path.set_adjustable("datalim")
+    left.legend(*path.get_legend_handles_labels(), ncols=3, loc="outside upper center")
+    panels = list(right.subplots(3, 1, sharex=True))
+    error = comparison.position_error
+    _errors(panels, Series(error.t_s, 100.0 * error.value, 100.0 * error.sigma), "cm", ("x", "y", "z"))
+    panels[0].set_title("position error and 3 sigma", fontweight="normal")
     return figure
 
 
@@ -111,6 +125,16 @@ def _frame(position: FloatArray) -> tuple[FloatArray, FloatArray]:
     spans[0] = max(spans[0], 0.8 * max(spans[1], spans[2]))
     spans[1:] = np.maximum(spans[1:], 0.3 * spans[0])
     return (low + high) / 2.0, spans
+
+
+def _errors(panels: list[Axes], series: Series, unit: str, names: tuple[str, str, str]) -> None:
+    for axis, axes in enumerate(panels):
+        t_s, error, sigma = _thin(series.t_s, series.value[:, axis], series.sigma[:, axis])
+        _band(axes, t_s, np.zeros_like(t_s), sigma, AXES_COLORS[axis])
+        axes.plot(t_s, error, color=AXES_COLORS[axis])
+        axes.axhline(0.0, color="#999999", linewidth=0.6)
+        axes.set_ylabel(f"{names[axis]} [{unit}]")
+    panels[-1].set_xlabel("time [s]")
 
 
 def _path(

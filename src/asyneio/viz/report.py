@@ -7,8 +7,8 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from asyneio.viz import plots
-from asyneio.viz.data import ReportData
-from asyneio.viz.style import plotting, to_svg
+from asyneio.viz.data import Comparison, ReportData
+from asyneio.viz.style import plotting, to_png, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,6 +68,12 @@ def render_report(title: str, lead: str, table: Rows, data: ReportData, version:
             f"</main>\n<footer>asyneio {escape(version)}</footer>\n</body>\n</html>\n",
         )
     )
+
+
+def render_overview(comparison: Comparison) -> bytes:
+    """One picture of a run against the truth, as a PNG file. Raises VisualizationError as `render_report`."""
+    with plotting():
+        return to_png(plots.plot_overview(comparison))
 
 
 def _figures(data: ReportData) -> Iterator[tuple[str, str, Figure]]:

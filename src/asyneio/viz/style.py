@@ -85,6 +85,13 @@ def new_figure(rows: int, height: float, share_y: bool = False) -> tuple[Figure,
     return figure, list(axes)
 
 
+def to_png(figure: Figure) -> bytes:
+    """The figure as a PNG file."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
+    return buffer.getvalue()
+
+
 def to_svg(figure: Figure) -> str:
     """The figure as an `<svg>` element for a page."""
     buffer = io.StringIO()
