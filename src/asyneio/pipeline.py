@@ -31,7 +31,7 @@ ESTIMATES_FILE = "estimates.npz"
 CONFIG_FILE = "config.yaml"
 SUMMARY_FILE = "summary.json"
 
-COMPILING = "Compiling numerical kernels (first run after installation, up to a minute) ..."
+COMPILING = "Compiling numerical kernels (first run after installation, about a minute) ..."
 
 
 class Estimator(Protocol):
