@@ -32,13 +32,12 @@ def marginalize_oldest(problem: Problem, prior: Prior) -> Prior:
     Raises:
         EstimationError: the oldest knot is not constrained.
     """
-    part = _factors_of_oldest(problem)
+    part = _factors_of_oldest(problem, prior)
+    knots = len(part.states.r)
     system = linearize(part)
     add_prior(system, prior, difference(problem.states, prior))
     eliminate_landmarks(system, part.landmarks, part.model)
-    knots = _touched_knots(part, prior)
-    n = 24 * knots
-    H, b = system.H[:n, :n], system.b[:n]
+    H, b = system.H, system.b
     try:
         factor = cho_factor(H[:24, :24], lower=True, check_finite=False)
     except np.linalg.LinAlgError as error:
@@ -54,13 +53,6 @@ def marginalize_oldest(problem: Problem, prior: Prior) -> Prior:
     shifted = Prior(R, information, np.zeros(len(R)), linearization)
     delta = difference(States(*(a[1:] for a in problem.states)), shifted)
     return Prior(R, R.T @ R, y - R @ delta, linearization)
-
-
-def _touched_knots(part: Problem, prior: Prior) -> int:
-    """Number of leading knots that the removed factors or the old prior touch; at least two."""
-    counts = np.diff(part.visual.start)
-    last_interval = int(np.flatnonzero(counts)[-1]) if counts.any() else 0
-    return max(last_interval + 2, prior.knots)
 
 
 def _square_root(information: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -80,23 +72,30 @@ def _square_root(information: FloatArray, gradient: FloatArray) -> tuple[FloatAr
     return R * scale, y
 
 
-def _factors_of_oldest(problem: Problem) -> Problem:
-    """The sub-problem of interval 0 and of the landmarks anchored in knot 0."""
-    motion = np.zeros_like(problem.motion)
-    motion[0] = problem.motion[0]
+def _factors_of_oldest(problem: Problem, prior: Prior) -> Problem:
+    """The sub-problem of interval 0 and of the landmarks anchored in knot 0, on the knots that it touches."""
     keep = problem.landmarks.anchor == 0
+    visual = _of_landmarks(problem.visual, keep)
+    observed = np.flatnonzero(np.diff(visual.start))
+    knots = max(int(observed[-1]) + 2 if len(observed) else 2, prior.knots)
+    motion = np.zeros(knots - 1, dtype=np.bool_)
+    motion[0] = problem.motion[0]
     return problem._replace(
+        states=States(*(a[:knots] for a in problem.states)),
+        linearization=States(*(a[:knots] for a in problem.linearization)),
+        frozen=min(problem.frozen, knots),
         motion=motion,
-        gyroscope=_first_interval(problem.gyroscope),
-        accelerometer=_first_interval(problem.accelerometer),
-        visual=_of_landmarks(problem.visual, keep),
+        gyroscope=_first_interval(problem.gyroscope, knots),
+        accelerometer=_first_interval(problem.accelerometer, knots),
+        visual=visual._replace(start=visual.start[:knots]),
         landmarks=Landmarks(*(np.ascontiguousarray(a[keep]) for a in problem.landmarks)),
     )
 
 
-def _first_interval(samples: Inertial) -> Inertial:
-    start = samples.start.copy()
-    start[1:] = start[1]
+def _first_interval(samples: Inertial, knots: int) -> Inertial:
+    """Samples of interval 0 alone, for `knots` knots."""
+    start = np.full(knots, samples.start[1])
+    start[0] = samples.start[0]
     return samples._replace(start=start)
 
 

@@ -99,10 +99,14 @@ class VisualBuffer:
         self.root_information = self.root_information[mask]
         self.weights = self.weights[mask]
 
-    def arrays(self, landmark: IntArray, first: int, intervals: int) -> Visual:
-        """Arrays for the observations with `landmark >= 0`, sorted by interval and landmark."""
+    def arrays(self, landmark: IntArray, anchor: IntArray, first: int, intervals: int) -> Visual:
+        """Arrays for the observations with `landmark >= 0`, sorted by interval, anchor and landmark.
+
+        `landmark` (N,) is the index of each observation's landmark, `anchor` (L,) the landmarks' anchors.
+        """
         chosen = np.flatnonzero(landmark >= 0)
-        chosen = chosen[np.lexsort((landmark[chosen], self.interval[chosen]))]
+        mine = landmark[chosen]
+        chosen = chosen[np.lexsort((mine, anchor[mine], self.interval[chosen]))]
         start = np.searchsorted(self.interval[chosen], first + np.arange(intervals + 1))
         return Visual(
             start,

@@ -71,14 +71,14 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
     converged = False
     while True:
         system = linearize(problem)
-        cost = system.cost[0] + add_prior(system, prior, prior_delta)
+        cost = system.cost + add_prior(system, prior, prior_delta)
         if not np.isfinite(cost):
             raise EstimationError(
                 "the cost of the window is not finite; expected finite states and measurements: "
                 "check the recording for corrupt values"
             )
         initial_cost = cost if iterations == 0 else initial_cost
-        visual_cost, rejected = float(system.cost[1]), int(system.rejected[0])
+        visual_cost, rejected = system.visual_cost, system.rejected
         eliminate_landmarks(system, problem.landmarks, problem.model)
         iterations += 1
         accepted = _damped_step(problem, system, prior, cost, damping, settings.damping)
@@ -175,7 +175,7 @@ def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem
     linearization = problem.linearization.copied()
     landmarks = problem.landmarks.copied()
     landmark_step = np.zeros((len(landmarks.rho), 3))
-    landmark_steps(system, problem.model.landmark_dof, step, landmark_step)
+    landmark_steps(system, landmarks.anchor, step, landmark_step)
     _retract(states, linearization, problem.frozen, step, landmarks, landmark_step)
     return problem._replace(states=states, linearization=linearization, landmarks=landmarks)
 

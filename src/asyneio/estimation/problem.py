@@ -37,7 +37,7 @@ class Inertial(NamedTuple):
 
 
 class Visual(NamedTuple):
-    """Observations of landmarks; within an interval sorted by landmark."""
+    """Observations of landmarks; within an interval sorted by anchor, then landmark."""
 
     start: IntArray  # (I+1,)
     weights: FloatArray  # (M,5) first row of the interpolation weights (20)

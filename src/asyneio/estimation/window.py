@@ -117,7 +117,7 @@ class Window:
             gyroscope=self._gyroscope.arrays(self.first, intervals),
             accelerometer=self._accelerometer.arrays(self.first, intervals),
             visual=self._visual.arrays(
-                self.landmarks.index_of(self._visual.track), self.first, intervals
+                self.landmarks.index_of(self._visual.track), self.landmarks.anchor, self.first, intervals
             ),
             landmarks=self.landmarks.arrays(self.first),
             model=self._model(),

@@ -10,7 +10,8 @@ from numba import njit
 
 from asyneio.geometry.linalg import matvec_t
 from asyneio.geometry.se3 import right_jacobian, right_jacobian_times
-from asyneio.trajectory.interpolation import query_pose, query_pose_jacobian, query_rates, weighted
+from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
+from asyneio.trajectory.interpolation import query_rates, query_rates_jacobian, weighted
 from asyneio.types import FloatArray
 
 
@@ -26,14 +27,13 @@ def gyroscope_residual(
     """`residual` (3,) of (21), unwhitened. `bias` (2,6) holds [b_g, b_a] of the two knots."""
     xi = np.empty(6)
     xi_dot = np.empty(6)
-    omega = np.empty(6)
-    J = np.empty((6, 6))
+    J = np.empty((3, 3))
     weighted(local, weights[0], xi)
     weighted(local, weights[1], xi_dot)
-    right_jacobian(xi, J)
+    so3_right_jacobian(xi[:3], J)
     for i in range(3):
-        omega[i] = J[i, 0] * xi_dot[0] + J[i, 1] * xi_dot[1] + J[i, 2] * xi_dot[2]
-        residual[i] = value[i] - omega[i] - (1.0 - alpha) * bias[0, i] - alpha * bias[1, i]
+        omega = J[i, 0] * xi_dot[0] + J[i, 1] * xi_dot[1] + J[i, 2] * xi_dot[2]
+        residual[i] = value[i] - omega - (1.0 - alpha) * bias[0, i] - alpha * bias[1, i]
 
 
 @njit(cache=True)
@@ -70,13 +70,11 @@ def accelerometer_residual(
     residual: FloatArray,
 ) -> None:
     """`residual` (3,) of (21), unwhitened. `bias` (2,6), `gravity_w` (3,) in the world."""
-    varpi = np.empty(6)
-    varpi_dot = np.empty(6)
-    unused = np.empty((12, 18))
+    varpi = np.empty((2, 6))
     gravity_b = np.empty(3)
-    query_rates(local, weights, varpi, varpi_dot, unused)
+    query_rates(local, weights, varpi)
     _gravity_in_body(C_0, local, weights, gravity_w, gravity_b)
-    w, v, a = varpi[:3], varpi[3:], varpi_dot[3:]
+    w, v, a = varpi[0, :3], varpi[0, 3:], varpi[1, 3:]
     residual[0] = value[0] - a[0] - (w[1] * v[2] - w[2] * v[1]) + gravity_b[0]
     residual[1] = value[1] - a[1] - (w[2] * v[0] - w[0] * v[2]) + gravity_b[1]
     residual[2] = value[2] - a[2] - (w[0] * v[1] - w[1] * v[0]) + gravity_b[2]
@@ -89,10 +87,13 @@ def _gravity_in_body(
     C_0: FloatArray, local: FloatArray, weights: FloatArray, gravity_w: FloatArray, out: FloatArray
 ) -> None:
     """`out = C(tau)^T g`."""
-    C = np.empty((3, 3))
-    r = np.empty(3)
-    query_pose(C_0, np.zeros(3), local, weights[0], C, r)
-    matvec_t(C, gravity_w, out)
+    xi = np.empty(6)
+    C_d = np.empty((3, 3))
+    g_0 = np.empty(3)
+    weighted(local, weights[0], xi)
+    so3_exp(xi[:3], C_d)
+    matvec_t(C_0, gravity_w, g_0)
+    matvec_t(C_d, g_0, out)
 
 
 @njit(cache=True)
@@ -105,17 +106,22 @@ def accelerometer_jacobian(
     jacobian: FloatArray,
 ) -> None:
     """`jacobian` (3,48) of `accelerometer_residual` with respect to the local coordinates, (22)-(23)."""
-    varpi = np.empty(6)
-    varpi_dot = np.empty(6)
+    varpi = np.empty((2, 6))
     rates = np.empty((12, 18))
-    d_eps = np.empty((6, 6))
-    d_pose = np.empty((6, 6))
+    C_d = np.empty((3, 3))
+    J = np.empty((3, 3))
+    xi = np.empty(6)
+    g_0 = np.empty(3)
     g = np.empty(3)
     d_gamma = np.empty((3, 18))
-    query_rates(local, weights, varpi, varpi_dot, rates)
-    query_pose_jacobian(local, weights[0], d_eps, d_pose)
-    _gravity_in_body(C_0, local, weights, gravity_w, g)
-    w, v = varpi[:3], varpi[3:]
+    query_rates_jacobian(local, weights, varpi, rates)
+    # Gravity turns with the rotation alone: d phi(tau) = C_d^T d phi_k + J_r(phi) d phi (62)-(63).
+    weighted(local, weights[0], xi)
+    so3_exp(xi[:3], C_d)
+    so3_right_jacobian(xi[:3], J)
+    matvec_t(C_0, gravity_w, g_0)
+    matvec_t(C_d, g_0, g)
+    w, v = varpi[0, :3], varpi[0, 3:]
     jacobian[:] = 0.0
     for i in range(3):
         i1 = (i + 1) % 3
@@ -129,8 +135,8 @@ def accelerometer_jacobian(
             )
         for j in range(3):
             # (C^T g)^ on the rotation of the query pose (23).
-            d_gamma[i, j] += g[i1] * d_pose[i2, j] - g[i2] * d_pose[i1, j]
-            jacobian[i, j] = g[i1] * d_eps[i2, j] - g[i2] * d_eps[i1, j]
+            d_gamma[i, j] += g[i1] * J[i2, j] - g[i2] * J[i1, j]
+            jacobian[i, j] = g[i1] * C_d[j, i2] - g[i2] * C_d[j, i1]
         for b in range(5):
             o = 6 + 6 * b
             for j in range(6):

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from asyneio.geometry.linalg import matmul, matmul_tn, matvec
-from asyneio.geometry.series import INVERSE_SERIES, JACOBIAN_SERIES, evaluate_series
+from asyneio.geometry.series import INVERSE_SERIES, JACOBIAN_SERIES, evaluate_series, evaluate_values
 from asyneio.geometry.so3 import so3_exp, so3_left_jacobian, so3_left_jacobian_inverse, so3_log
 from asyneio.types import FloatArray
 
@@ -161,18 +161,18 @@ def _subtract_curly(v: FloatArray, out: FloatArray) -> None:
 
 @njit(cache=True)
 def _polynomial_matrix(xi: FloatArray, c: FloatArray, out: FloatArray) -> None:
-    """`out = 1 + sum_i c[i-1] curly(xi)^i`, i = 1..4, by Horner's rule."""
-    work = np.zeros((6, 6))
-    out[:] = 0.0
-    for i in range(6):
-        out[i, i] = c[3]
-    for k in range(2, -2, -1):
-        work[:] = 0.0
-        _add_bracket_columns(xi, out, work)
-        out[:] = work
-        diagonal = c[k] if k >= 0 else 1.0
+    """`out = 1 + sum_i c[i-1] curly(xi)^i`, i = 1..4, column by column."""
+    v = np.empty(6)
+    v_next = np.empty(6)
+    for j in range(6):
         for i in range(6):
-            out[i, i] += diagonal
+            v[i] = 1.0 if i == j else 0.0
+            out[i, j] = v[i]
+        for k in range(4):
+            bracket(xi, v, v_next)
+            for i in range(6):
+                v[i] = v_next[i]
+                out[i, j] += c[k] * v[i]
 
 
 @njit(cache=True)
@@ -183,17 +183,58 @@ def _squared_angle(xi: FloatArray) -> float:
 @njit(cache=True)
 def right_jacobian(xi: FloatArray, out: FloatArray) -> None:
     """`out = J_r(xi)` (6,6), the right Jacobian in (8), angles to 2 pi."""
-    c = np.empty((4, 3))
-    evaluate_series(JACOBIAN_SERIES, _squared_angle(xi), False, c)
-    _polynomial_matrix(xi, c[:, 0], out)
+    c = np.empty(4)
+    evaluate_values(JACOBIAN_SERIES, _squared_angle(xi), False, c)
+    _polynomial_matrix(xi, c, out)
 
 
 @njit(cache=True)
 def right_jacobian_inverse(xi: FloatArray, out: FloatArray) -> None:
     """`out = J_r(xi)^{-1}` (6,6), angles to pi."""
-    c = np.empty((4, 3))
-    evaluate_series(INVERSE_SERIES, _squared_angle(xi), True, c)
-    _polynomial_matrix(xi, c[:, 0], out)
+    c = np.empty(4)
+    evaluate_values(INVERSE_SERIES, _squared_angle(xi), True, c)
+    _polynomial_matrix(xi, c, out)
+
+
+@njit(cache=True)
+def rows_times_right_jacobian(rows: FloatArray, xi: FloatArray, c: FloatArray, out: FloatArray) -> None:
+    """`out = rows J_r(xi)` for `rows` (m,6), without forming J_r; `c` (4,) is scratch.
+
+    A row times curly(xi) is (a x phi + b x rho, b x phi).
+    """
+    evaluate_values(JACOBIAN_SERIES, _squared_angle(xi), False, c)
+    for m in range(rows.shape[0]):
+        a0, a1, a2 = rows[m, 0], rows[m, 1], rows[m, 2]
+        b0, b1, b2 = rows[m, 3], rows[m, 4], rows[m, 5]
+        for k in range(6):
+            out[m, k] = rows[m, k]
+        for i in range(4):
+            p0 = a1 * xi[2] - a2 * xi[1] + b1 * xi[5] - b2 * xi[4]
+            p1 = a2 * xi[0] - a0 * xi[2] + b2 * xi[3] - b0 * xi[5]
+            p2 = a0 * xi[1] - a1 * xi[0] + b0 * xi[4] - b1 * xi[3]
+            q0 = b1 * xi[2] - b2 * xi[1]
+            q1 = b2 * xi[0] - b0 * xi[2]
+            q2 = b0 * xi[1] - b1 * xi[0]
+            a0, a1, a2, b0, b1, b2 = p0, p1, p2, q0, q1, q2
+            out[m, 0] += c[i] * a0
+            out[m, 1] += c[i] * a1
+            out[m, 2] += c[i] * a2
+            out[m, 3] += c[i] * b0
+            out[m, 4] += c[i] * b1
+            out[m, 5] += c[i] * b2
+
+
+@njit(cache=True)
+def rows_times_adjoint_inverse(rows: FloatArray, C: FloatArray, r: FloatArray, out: FloatArray) -> None:
+    """`out = rows Ad(T)^{-1}` for `rows` (m,6): a row (a, b) becomes (C a - C b x r, C b)."""
+    for m in range(rows.shape[0]):
+        for i in range(3):
+            out[m, i] = C[i, 0] * rows[m, 0] + C[i, 1] * rows[m, 1] + C[i, 2] * rows[m, 2]
+            out[m, 3 + i] = C[i, 0] * rows[m, 3] + C[i, 1] * rows[m, 4] + C[i, 2] * rows[m, 5]
+        e0, e1, e2 = out[m, 3], out[m, 4], out[m, 5]
+        out[m, 0] -= e1 * r[2] - e2 * r[1]
+        out[m, 1] -= e2 * r[0] - e0 * r[2]
+        out[m, 2] -= e0 * r[1] - e1 * r[0]
 
 
 @njit(cache=True)
@@ -337,3 +378,55 @@ def right_jacobian_inverse_rate_times(
     c = np.empty((4, 3))
     evaluate_series(INVERSE_SERIES, _squared_angle(xi), True, c)
     _apply_derivative(xi, u, v, c, d_xi, d_u, d_v, out)
+
+
+@njit(cache=True)
+def _apply_values(
+    xi: FloatArray, u: FloatArray, v: FloatArray, c: FloatArray, value: FloatArray, rate: FloatArray
+) -> None:
+    """`value = f(curly(xi)) v` and `rate = D_xi[f(curly(xi)) v] u` without their derivatives."""
+    v_i = v.copy()
+    w_i = np.zeros(6)
+    v_next = np.empty(6)
+    w_next = np.empty(6)
+    scratch = np.empty(6)
+    u_phi = 2.0 * (xi[0] * u[0] + xi[1] * u[1] + xi[2] * u[2])
+    for a in range(6):
+        value[a] = v[a]
+        rate[a] = 0.0
+    for i in range(4):
+        bracket(xi, w_i, w_next)
+        bracket(u, v_i, scratch)
+        bracket(xi, v_i, v_next)
+        for a in range(6):
+            v_i[a] = v_next[a]
+            w_i[a] = w_next[a] + scratch[a]
+            value[a] += c[i, 0] * v_i[a]
+            rate[a] += c[i, 0] * w_i[a] + c[i, 1] * u_phi * v_i[a]
+
+
+@njit(cache=True)
+def varpi_from_local(gamma: FloatArray, out: FloatArray) -> None:
+    """`out` (2,6) = [varpi, varpi_dot] from `gamma` (3,6) = [xi, xi_dot, xi_ddot]: (8), exact (71)."""
+    c = np.empty((4, 3))
+    unused = np.empty(6)
+    rate = np.empty(6)
+    evaluate_series(JACOBIAN_SERIES, _squared_angle(gamma[0]), False, c)
+    _apply_values(gamma[0], gamma[1], gamma[2], c, out[1], unused)
+    _apply_values(gamma[0], gamma[1], gamma[1], c, out[0], rate)
+    for a in range(6):
+        out[1, a] += rate[a]
+
+
+@njit(cache=True)
+def local_from_varpi(xi: FloatArray, varpi: FloatArray, out: FloatArray) -> None:
+    """`out` (2,6) = [xi_dot, xi_ddot] from `xi` and `varpi` (2,6) = [varpi, varpi_dot]: (8)-(9), exact."""
+    c = np.empty((4, 3))
+    unused = np.empty(6)
+    rate = np.empty(6)
+    evaluate_series(INVERSE_SERIES, _squared_angle(xi), True, c)
+    _apply_values(xi, varpi[0], varpi[0], c, out[0], unused)
+    _apply_values(xi, out[0], varpi[0], c, unused, rate)
+    _apply_values(xi, out[0], varpi[1], c, out[1], unused)
+    for a in range(6):
+        out[1, a] += rate[a]

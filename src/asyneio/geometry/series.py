@@ -18,6 +18,7 @@ convergence 2 pi, used to theta = pi), together with their first and second deri
 
 from __future__ import annotations
 
+from fractions import Fraction
 from math import comb, factorial
 
 import numpy as np
@@ -31,11 +32,9 @@ _TERMS_INVERSE = 44
 
 def _bernoulli_over_factorial(count: int) -> list[float]:
     """B_{2n} / (2n)! for n = 0..count-1, exactly in rationals, then rounded."""
-    from fractions import Fraction
-
-    bernoulli = [Fraction(1)]
+    bernoulli: list[Fraction] = [Fraction(1)]
     for m in range(1, 2 * count):
-        total = sum(Fraction(comb(m + 1, k)) * bernoulli[k] for k in range(m))
+        total = sum((comb(m + 1, k) * bernoulli[k] for k in range(m)), Fraction(0))
         bernoulli.append(-total / (m + 1))
     return [float(bernoulli[2 * n] / factorial(2 * n)) for n in range(count)]
 
@@ -125,3 +124,14 @@ def evaluate_value(table: FloatArray, row: int, s: float, is_inverse: bool) -> f
     for i in range(_terms_needed(s, table.shape[1], is_inverse) - 1, -1, -1):
         p = p * s + table[row, i]
     return p
+
+
+@njit(cache=True)
+def evaluate_values(table: FloatArray, s: float, is_inverse: bool, out: FloatArray) -> None:
+    """Values at s of every row of `table`: `out` (rows,)."""
+    n = _terms_needed(s, table.shape[1], is_inverse)
+    for r in range(table.shape[0]):
+        p = 0.0
+        for i in range(n - 1, -1, -1):
+            p = p * s + table[r, i]
+        out[r] = p

@@ -24,6 +24,7 @@ from numba import njit
 from asyneio.geometry.linalg import matmul
 from asyneio.geometry.se3 import (
     adjoint_inverse,
+    local_from_varpi,
     right_jacobian,
     right_jacobian_inverse,
     right_jacobian_inverse_rate_times,
@@ -34,6 +35,7 @@ from asyneio.geometry.se3 import (
     se3_compose,
     se3_exp,
     se3_log,
+    varpi_from_local,
 )
 from asyneio.types import FloatArray
 
@@ -59,19 +61,12 @@ def interval_local(
     """
     C = np.empty((3, 3))
     r = np.empty(3)
-    unused = np.empty((6, 6))
-    rate_u = np.empty((6, 6))
-    rate_v = np.empty((6, 6))
-    acceleration = np.empty(6)
     se3_between(C_0, r_0, C_1, r_1, C, r)
-    out[0] = varpi_0[0]
-    out[1] = varpi_0[1]
-    xi = out[2]
-    se3_log(C, r, xi)
-    right_jacobian_inverse_times(xi, varpi_1[0], unused, out[3])
-    right_jacobian_inverse_times(xi, varpi_1[1], unused, acceleration)
-    right_jacobian_inverse_rate_times(xi, out[3], varpi_1[0], unused, rate_u, rate_v, out[4])
-    out[4] += acceleration
+    for i in range(6):
+        out[0, i] = varpi_0[0, i]
+        out[1, i] = varpi_0[1, i]
+    se3_log(C, r, out[2])
+    local_from_varpi(out[2], varpi_1, out[3:])
 
 
 @njit(cache=True)
@@ -89,14 +84,9 @@ def interval_chain(
     xi = np.empty(6)
     xi_dot = np.empty(6)
     unused = np.empty(6)
-    J_inv = np.empty((6, 6))
-    Ad_inv = np.empty((6, 6))
-    d_dot = np.empty((6, 6))
-    d_acc = np.empty((6, 6))
-    d_rate = np.empty((6, 6))
-    d_rate_u = np.empty((6, 6))
-    d_rate_v = np.empty((6, 6))
-    work = np.empty((6, 6))
+    scratch = np.empty((8, 6, 6))
+    J_inv, Ad_inv, d_dot, d_acc = scratch[0], scratch[1], scratch[2], scratch[3]
+    d_rate, d_rate_u, d_rate_v, work = scratch[4], scratch[5], scratch[6], scratch[7]
     se3_between(C_0, r_0, C_1, r_1, C, r)
     se3_log(C, r, xi)
     right_jacobian_inverse(xi, J_inv)
@@ -153,9 +143,22 @@ def query_pose(
     C_0: FloatArray, r_0: FloatArray, local: FloatArray, weights: FloatArray, C: FloatArray, r: FloatArray
 ) -> None:
     """Pose at the query time, `T(tau) = T_k Exp(xi(tau))` (58); `weights` (5,) is the first row of (20)."""
-    xi = np.empty(6)
-    C_d = np.empty((3, 3))
-    r_d = np.empty(3)
+    query_pose_with_step(C_0, r_0, local, weights, np.empty(6), np.empty((3, 3)), np.empty(3), C, r)
+
+
+@njit(cache=True)
+def query_pose_with_step(
+    C_0: FloatArray,
+    r_0: FloatArray,
+    local: FloatArray,
+    weights: FloatArray,
+    xi: FloatArray,
+    C_d: FloatArray,
+    r_d: FloatArray,
+    C: FloatArray,
+    r: FloatArray,
+) -> None:
+    """`query_pose` that also leaves xi(tau) (6,) and `(C_d, r_d) = Exp(xi(tau))`."""
     weighted(local, weights, xi)
     se3_exp(xi, C_d, r_d)
     se3_compose(C_0, r_0, C_d, r_d, C, r)
@@ -174,30 +177,34 @@ def query_pose_jacobian(local: FloatArray, weights: FloatArray, d_eps: FloatArra
 
 
 @njit(cache=True)
-def query_rates(
-    local: FloatArray, weights: FloatArray, varpi: FloatArray, varpi_dot: FloatArray, jacobian: FloatArray
-) -> None:
-    """Generalised velocity and acceleration at the query time, (8) and the exact form of (71).
+def query_rates(local: FloatArray, weights: FloatArray, out: FloatArray) -> None:
+    """Generalised velocity and acceleration at the query time: `out` (2,6), `weights` (3,5); (8), exact (71)."""
+    gamma = np.empty((3, 6))
+    for a in range(3):
+        weighted(local, weights[a], gamma[a])
+    varpi_from_local(gamma, out)
 
-    `weights` (3,5); `jacobian` (12,18) = d [varpi, varpi_dot] / d [xi, xi_dot, xi_ddot](tau), exact (68)-(74).
+
+@njit(cache=True)
+def query_rates_jacobian(local: FloatArray, weights: FloatArray, varpi: FloatArray, jacobian: FloatArray) -> None:
+    """`query_rates` into `varpi` (2,6), and its derivative with respect to gamma(tau).
+
+    `jacobian` (12,18) = d [varpi, varpi_dot] / d [xi, xi_dot, xi_ddot](tau), exact (68)-(74).
     """
     gamma = np.empty((3, 6))
-    J = np.empty((6, 6))
-    d_vel = np.empty((6, 6))
-    d_acc = np.empty((6, 6))
-    d_rate = np.empty((6, 6))
-    d_rate_u = np.empty((6, 6))
-    d_rate_v = np.empty((6, 6))
     rate = np.empty(6)
+    scratch = np.empty((6, 6, 6))
+    J, d_vel, d_acc = scratch[0], scratch[1], scratch[2]
+    d_rate, d_rate_u, d_rate_v = scratch[3], scratch[4], scratch[5]
     for a in range(3):
         weighted(local, weights[a], gamma[a])
     right_jacobian(gamma[0], J)
-    right_jacobian_times(gamma[0], gamma[1], d_vel, varpi)
-    right_jacobian_times(gamma[0], gamma[2], d_acc, varpi_dot)
+    right_jacobian_times(gamma[0], gamma[1], d_vel, varpi[0])
+    right_jacobian_times(gamma[0], gamma[2], d_acc, varpi[1])
     right_jacobian_rate_times(gamma[0], gamma[1], gamma[1], d_rate, d_rate_u, d_rate_v, rate)
     jacobian[:] = 0.0
     for i in range(6):
-        varpi_dot[i] += rate[i]
+        varpi[1, i] += rate[i]
         for j in range(6):
             jacobian[i, j] = d_vel[i, j]
             jacobian[i, 6 + j] = J[i, j]
