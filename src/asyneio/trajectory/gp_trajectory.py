@@ -32,6 +32,7 @@ from asyneio.trajectory.interpolation import (
     query_pose,
     query_pose_jacobian,
     query_rates,
+    query_rates_jacobian,
 )
 from asyneio.trajectory.motion_prior import conditional_covariance, interpolation_weights_many
 from asyneio.types import FloatArray, IntArray
@@ -310,9 +311,8 @@ def _query_poses(
 
 @njit(cache=True)
 def _query_rates(local: FloatArray, k: IntArray, weights: FloatArray, out: FloatArray) -> None:
-    unused = np.empty((12, 18))
     for n in range(k.shape[0]):
-        query_rates(local[k[n]], weights[n], out[n, 0], out[n, 1], unused)
+        query_rates(local[k[n]], weights[n], out[n])
 
 
 @njit(cache=True)
@@ -353,12 +353,11 @@ def _state_jacobians(local: FloatArray, weights: FloatArray, G: FloatArray, to_l
 
     `G` (18,18) with respect to gamma, `to_local` (18,36) to the interval's local coordinates.
     """
-    varpi = np.empty(6)
-    varpi_dot = np.empty(6)
+    unused = np.empty((2, 6))
     d_eps = np.empty((6, 6))
     d_xi = np.empty((6, 6))
     query_pose_jacobian(local, weights[0], d_eps, d_xi)
-    query_rates(local, weights, varpi, varpi_dot, G[6:])
+    query_rates_jacobian(local, weights, unused, G[6:])
     G[:6] = 0.0
     G[:6, :6] = d_xi
     to_local[:] = 0.0
