@@ -19,7 +19,7 @@ from asyneio.estimation.interval_terms import (
     motion_terms,
 )
 from asyneio.estimation.problem import Landmarks, Model, Problem
-from asyneio.estimation.visual_terms import VisualSums, visual_terms
+from asyneio.estimation.visual_terms import VisualSums, empty_sums, visual_terms
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 
@@ -49,7 +49,8 @@ def linearize(problem: Problem) -> LinearSystem:
     chain = np.zeros((knots - 1, 48, 48))
     interval_chains(problem.linearization, needed, chain)
     H_local, b_local = np.zeros((knots - 1, 48, 48)), np.zeros((knots - 1, 48))
-    sums = _empty_sums(problem)
+    dof = problem.model.landmark_dof
+    sums = empty_sums(knots - 1, knots, len(problem.landmarks.rho), dof)
     cost, visual_cost, rejected = _terms(problem, local, local_lin, chain, True, H_local, b_local, sums)
     H, b = np.zeros((24 * knots, 24 * knots)), np.zeros(24 * knots)
     _move_to_knots(needed, chain, H_local, b_local, sums, H, b)
@@ -109,25 +110,7 @@ def _needed(problem: Problem) -> BoolArray:
     return np.asarray(problem.motion | (counts > 0))
 
 
-def _sums(intervals: int, knots: int, landmarks: int, dof: int) -> VisualSums:
-    return VisualSums(
-        H_anchor=np.zeros((intervals, knots, 36, 6)),
-        touched=np.zeros((intervals, knots), dtype=np.bool_),
-        H_pose=np.zeros((knots, 6, 6)),
-        b_pose=np.zeros((knots, 6)),
-        W=np.zeros((landmarks, dof, knots, 18)),
-        H_l=np.zeros((landmarks, 3, 3)),
-        b_l=np.zeros((landmarks, 3)),
-        end=np.zeros(landmarks, dtype=np.int64),
-    )
-
-
-_NO_SUMS = _sums(0, 0, 0, 0)
-
-
-def _empty_sums(problem: Problem) -> VisualSums:
-    knots = len(problem.states.r)
-    return _sums(knots - 1, knots, len(problem.landmarks.rho), problem.model.landmark_dof)
+_NO_SUMS = empty_sums(0, 0, 0, 0)
 
 
 @njit(cache=True)

@@ -33,6 +33,20 @@ class VisualSums(NamedTuple):
     end: IntArray  # (L,) one past the last knot that a landmark touches
 
 
+def empty_sums(intervals: int, knots: int, landmarks: int, dof: int) -> VisualSums:
+    """Zeroed sums."""
+    return VisualSums(
+        H_anchor=np.zeros((intervals, knots, 36, 6)),
+        touched=np.zeros((intervals, knots), dtype=np.bool_),
+        H_pose=np.zeros((knots, 6, 6)),
+        b_pose=np.zeros((knots, 6)),
+        W=np.zeros((landmarks, dof, knots, 18)),
+        H_l=np.zeros((landmarks, 3, 3)),
+        b_l=np.zeros((landmarks, 3)),
+        end=np.zeros(landmarks, dtype=np.int64),
+    )
+
+
 class _Rows(NamedTuple):
     """Whitened, robustly weighted rows of one interval, two for each observation."""
 

@@ -1,0 +1,105 @@
+"""Compile the numerical kernels ahead of use, on two cores: a cold start is mostly compilation.
+
+Numba keeps compiled kernels on disk, so this matters for the first run after installation alone. Each group
+below takes about half of the time; one is compiled by a child process, the other here, and everything else
+finds its parts in the cache.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from asyneio.estimation import interval_terms, visual_terms
+from asyneio.estimation.linear_system import linearize
+from asyneio.estimation.problem import (
+    Inertial,
+    Landmarks,
+    Model,
+    Problem,
+    States,
+    Visual,
+    bearing_tangent,
+)
+
+_CHILD = "from asyneio.odometry.kernels import compile_visual; compile_visual()"
+
+
+def are_compiled() -> bool:
+    """Whether the kernel cache on disk holds the largest kernels."""
+    kernels = (visual_terms.visual_terms, interval_terms.accelerometer_terms)
+    return all(
+        any(Path(kernel.stats.cache_path).glob(f"*{kernel.py_func.__name__}*.nbi")) for kernel in kernels
+    )
+
+
+def compile_kernels() -> None:
+    """Compile the kernels of the linearisation, half of them in a child process."""
+    with subprocess.Popen([sys.executable, "-c", _CHILD]) as child:
+        compile_intervals()
+        child.wait()
+    linearize(_tiny_problem())
+
+
+def compile_visual() -> None:
+    """The kernels of the observations."""
+    problem = _tiny_problem()
+    local = np.zeros((1, 5, 6))
+    chain = np.zeros((1, 48, 48))
+    visual_terms.visual_terms(
+        problem, local, local, chain, False, np.zeros((1, 48, 48)), np.zeros((1, 48)), _sums()
+    )
+
+
+def compile_intervals() -> None:
+    """The kernels of the trajectory and of the inertial samples."""
+    problem = _tiny_problem()
+    states = problem.states
+    local = np.zeros((1, 5, 6))
+    H, b = np.zeros((1, 48, 48)), np.zeros((1, 48))
+    interval_terms.interval_locals(states, local)
+    interval_terms.interval_chains(states, np.ones(1, dtype=np.bool_), np.zeros((1, 48, 48)))
+    interval_terms.motion_terms(problem, local, True, H, b)
+    interval_terms.gyroscope_terms(problem.gyroscope, states.bias, local, local, True, H, b)
+    interval_terms.accelerometer_terms(
+        problem.accelerometer, states, states, problem.model.gravity_w, local, local, True, H, b
+    )
+
+
+def _sums() -> visual_terms.VisualSums:
+    return visual_terms.empty_sums(intervals=1, knots=2, landmarks=1, dof=3)
+
+
+def _tiny_problem() -> Problem:
+    """Two knots at rest, one sample of each kind, one landmark."""
+    states = States(np.stack([np.eye(3)] * 2), np.zeros((2, 3)), np.zeros((2, 2, 6)), np.zeros((2, 6)))
+    start = np.array([0, 1])
+    inertial = Inertial(start, np.zeros((1, 3)), np.zeros((1, 3, 5)), np.full(1, 0.5), np.ones(1))
+    kappa = np.array([[0.0, 0.0, 1.0]])
+    return Problem(
+        states=states,
+        linearization=states.copied(),
+        frozen=0,
+        motion=np.ones(1, dtype=np.bool_),
+        gyroscope=inertial,
+        accelerometer=inertial,
+        visual=Visual(
+            start, np.zeros((1, 5)), np.zeros(1, dtype=np.int64), np.zeros((1, 2)), np.eye(2)[None]
+        ),
+        landmarks=Landmarks(np.zeros(1, dtype=np.int64), kappa, bearing_tangent(kappa), np.full(1, 0.5)),
+        model=Model(
+            dt=np.full(1, 0.05),
+            gravity_w=np.array([0.0, 0.0, -9.81]),
+            root_density=np.ones(6),
+            bias_walk=np.ones(6),
+            C_bc=np.eye(3),
+            r_bc=np.zeros(3),
+            robust_scale=2.5,
+            gate=8.0,
+            landmark_dof=3,
+            landmark_damping=np.ones(3),
+        ),
+    )
