@@ -38,9 +38,11 @@ class Estimator(Protocol):
     """What the runner needs of an estimator."""
 
     @property
-    def origin(self) -> Estimate | None: ...
+    def origin(self) -> Estimate | None:
+        """The knot that defines the world, once there is one."""
 
-    def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]: ...
+    def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        """Take one knot interval of measurements; the causal estimates they make possible, and a report."""
 
 
 class Progress(Protocol):

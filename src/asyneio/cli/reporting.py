@@ -20,11 +20,16 @@ class KnownState(Protocol):
     """True states at N times, as a simulation knows them: all (N,3), SI, velocity in the truth's world."""
 
     @property
-    def velocity_w(self) -> FloatArray: ...
+    def velocity_w(self) -> FloatArray:
+        """Velocity [m/s]."""
+
     @property
-    def bias_gyroscope(self) -> FloatArray: ...
+    def bias_gyroscope(self) -> FloatArray:
+        """Gyroscope bias [rad/s]."""
+
     @property
-    def bias_accelerometer(self) -> FloatArray: ...
+    def bias_accelerometer(self) -> FloatArray:
+        """Accelerometer bias [m/s^2]."""
 
 
 KnownStates = Callable[[IntArray], KnownState]

@@ -13,6 +13,9 @@ MAX_DISORDER_NS = 10_000_000
 #: Sample rates of inertial units outside this range mean a wrong time unit.
 PLAUSIBLE_RATE_HZ = (5.0, 50_000.0)
 
+#: A shorter pause is no gap, however fast the sensor is.
+GAP_NS = 5_000_000
+
 #: Factors between the time units that people write by mistake, against nanoseconds.
 _UNITS = {10**3: "microseconds", 10**6: "milliseconds", 10**9: "seconds"}
 
@@ -55,23 +58,30 @@ def drop_equal_stamps(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[
 
 
 def check_rate(t_ns: IntArray, declared_hz: float | None, what: str) -> tuple[str, ...]:
-    """Compare the median rate of ascending stamps with the plausible range and with the declared rate.
+    """Compare the median rate of ascending stamps with the plausible range and the declared rate; note gaps.
 
     Raises:
         RecordingError: fewer than two samples, or a rate that only a wrong time unit explains.
     """
     if t_ns.size < 2:
         raise RecordingError(f"{what} holds {t_ns.size} sample(s); at least two are needed")
-    rate_hz = NS_PER_S / float(np.median(np.diff(t_ns).astype(np.float64)))
+    steps_ns = np.diff(t_ns).astype(np.float64)
+    rate_hz = NS_PER_S / float(np.median(steps_ns))
     low, high = PLAUSIBLE_RATE_HZ
     if not low <= rate_hz <= high:
         raise RecordingError(
             f"{what}: the median interval gives {rate_hz:.4g} Hz, expected {low:g} to {high:g} Hz; "
             f"t_ns must be whole nanoseconds{_unit_hint(rate_hz / 500.0)}"
         )
+    notes: tuple[str, ...] = ()
     if declared_hz is not None and not 0.8 <= rate_hz / declared_hz <= 1.25:
-        return (f"{what}: measured rate {rate_hz:.1f} Hz, but the calibration declares {declared_hz:.1f} Hz",)
-    return ()
+        notes += (
+            f"{what}: measured rate {rate_hz:.1f} Hz, but the calibration declares {declared_hz:.1f} Hz",
+        )
+    gaps_ns = steps_ns[steps_ns > max(GAP_NS, 2.5 * NS_PER_S / rate_hz)]
+    if gaps_ns.size:
+        notes += (f"{what}: {gaps_ns.size} gap(s) without samples, at most {gaps_ns.max() / 1e6:.1f} ms",)
+    return notes
 
 
 def check_overlap(first: IntArray, second: IntArray, first_name: str, second_name: str) -> None:

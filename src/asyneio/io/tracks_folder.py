@@ -56,11 +56,8 @@ def read_tracks_folder(
     )
     observations, track_notes = _read_tracks(path / "tracks.csv", calibration)
     inertial = read_inertial(path, calibration.noise.rate_hz)
-    for stream, name in (
-        (inertial.gyroscope, "the gyroscope"),
-        (inertial.accelerometer, "the accelerometer"),
-    ):
-        check_overlap(observations["t_ns"], stream["t_ns"], "tracks.csv", name)
+    check_overlap(observations["t_ns"], inertial.gyroscope["t_ns"], "tracks.csv", "the gyroscope")
+    check_overlap(observations["t_ns"], inertial.accelerometer["t_ns"], "tracks.csv", "the accelerometer")
     truth, truth_notes = _read_truth(path / "groundtruth.tum")
     if max_track_seconds is not None:
         observations = cut_tracks(observations, max_track_seconds)
