@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numba.core import config as numba_config
 from numba.core import event as numba_event
 
 from asyneio import __version__
@@ -23,6 +24,7 @@ from asyneio.errors import AsyneioError, RecordingError
 from asyneio.io import to_trajectory, write_estimates, write_tum
 from asyneio.io.atomic import write_text
 from asyneio.odometry import Odometry
+from asyneio.odometry.kernels import are_compiled, compile_kernels
 from asyneio.types import NS_PER_S, Estimate, Health, Packet, RecordArray, Recording, Run, StepReport
 
 #: Names of the files of a results folder; the summary comes last: where it is, the others are whole.
@@ -133,6 +135,7 @@ def run_recording(recording: Recording, config: Config, progress: Progress = SIL
         )
     run, error = Run(), ""
     with _watch_compilation(progress) as compilation:
+        _compile_ahead(compilation)
         estimator: Estimator = Odometry(config, recording.calibration)
         try:
             for index, packet in enumerate(packets(recording, start_ns, interval_ns, total), start=1):
@@ -294,6 +297,16 @@ def _watch_compilation(progress: Progress) -> Iterator[_Compilation]:
     compilation = _Compilation(lambda: progress.message(COMPILING))
     with numba_event.install_listener("numba:compile", compilation):
         yield compilation
+
+
+def _compile_ahead(compilation: _Compilation) -> None:
+    """On a cold cache, compile on two cores what the run would otherwise compile on one, bit by bit."""
+    if numba_config.DISABLE_JIT or are_compiled():
+        return
+    # The wait for the other process counts as well, so the whole call stands as one event.
+    compilation.on_start(None)
+    compile_kernels()
+    compilation.on_end(None)
 
 
 def _plain(value: Any) -> Any:

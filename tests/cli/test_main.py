@@ -25,6 +25,7 @@ Asyneio = Callable[..., tuple[int, str, str]]
 def asyneio(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Asyneio:
     """Call the command line: exit status, standard output, standard error."""
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
+    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
     monkeypatch.setenv("COLUMNS", "100")
     # Plots take seconds; tests that look at the report ask for it.
     monkeypatch.setattr("asyneio.cli.execute.available", lambda: False)

@@ -28,6 +28,7 @@ def _workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rng: np.random.G
     (tmp_path / "RECORDING").symlink_to(tmp_path / "recordings" / "desk")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
+    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
     monkeypatch.setattr("asyneio.cli.execute.available", lambda: False)
 
 
