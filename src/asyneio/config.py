@@ -37,7 +37,7 @@ class MotionPriorConfig(_Section):
 class InertialConfig(_Section):
     """How far the IMU's noise figures are trusted."""
 
-    noise_inflation: float = Field(2.0, gt=0.0, description="factor on the white-noise densities")
+    noise_inflation: float = Field(5.0, gt=0.0, description="factor on the white-noise densities")
     walk_inflation: float = Field(2.0, gt=0.0, description="factor on the bias walks")
     initial_gyroscope_bias_sigma: float = Field(0.02, gt=0.0, description="rad/s")
     initial_accelerometer_bias_sigma: float = Field(0.1, gt=0.0, description="m/s^2")
@@ -47,7 +47,7 @@ class InertialConfig(_Section):
 class VisualConfig(_Section):
     """Feature observations and landmarks."""
 
-    pixel_sigma: float = Field(1.0, gt=0.0, description="standard deviation of an observation, pixels")
+    pixel_sigma: float = Field(0.5, gt=0.0, description="standard deviation of an observation, pixels")
     robust_scale: float = Field(2.5, gt=0.0, description="Huber threshold in standard deviations")
     gate_sigma: float = Field(8.0, gt=0.0, description="observations further off than this are ignored")
     min_observations: int = Field(3, ge=2, description="observations a landmark needs before it is used")
@@ -74,7 +74,9 @@ class InitializationConfig(_Section):
     min_landmarks: int = Field(15, ge=4)
     max_scale_sigma: float = Field(0.1, gt=0.0, description="largest relative standard deviation of scale")
     max_ray_residual_px: float = Field(
-        10.0, gt=0.0, description="largest RMS miss of the linear alignment, in observation standard deviations"
+        10.0,
+        gt=0.0,
+        description="largest RMS miss of the linear alignment, in observation standard deviations",
     )
 
 

@@ -161,15 +161,15 @@ def accelerometer_terms(
             info = samples.root_information[n] ** 2
             cost += 0.5 * info * (residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
             if with_jacobian:
-                accelerometer_jacobian(
-                    linearization.C[i], local_lin[i], weights, alpha, gravity_w, jacobian
-                )
+                accelerometer_jacobian(linearization.C[i], local_lin[i], weights, alpha, gravity_w, jacobian)
                 _accumulate(jacobian, residual, info, H[i], b[i])
     return cost
 
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
-def _accumulate(jacobian: FloatArray, residual: FloatArray, info: float, H: FloatArray, b: FloatArray) -> None:
+def _accumulate(
+    jacobian: FloatArray, residual: FloatArray, info: float, H: FloatArray, b: FloatArray
+) -> None:
     """`H += info J^T J`, `b += info J^T r` for J (3,48)."""
     for p in range(48):
         j0, j1, j2 = info * jacobian[0, p], info * jacobian[1, p], info * jacobian[2, p]

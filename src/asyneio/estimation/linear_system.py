@@ -255,19 +255,19 @@ def eliminate_landmarks(system: LinearSystem, landmarks: Landmarks, model: Model
 
     Landmarks with one anchor share a span of knots, so their rank updates become one product.
     """
-    _whiten_landmarks(
-        system.W, system.H_l, system.b_l, landmarks.anchor, system.end, model.landmark_damping
-    )
+    _whiten_landmarks(system.W, system.H_l, system.b_l, landmarks.anchor, system.end, model.landmark_damping)
     knots = system.W.shape[2]
-    H = system.H.reshape(knots, 24, knots, 24)
-    b = system.b.reshape(knots, 24)
+    S = np.zeros((18 * knots, 18 * knots))
+    g = np.zeros(18 * knots)
     for anchor in np.unique(landmarks.anchor):
         mine = np.flatnonzero(landmarks.anchor == anchor)
         end = int(system.end[mine].max())
         if end == 0:
             continue
-        span = end - anchor
-        W = system.W[mine, :, anchor:end].reshape(-1, span * 18)
-        whitened_b = system.b_l[mine, : model.landmark_dof].ravel()
-        H[anchor:end, :18, anchor:end, :18] -= (W.T @ W).reshape(span, 18, span, 18)
-        b[anchor:end, :18] -= (W.T @ whitened_b).reshape(span, 18)
+        W = system.W[mine, :, anchor:end].reshape(-1, 18 * (end - anchor))
+        span = slice(18 * anchor, 18 * end)
+        S[span, span] += W.T @ W
+        g[span] += W.T @ system.b_l[mine, : model.landmark_dof].ravel()
+    H = system.H.reshape(knots, 24, knots, 24)
+    H[:, :18, :, :18] -= S.reshape(knots, 18, knots, 18)
+    system.b.reshape(knots, 24)[:, :18] -= g.reshape(knots, 18)

@@ -223,7 +223,8 @@ def _retract(
         norm = 0.0
         for i in range(3):
             landmarks.kappa[j, i] += (
-                landmarks.tangent[j, i, 0] * landmark_step[j, 1] + landmarks.tangent[j, i, 1] * landmark_step[j, 2]
+                landmarks.tangent[j, i, 0] * landmark_step[j, 1]
+                + landmarks.tangent[j, i, 1] * landmark_step[j, 2]
             )
             norm += landmarks.kappa[j, i] ** 2
         norm = np.sqrt(norm)

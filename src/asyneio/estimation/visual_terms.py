@@ -111,9 +111,7 @@ def _fill_rows(
         w, root = visual.weights[n], visual.root_information[n]
         kappa, rho = landmarks.kappa[j], landmarks.rho[j]
         query_pose_with_step(states.C[i], states.r[i], local, w, xi, C_d, r_d, C, r)
-        landmark_direction(
-            states.C[a], states.r[a], C, r, model.C_bc, model.r_bc, kappa, rho, x_a, x_b, h
-        )
+        landmark_direction(states.C[a], states.r[a], C, r, model.C_bc, model.r_bc, kappa, rho, x_a, x_b, h)
         visible = reprojection_residual(h, visual.xy[n], root, residual)
         squared = residual[0] ** 2 + residual[1] ** 2 if visible else np.inf
         robust_cost, robust = huber(squared, model.robust_scale, model.gate)
@@ -242,9 +240,7 @@ def _sum_landmarks(problem: Problem, i: int, rows: _Rows, chain: FloatArray, sum
 
 
 @njit(cache=True)
-def _spread_coupling(
-    coupling: FloatArray, owner: IntArray, chain: FloatArray, i: int, W: FloatArray
-) -> None:
+def _spread_coupling(coupling: FloatArray, owner: IntArray, chain: FloatArray, i: int, W: FloatArray) -> None:
     """Couplings (n dof, 36) of the landmarks `owner` from local coordinates to knots i and i + 1."""
     dof = W.shape[1]
     full = np.empty((18, 24))

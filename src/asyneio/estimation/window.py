@@ -171,13 +171,9 @@ class Window:
         if len(pending) == 0 or self.knots < 2:
             return 0
         pending = pending[np.argsort(self._visual.track[pending], kind="stable")]
-        tracks, begin, counts = np.unique(
-            self._visual.track[pending], return_index=True, return_counts=True
-        )
+        tracks, begin, counts = np.unique(self._visual.track[pending], return_index=True, return_counts=True)
         ready = counts >= self._settings.min_observations
-        groups = [
-            pending[a : a + n] for a, n in zip(begin[ready], counts[ready], strict=True)
-        ]
+        groups = [pending[a : a + n] for a, n in zip(begin[ready], counts[ready], strict=True)]
         default_rho = float(np.median(self.landmarks.rho)) if len(self.landmarks) else 0.5
         born = [self._born(group, max(default_rho, 0.0)) for group in groups]
         if born:

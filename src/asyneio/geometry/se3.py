@@ -20,18 +20,38 @@ import numpy as np
 from numba import njit
 
 from asyneio.geometry.linalg import matmul, matmul_tn, matvec
-from asyneio.geometry.series import INVERSE_SERIES, JACOBIAN_SERIES, evaluate_series, evaluate_values
-from asyneio.geometry.so3 import so3_exp, so3_left_jacobian, so3_left_jacobian_inverse, so3_log
+from asyneio.geometry.series import (
+    EXP_SERIES,
+    INVERSE_SERIES,
+    JACOBIAN_SERIES,
+    evaluate_series,
+    evaluate_value,
+    evaluate_values,
+)
+from asyneio.geometry.so3 import so3_left_jacobian_inverse, so3_log, so3_polynomial
 from asyneio.types import FloatArray
 
 
 @njit(cache=True)
 def se3_exp(xi: FloatArray, C_out: FloatArray, r_out: FloatArray) -> None:
-    """`(C, r) = Exp(xi)`, r = J_l(phi) rho (41)."""
-    J = np.empty((3, 3))
-    so3_exp(xi[:3], C_out)
-    so3_left_jacobian(xi[:3], J)
-    matvec(J, xi[3:], r_out)
+    """`(C, r) = Exp(xi)`, r = J_l(phi) rho (41): C = 1 + a phi^ + b phi^2, J_l = 1 + b phi^ + c phi^2."""
+    p0, p1, p2 = xi[0], xi[1], xi[2]
+    s = p0 * p0 + p1 * p1 + p2 * p2
+    if s < 1.0:
+        b = evaluate_value(EXP_SERIES, 0, s, False)
+        c = evaluate_value(EXP_SERIES, 1, s, False)
+    else:
+        theta = np.sqrt(s)
+        half = np.sin(0.5 * theta) / theta
+        b = 2.0 * half * half
+        c = (theta - np.sin(theta)) / (s * theta)
+    so3_polynomial(xi, 1.0 - s * c, b, C_out)
+    u0 = p1 * xi[5] - p2 * xi[4]
+    u1 = p2 * xi[3] - p0 * xi[5]
+    u2 = p0 * xi[4] - p1 * xi[3]
+    r_out[0] = xi[3] + b * u0 + c * (p1 * u2 - p2 * u1)
+    r_out[1] = xi[4] + b * u1 + c * (p2 * u0 - p0 * u2)
+    r_out[2] = xi[5] + b * u2 + c * (p0 * u1 - p1 * u0)
 
 
 @njit(cache=True)

@@ -74,6 +74,8 @@ _GAMMA_I = [0.5] + [0.0] * (_TERMS_INVERSE + 1)
 JACOBIAN_SERIES = _collapse(_BETA_J, _GAMMA_J, _TERMS_JACOBIAN)
 INVERSE_SERIES = _collapse(_BETA_I, _GAMMA_I, _TERMS_INVERSE)
 SO3_JACOBIAN_SERIES = _so3_collapse(_BETA_J, _GAMMA_J, _TERMS_JACOBIAN)
+# (1 - cos theta) / theta^2 and (theta - sin theta) / theta^3.
+EXP_SERIES = np.array([[(-1.0) ** n / factorial(2 * n + k) for n in range(_TERMS_JACOBIAN)] for k in (2, 3)])
 SO3_INVERSE_SERIES = _so3_collapse(_BETA_I, _GAMMA_I, _TERMS_INVERSE)
 
 

@@ -13,8 +13,8 @@ from asyneio.types import FloatArray
 
 
 @njit(cache=True)
-def _polynomial(phi: FloatArray, a1: float, a2: float, out: FloatArray) -> None:
-    """`out = 1 + a1 phi^ + a2 phi^ phi^`."""
+def so3_polynomial(phi: FloatArray, a1: float, a2: float, out: FloatArray) -> None:
+    """`out = 1 + a1 phi^ + a2 phi^ phi^` (3,3); only the first three entries of `phi` count."""
     x, y, z = phi[0], phi[1], phi[2]
     out[0, 0] = 1.0 - a2 * (y * y + z * z)
     out[1, 1] = 1.0 - a2 * (x * x + z * z)
@@ -39,7 +39,7 @@ def so3_exp(phi: FloatArray, out: FloatArray) -> None:
         half = np.sin(0.5 * theta) / theta
         a1 = np.sin(theta) / theta
         a2 = 2.0 * half * half
-    _polynomial(phi, a1, a2, out)
+    so3_polynomial(phi, a1, a2, out)
 
 
 @njit(cache=True)
@@ -88,7 +88,7 @@ def so3_right_jacobian(phi: FloatArray, out: FloatArray) -> None:
     s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     a1 = evaluate_value(SO3_JACOBIAN_SERIES, 0, s, False)
     a2 = evaluate_value(SO3_JACOBIAN_SERIES, 1, s, False)
-    _polynomial(phi, a1, a2, out)
+    so3_polynomial(phi, a1, a2, out)
 
 
 @njit(cache=True)
@@ -97,18 +97,18 @@ def so3_left_jacobian(phi: FloatArray, out: FloatArray) -> None:
     s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     a1 = evaluate_value(SO3_JACOBIAN_SERIES, 0, s, False)
     a2 = evaluate_value(SO3_JACOBIAN_SERIES, 1, s, False)
-    _polynomial(phi, -a1, a2, out)
+    so3_polynomial(phi, -a1, a2, out)
 
 
 @njit(cache=True)
 def so3_right_jacobian_inverse(phi: FloatArray, out: FloatArray) -> None:
     """`out = J_r(phi)^{-1}` (3,3), angles to pi."""
     s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
-    _polynomial(phi, 0.5, evaluate_value(SO3_INVERSE_SERIES, 1, s, True), out)
+    so3_polynomial(phi, 0.5, evaluate_value(SO3_INVERSE_SERIES, 1, s, True), out)
 
 
 @njit(cache=True)
 def so3_left_jacobian_inverse(phi: FloatArray, out: FloatArray) -> None:
     """`out = J_l(phi)^{-1}` (3,3), angles to pi."""
     s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
-    _polynomial(phi, -0.5, evaluate_value(SO3_INVERSE_SERIES, 1, s, True), out)
+    so3_polynomial(phi, -0.5, evaluate_value(SO3_INVERSE_SERIES, 1, s, True), out)

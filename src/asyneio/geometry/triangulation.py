@@ -10,7 +10,12 @@ from asyneio.types import FloatArray
 
 @njit(cache=True)
 def triangulate_inverse_depth(
-    C_wc: FloatArray, r_wc: FloatArray, direction: FloatArray, C_ref: FloatArray, r_ref: FloatArray, kappa: FloatArray
+    C_wc: FloatArray,
+    r_wc: FloatArray,
+    direction: FloatArray,
+    C_ref: FloatArray,
+    r_ref: FloatArray,
+    kappa: FloatArray,
 ) -> tuple[float, float]:
     """Inverse distance rho along the unit bearing `kappa` of a reference camera, and its information.
 

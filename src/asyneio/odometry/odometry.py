@@ -6,7 +6,7 @@ import numpy as np
 
 from asyneio.config import Config
 from asyneio.errors import EstimationError
-from asyneio.estimation.covariance import newest_covariance
+from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.intake import Intake, between
@@ -96,7 +96,7 @@ class Odometry:
         if isinstance(started, str):
             return [], StepReport(t_ns, Health.INITIALIZING, started)
         self._window, self._solution = started.window, started.solution
-        self.origin = _estimate(self._window, 0, np.zeros((24, 24)))
+        self.origin = _estimate(self._window, 0, joint_covariance(self._solution, 0)[:24, :24])
         self._intake.drop_until(int(self._window.t_ns[-1]))
         estimate = self._newest()
         self._slide()

@@ -36,7 +36,9 @@ class Settings:
     start: StartSettings
 
 
-def resolve(config: Config, calibration: Calibration, gyroscope_hz: float, accelerometer_hz: float) -> Settings:
+def resolve(
+    config: Config, calibration: Calibration, gyroscope_hz: float, accelerometer_hz: float
+) -> Settings:
     """Settings for sensors of the given measured rates.
 
     Raises:
@@ -57,14 +59,14 @@ def resolve(config: Config, calibration: Calibration, gyroscope_hz: float, accel
         root_density=np.repeat([prior.angular_jerk_density, prior.linear_jerk_density], 3),
         bias_walk=np.maximum(walk, 1e-9),
         gyroscope_sigma=inertial.noise_inflation * noise.gyroscope_density * np.sqrt(gyroscope_hz),
-        accelerometer_sigma=inertial.noise_inflation * noise.accelerometer_density * np.sqrt(accelerometer_hz),
+        accelerometer_sigma=inertial.noise_inflation
+        * noise.accelerometer_density
+        * np.sqrt(accelerometer_hz),
         T_b_c=calibration.T_b_c,
         robust_scale=visual.robust_scale,
         gate=visual.gate_sigma,
         landmark_dof=3 if visual.estimate_bearing else 1,
-        landmark_damping=np.array(
-            [1.0 / visual.inverse_depth_sigma**2, bearing_damping, bearing_damping]
-        ),
+        landmark_damping=np.array([1.0 / visual.inverse_depth_sigma**2, bearing_damping, bearing_damping]),
         bearing_sigma=visual.pixel_sigma / focal,
         min_observations=visual.min_observations,
         frozen_linearization=config.window.frozen_linearization,

@@ -73,9 +73,7 @@ def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
         return f"{solution.report.rejected} of {used} observations contradict the motion found"
     mean_square = 2.0 * solution.report.visual_cost / max(2 * used, 1)
     if mean_square > settings.window.robust_scale**2:
-        return (
-            f"observations are off by {np.sqrt(mean_square):.1f} standard deviations: wrong calibration or bad tracks"
-        )
+        return f"observations are off by {np.sqrt(mean_square):.1f} standard deviations: wrong calibration or bad tracks"
     return ""
 
 

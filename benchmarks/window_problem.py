@@ -1,0 +1,106 @@
+"""The window of gtsam_window.py as this package sees it: the same motion, points and densities, but every
+observation at its own time on the continuous trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+from gtsam_window import (
+    DENSITIES,
+    FOCAL,
+    GRAVITY,
+    IMU_HZ,
+    KNOT_S,
+    KNOTS,
+    LANDMARKS,
+    OBSERVATIONS,
+    PIXEL_SIGMA,
+    _T_B_C,
+    make_scene,
+    motion,
+)
+
+from asyneio.estimation.problem import (
+    Inertial,
+    Landmarks,
+    Model,
+    Prior,
+    Problem,
+    States,
+    Visual,
+    bearing_tangent,
+)
+from asyneio.trajectory.motion_prior import interpolation_weights_many
+from asyneio.types import FloatArray
+
+
+def _weights(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Intervals (N,), weights (N,3,5) and fractions (N,) of times in seconds."""
+    interval = np.minimum((t / KNOT_S).astype(np.int64), KNOTS - 2)
+    tau = t - interval * KNOT_S
+    out = np.empty((len(t), 3, 5))
+    interpolation_weights_many(tau, np.full(len(t), KNOT_S), out)
+    return interval, out, tau / KNOT_S
+
+
+def _inertial(value: FloatArray, density: float) -> Inertial:
+    t = (np.arange(len(value)) + 0.5) / IMU_HZ
+    interval, weights, alpha = _weights(t)
+    start = np.searchsorted(interval, np.arange(KNOTS))
+    return Inertial(start, value, weights, alpha, np.full(len(t), 1.0 / (density * IMU_HZ**0.5)))
+
+
+def _visual(points: FloatArray, anchor: FloatArray, rng: np.random.Generator) -> Visual:
+    landmark = np.arange(OBSERVATIONS) % LANDMARKS
+    t = rng.uniform(0, (KNOTS - 1) * KNOT_S, OBSERVATIONS)
+    interval, weights, _ = _weights(t)
+    order = np.lexsort((landmark, anchor[landmark], interval))
+    landmark, t, interval, weights = landmark[order], t[order], interval[order], weights[order]
+    T_w_c = motion(t)[0] @ _T_B_C
+    p_c = np.einsum("nji,nj->ni", T_w_c[:, :3, :3], points[landmark] - T_w_c[:, :3, 3])
+    xy = p_c[:, :2] / p_c[:, 2:] + rng.normal(0, PIXEL_SIGMA / FOCAL, (OBSERVATIONS, 2))
+    root = np.tile(np.eye(2) * FOCAL / PIXEL_SIGMA, (OBSERVATIONS, 1, 1))
+    return Visual(np.searchsorted(interval, np.arange(KNOTS)), weights[:, 0], landmark, xy, root)
+
+
+def make_problem(landmark_dof: int) -> tuple[Problem, Prior]:
+    """20 knots, 100 landmarks anchored in the first, 3 000 observations, IMU at 200 Hz, and a prior on knot 0."""
+    scene = make_scene()
+    rng = np.random.default_rng(22)
+    t = np.arange(KNOTS) * KNOT_S
+    poses, velocity, omega, _ = motion(t)
+    C = np.ascontiguousarray(poses[:, :3, :3])
+    varpi = np.zeros((KNOTS, 2, 6))
+    varpi[:, 0, :3] = omega
+    varpi[:, 0, 3:] = np.einsum("nji,nj->ni", C, velocity)
+    varpi[:, 1] = np.gradient(varpi[:, 0], KNOT_S, axis=0)
+    states = States(C, poses[:, :3, 3] + rng.normal(0, 0.005, (KNOTS, 3)), varpi, np.zeros((KNOTS, 6)))
+    T_w_a = poses[0] @ _T_B_C
+    ray = (scene.points - T_w_a[:3, 3]) @ T_w_a[:3, :3]
+    distance = np.linalg.norm(ray, axis=1)
+    kappa = ray / distance[:, None]
+    anchor = np.zeros(LANDMARKS, dtype=np.int64)
+    problem = Problem(
+        states=states,
+        linearization=states.copied(),
+        frozen=0,
+        motion=np.ones(KNOTS - 1, dtype=np.bool_),
+        gyroscope=_inertial(scene.gyroscope[:-1].reshape(-1, 3), DENSITIES[0]),
+        accelerometer=_inertial(scene.accelerometer[:-1].reshape(-1, 3), DENSITIES[1]),
+        visual=_visual(scene.points, anchor, rng),
+        landmarks=Landmarks(anchor, kappa, bearing_tangent(kappa), 1.0 / distance * 1.01),
+        model=Model(
+            dt=np.full(KNOTS - 1, KNOT_S),
+            gravity_w=np.array([0.0, 0.0, -GRAVITY]),
+            root_density=np.full(6, 30.0),
+            bias_walk=np.repeat(DENSITIES[2:], 3),
+            C_bc=np.ascontiguousarray(_T_B_C[:3, :3]),
+            r_bc=np.ascontiguousarray(_T_B_C[:3, 3]),
+            robust_scale=2.5,
+            gate=1e3,
+            landmark_dof=landmark_dof,
+            landmark_damping=np.full(3, 1e-2),
+        ),
+    )
+    R = np.diag(np.repeat([100.0, 100.0, 10.0, 10.0, 1.0, 1.0, 100.0, 100.0], 3))
+    first = States(*(a[:1].copy() for a in states))
+    return problem, Prior(R, R @ R, np.zeros(24), first)
