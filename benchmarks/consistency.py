@@ -1,6 +1,7 @@
 """Is the covariance honest? NEES over seeds, with and without frozen linearisation points.
 
-Evidence: simulation (feature tracks and IMU with exact truth). The estimator is told the true noise densities,
+Evidence: simulation (feature tracks and IMU with exact truth). The estimator is told the true noise
+densities,
 so that the figures test the estimator and not a guess of the noise.
 
     python benchmarks/consistency.py [--seeds 20] [--seconds 10] [--motion moderate]
@@ -12,11 +13,10 @@ import argparse
 from dataclasses import replace
 from functools import partial
 
-from common import parallel, run, score, table
-
 from asyneio.config import Config
 from asyneio.evaluation import Nees, NeesBlock, anees, nees
 from asyneio.simulation import SCENARIOS, Scenario, simulate
+from common import parallel, run, score, table
 
 _BLOCKS = (
     NeesBlock.POSITION,

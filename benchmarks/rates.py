@@ -1,6 +1,7 @@
 """Gyroscope and accelerometer at different, offset rates: what it costs.
 
-Evidence: simulation. The same motions, tracks and noise densities, once with both sensors at 1000 Hz on common
+Evidence: simulation. The same motions, tracks and noise densities, once with both sensors at 1000 Hz
+on common
 times, once with the gyroscope at 1000 Hz and the accelerometer at 190 Hz, 1.7 ms later; and at 200 Hz both,
 as another reference.
 
@@ -14,10 +15,10 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from common import parallel, run, score, table
-from consistency import scenario, true_noise
 
 from asyneio.simulation import simulate
+from common import parallel, run, score, table
+from consistency import scenario, true_noise
 
 _RATES = {
     "both 1000 Hz": (1000.0, 1000.0, 0.0),

@@ -12,11 +12,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from batch_bound import batch_bound
-from common import data_folder, parallel, run, score, table
-
 from asyneio.config import Config
 from asyneio.io import read_tracks_folder
+from batch_bound import batch_bound
+from common import data_folder, parallel, run, score, table
 
 _VARIANTS: dict[str, dict[str, Any]] = {
     "defaults": {},

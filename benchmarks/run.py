@@ -14,15 +14,15 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from common import table
-from gtsam_window import time_gtsam_iteration
-from window_problem import make_problem
 
 from asyneio.estimation.interval_terms import accelerometer_terms, gyroscope_terms, interval_locals
 from asyneio.estimation.linear_system import eliminate_landmarks, linearize
 from asyneio.estimation.marginalization import marginalize_oldest
 from asyneio.estimation.optimizer import OptimizerSettings, optimize
 from asyneio.estimation.problem import Problem
+from common import table
+from gtsam_window import time_gtsam_iteration
+from window_problem import make_problem
 
 
 def median_seconds(
@@ -92,7 +92,6 @@ def main() -> None:
     )
     parser.add_argument("--repeats", type=int, default=30)
     repeats = parser.parse_args().repeats
-    one_step = OptimizerSettings(max_iterations=1, relative_decrease=1e-12, damping=1e-6)
     reference = time_gtsam_iteration(repeats)
     rows = [row for dof in (3, 1) for row in window_rows(dof, repeats, reference)]
     imu = inertial_seconds(make_problem(3)[0], repeats)

@@ -4,20 +4,6 @@ observation at its own time on the continuous trajectory."""
 from __future__ import annotations
 
 import numpy as np
-from gtsam_window import (
-    DENSITIES,
-    FOCAL,
-    GRAVITY,
-    IMU_HZ,
-    KNOT_S,
-    KNOTS,
-    LANDMARKS,
-    OBSERVATIONS,
-    PIXEL_SIGMA,
-    _T_B_C,
-    make_scene,
-    motion,
-)
 
 from asyneio.estimation.problem import (
     Inertial,
@@ -30,7 +16,21 @@ from asyneio.estimation.problem import (
     bearing_tangent,
 )
 from asyneio.trajectory.motion_prior import interpolation_weights_many
-from asyneio.types import FloatArray
+from asyneio.types import FloatArray, IntArray
+from gtsam_window import (
+    _T_B_C,
+    DENSITIES,
+    FOCAL,
+    GRAVITY,
+    IMU_HZ,
+    KNOT_S,
+    KNOTS,
+    LANDMARKS,
+    OBSERVATIONS,
+    PIXEL_SIGMA,
+    make_scene,
+    motion,
+)
 
 
 def _weights(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -49,7 +49,7 @@ def _inertial(value: FloatArray, density: float) -> Inertial:
     return Inertial(start, value, weights, alpha, np.full(len(t), 1.0 / (density * IMU_HZ**0.5)))
 
 
-def _visual(points: FloatArray, anchor: FloatArray, rng: np.random.Generator) -> Visual:
+def _visual(points: FloatArray, anchor: IntArray, rng: np.random.Generator) -> Visual:
     landmark = np.arange(OBSERVATIONS) % LANDMARKS
     t = rng.uniform(0, (KNOTS - 1) * KNOT_S, OBSERVATIONS)
     interval, weights, _ = _weights(t)
@@ -63,10 +63,11 @@ def _visual(points: FloatArray, anchor: FloatArray, rng: np.random.Generator) ->
 
 
 def make_problem(landmark_dof: int) -> tuple[Problem, Prior]:
-    """20 knots, 100 landmarks anchored in the first, 3 000 observations, IMU at 200 Hz, and a prior on knot 0."""
+    """20 knots, 100 landmarks anchored in the first, 3 000 observations, IMU at 200 Hz, and a prior on
+    knot 0."""
     scene = make_scene()
     rng = np.random.default_rng(22)
-    t = np.arange(KNOTS) * KNOT_S
+    t: FloatArray = KNOT_S * np.arange(KNOTS, dtype=np.float64)
     poses, velocity, omega, _ = motion(t)
     C = np.ascontiguousarray(poses[:, :3, :3])
     varpi = np.zeros((KNOTS, 2, 6))

@@ -82,7 +82,8 @@ class Calibration:
 
 @dataclass(frozen=True)
 class PoseTrajectory:
-    """Time-stamped poses `T_w_b`: `t_ns` (N,) int64 ascending, `position` (N,3) [m], `quaternion` (N,4) xyzw."""
+    """Time-stamped poses `T_w_b`: `t_ns` (N,) int64 ascending, `position` (N,3) [m], `quaternion`
+    (N,4) xyzw."""
 
     t_ns: IntArray
     position: FloatArray
@@ -108,7 +109,8 @@ class Recording:
 
 @dataclass(frozen=True)
 class Packet:
-    """What the sensors delivered up to and including `t_end_ns`, in the IMU clock (dtypes as in Recording)."""
+    """What the sensors delivered up to and including `t_end_ns`, in the IMU clock (dtypes as in
+    Recording)."""
 
     t_end_ns: int
     observations: RecordArray

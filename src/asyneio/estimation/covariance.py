@@ -15,7 +15,8 @@ def _factor(information: FloatArray) -> FloatArray:
         L: FloatArray = np.tril(cho_factor(information, lower=True, check_finite=False)[0])
     except LinAlgError as error:
         raise EstimationError(
-            "no covariance: the information of the window is not positive definite; expected a constrained window"
+            "no covariance: the information of the window is not positive definite; expected a "
+            "constrained window"
         ) from error
     return L
 
@@ -61,4 +62,4 @@ def relative_scale_sigma(solution: Solution) -> float:
     c[:, :18] = np.einsum("ld,ldkc->kc", row, system.W[finite]) / finite.sum()
     information = solution.information
     solved = cho_solve((_factor(information), True), c.ravel(), check_finite=False)
-    return float(np.sqrt(max(c.ravel() @ solved, 0.0)))
+    return float(np.sqrt(max(float(c.ravel() @ solved), 0.0)))

@@ -1,6 +1,7 @@
 """Sums over the factors inside each interval, in the interval's local coordinates (48).
 
-Each kernel is a top-level stage of `linear_system.linearize`: shallow call trees compile in seconds, deep ones in
+Each kernel is a top-level stage of `linear_system.linearize`: shallow call trees compile in seconds,
+deep ones in
 minutes. `H` (I,48,48) and `b` (I,48) are accumulated in place; residuals are taken at `local`, Jacobians at
 `local_lin` (they differ for frozen knots). Every stage returns its cost.
 """
@@ -53,7 +54,8 @@ def interval_chains(states: States, needed: BoolArray, out: FloatArray) -> None:
 def motion_terms(
     problem: Problem, local: FloatArray, with_jacobian: bool, H: FloatArray, b: FloatArray
 ) -> float:
-    """WNOJ prior (16) and bias walk (24) of the intervals in `problem.motion`: linear in the local coordinates."""
+    """WNOJ prior (16) and bias walk (24) of the intervals in `problem.motion`: linear in the local
+    coordinates."""
     model, bias = problem.model, problem.states.bias
     coefficients = np.empty((3, 5))
     residual = np.empty((3, 6))

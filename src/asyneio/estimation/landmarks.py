@@ -100,7 +100,8 @@ def born_landmark(
     bearing_sigma: float,
     kappa: FloatArray,
 ) -> float:
-    """Inverse depth (returned) and bearing `kappa` (3,) at the anchor camera, of a track's first observations.
+    """Inverse depth (returned) and bearing `kappa` (3,) at the anchor camera, of a track's first
+    observations.
 
     The bearing is that of observation `reference`, carried to the anchor with its triangulated depth; without
     parallax (depth uncertain by more than its own size) with the default depth. Never behind the anchor.

@@ -1,6 +1,8 @@
-"""Linearisation of the window (39): normal equations of the knots, landmarks kept apart for their Schur complement.
+"""Linearisation of the window (39): normal equations of the knots, landmarks kept apart for their
+Schur complement.
 
-Jacobians are taken at `problem.linearization`, residuals at `problem.states`: the two differ for knots that the
+Jacobians are taken at `problem.linearization`, residuals at `problem.states`: the two differ for knots
+that the
 marginal prior has frozen (first-estimates Jacobians).
 """
 
@@ -156,7 +158,8 @@ def _move_to_knots(
                     H[24 * a + q, o + p] += cross[p, q]
 
 
-# The chain is the identity for the first knot's own coordinates (18) and for the biases (12); only its rows 18..35
+# The chain is the identity for the first knot's own coordinates (18) and for the biases (12); only its
+# rows 18..35
 # (xi, xi_dot, xi_ddot) are full, in columns 0..5 (eps_k) and 24..41 (knot k + 1).
 
 

@@ -4,7 +4,8 @@ What goes in: the old prior, the factors of the first interval, and every observ
 anchor is the oldest knot, at whatever time it was made. No observation is thrown away: a track that outlives
 its anchor begins a new landmark.
 
-What comes out is linearised where the states were at that moment; the linearisation point of every knot that the
+What comes out is linearised where the states were at that moment; the linearisation point of every
+knot that the
 prior touches is frozen from then on (first-estimates Jacobians), because evaluating later factors elsewhere
 would feed information into the four directions that nothing observes (position and yaw). With poses perturbed
 on the right and velocities in the body these directions depend on the poses alone.

@@ -1,4 +1,5 @@
-"""Levenberg-Marquardt on the manifold, landmarks eliminated, knots solved by a dense Cholesky factorisation."""
+"""Levenberg-Marquardt on the manifold, landmarks eliminated, knots solved by a dense Cholesky
+factorisation."""
 
 from __future__ import annotations
 

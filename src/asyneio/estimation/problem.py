@@ -1,6 +1,7 @@
 """The window's optimisation problem as flat arrays, in NamedTuples that kernels read.
 
-K knots, I = K - 1 intervals, L landmarks. Measurements are sorted by interval; `start[i]:start[i + 1]` are those
+K knots, I = K - 1 intervals, L landmarks. Measurements are sorted by interval; `start[i]:start[i + 1]`
+are those
 of interval i.
 """
 

@@ -1,6 +1,7 @@
 """Sums over the observations (34)-(38): on the trajectory, the anchors, the landmarks and the couplings.
 
-Per interval the whitened Jacobians of all observations are written into rows, and the sums are products of those
+Per interval the whitened Jacobians of all observations are written into rows, and the sums are
+products of those
 rows: one for the trajectory, one for each anchor, one for the landmarks. Observations are sorted by interval,
 anchor and landmark, so that each product takes a contiguous block.
 """
@@ -96,7 +97,8 @@ def _fill_rows(
     with_jacobian: bool,
     rows: _Rows,
 ) -> tuple[float, int]:
-    """Rows of the observations of interval i: residuals at the states, Jacobians at the linearisation point."""
+    """Rows of the observations of interval i: residuals at the states, Jacobians at the linearisation
+    point."""
     visual, landmarks, model = problem.visual, problem.landmarks, problem.model
     states, linearization = problem.states, problem.linearization
     xi, C_d, r_d, C, r = np.empty(6), np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)

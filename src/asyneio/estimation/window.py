@@ -87,7 +87,8 @@ class Window:
         accelerometer: RecordArray,
         observations: TrackObservations,
     ) -> None:
-        """Append a predicted knot (States with K = 1) at `t_ns` and the measurements of the interval before it."""
+        """Append a predicted knot (States with K = 1) at `t_ns` and the measurements of the interval
+        before it."""
         interval = self.first + self.knots - 1
         bounds = (int(self.t_ns[-1]), t_ns)
         self._gyroscope.append(gyroscope, self._settings.gyroscope_sigma, interval, *bounds)
@@ -182,7 +183,8 @@ class Window:
         return len(born)
 
     def _born(self, group: IntArray, default_rho: float) -> tuple[int, FloatArray, float]:
-        """Anchor (absolute), bearing and inverse depth of a track from its observations (in order of time)."""
+        """Anchor (absolute), bearing and inverse depth of a track from its observations (in order of
+        time)."""
         interval = self._visual.interval[group] - self.first
         xy = self._visual.xy[group]
         direction = np.column_stack([xy, np.ones(len(xy))])

@@ -11,7 +11,8 @@ from asyneio.types import FloatArray
 
 @njit(cache=True)
 def gp_prior_coefficients(dt: float, out: FloatArray) -> None:
-    """Whitened (unit density) coefficients `out` (3,5) of [varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot] in (16)."""
+    """Whitened (unit density) coefficients `out` (3,5) of [varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot]
+    in (16)."""
     G = np.zeros((3, 5))
     G[0, 0] = dt
     G[0, 1] = 0.5 * dt * dt

@@ -1,6 +1,7 @@
 """Square-root marginal prior: `|| R delta + r_0 ||^2 / 2` over the error states of the first knots.
 
-`delta` is measured from the frozen linearisation point of those knots: poses by `Log(T_lin^{-1} T)`, the rest by
+`delta` is measured from the frozen linearisation point of those knots: poses by `Log(T_lin^{-1} T)`,
+the rest by
 difference. The prior is linear in delta, so its Jacobian is R, always.
 """
 

@@ -1,6 +1,8 @@
-"""SE(3): poses as a rotation `C` (3,3) and a position `r` (3,), tangent `xi = [phi, rho]` (6,), rotation first.
+"""SE(3): poses as a rotation `C` (3,3) and a position `r` (3,), tangent `xi = [phi, rho]` (6,),
+rotation first.
 
-Perturbation on the right, `T = T_bar Exp(eps)`. `curly(xi) = [[phi^, 0], [rho^, phi^]]` (11) is the adjoint of
+Perturbation on the right, `T = T_bar Exp(eps)`. `curly(xi) = [[phi^, 0], [rho^, phi^]]` (11) is the
+adjoint of
 se(3), `Ad(T) = [[C, 0], [r^ C, C]]` that of SE(3) (41).
 
 The right Jacobian and its inverse are polynomials in `curly(xi)` with coefficients in s = |phi|^2 (see

@@ -81,7 +81,8 @@ SO3_INVERSE_SERIES = _so3_collapse(_BETA_I, _GAMMA_I, _TERMS_INVERSE)
 
 @njit(cache=True)
 def _terms_needed(s: float, limit: int, is_inverse: bool) -> int:
-    """Terms after which the remainder is below the rounding of the sum (bounds checked by the oracle tests)."""
+    """Terms after which the remainder is below the rounding of the sum (bounds checked by the oracle
+    tests)."""
     if is_inverse:
         if s < 0.04:
             n = 8

@@ -20,7 +20,8 @@ def triangulate_inverse_depth(
     """Inverse distance rho along the unit bearing `kappa` of a reference camera, and its information.
 
     `C_wc` (N,3,3), `r_wc` (N,3) poses of the cameras that saw the unit `direction` (N,3). In each of them the
-    landmark lies along A + rho B with A = C^T C_ref kappa and B = C^T (r_ref - r), so z x (A + rho B) = 0 is linear in rho.
+    landmark lies along A + rho B with A = C^T C_ref kappa and B = C^T (r_ref - r), so z x (A + rho B)
+    = 0 is linear in rho.
     The information is in (1/m)^-2 per rad^2 of bearing noise; zero without parallax (rho is then 0).
     """
     information = 0.0

@@ -1,7 +1,8 @@
 """Linear visual-inertial alignment: velocity, gravity and depths from tracks and IMU, no initial guess.
 
 In the body frame b0 at the first instant the IMU gives rotation R(t) and the double integral s(t) of the
-specific force, so that the body is at p(t) = v t + g t^2 / 2 + s(t), linear in velocity v and gravity g. A landmark
+specific force, so that the body is at p(t) = v t + g t^2 / 2 + s(t), linear in velocity v and gravity
+g. A landmark
 X seen along d(t) = R(t) C_bc z (unit) from the camera centre c(t) = p(t) + R(t) r_bc satisfies
 
     (1 - d d^T) (X - c(t)) = 0,
@@ -10,7 +11,8 @@ which is linear in X, v and g. Every X is eliminated by its own 3x3 block; six u
 known magnitude is then imposed by Gauss-Newton on the sphere. Rows are weighted by the inverse distance of
 the landmark (second pass), so that residuals are angles.
 
-Source: the closed-form solution family of Martinelli (IJCV 2014) and Dong-Si and Mourikis (IROS 2012), with the
+Source: the closed-form solution family of Martinelli (IJCV 2014) and Dong-Si and Mourikis (IROS 2012),
+with the
 gravity sphere of VINS-Mono (49).
 """
 
@@ -38,7 +40,8 @@ class AlignmentData:
 
 @dataclass(frozen=True)
 class Alignment:
-    """Velocity (3,) and gravity (3,) in the first body frame; RMS angle of the rays [rad]; landmarks in front."""
+    """Velocity (3,) and gravity (3,) in the first body frame; RMS angle of the rays [rad]; landmarks
+    in front."""
 
     velocity: FloatArray
     gravity: FloatArray
@@ -64,7 +67,9 @@ def align(data: AlignmentData, gravity: float) -> Alignment:
     return Alignment(solution[:3], solution[3:], residual, in_front)
 
 
-def _reduced(data: AlignmentData, distance: FloatArray) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
+def _reduced(
+    data: AlignmentData, distance: FloatArray
+) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
     """Normal equations of [v, g] (6x6), and the blocks that give the landmarks back."""
     H_xx = np.zeros((data.tracks, 3, 3))
     H_xs = np.zeros((data.tracks, 3, 6))
@@ -73,9 +78,10 @@ def _reduced(data: AlignmentData, distance: FloatArray) -> tuple[FloatArray, Flo
     b = np.zeros(6)
     _normal_equations(data.t, data.direction, data.offset, data.track, distance, H_xx, H_xs, b_x, A, b)
     trace = np.trace(H_xx, axis1=1, axis2=2)
-    # Without parallax the block is singular along the ray: a little information at infinity keeps it solvable.
+    # Without parallax the block is singular along the ray: a little information at infinity keeps it
+    # solvable.
     H_xx += (1e-9 * trace)[:, None, None] * np.eye(3)
-    inverse = np.linalg.inv(H_xx)
+    inverse = np.asarray(np.linalg.inv(H_xx), dtype=np.float64)
     A -= np.einsum("lij,lik,lkm->jm", H_xs, inverse, H_xs)
     b -= np.einsum("lij,lik,lk->j", H_xs, inverse, b_x)
     return A, b, (inverse, H_xs, b_x)
@@ -124,11 +130,14 @@ def _solve_on_sphere(A: FloatArray, b: FloatArray, gravity: float) -> FloatArray
         x = np.linalg.solve(A, b)
     except np.linalg.LinAlgError as error:
         raise EstimationError(
-            "velocity and gravity are not determined by the tracks; expected translation with parallax: move the sensor"
+            "velocity and gravity are not determined by the tracks; expected translation with parallax: "
+            "move the sensor"
         ) from error
     norm = np.linalg.norm(x[3:])
     if not np.isfinite(norm) or norm == 0.0:
-        raise EstimationError("the alignment found no gravity; expected a moving camera over a few tenths of a second")
+        raise EstimationError(
+            "the alignment found no gravity; expected a moving camera over a few tenths of a second"
+        )
     x[3:] *= gravity / norm
     for _ in range(10):
         unit = x[3:] / gravity
@@ -153,8 +162,7 @@ def _points(blocks: tuple[FloatArray, ...], solution: FloatArray) -> FloatArray:
 def _rays(data: AlignmentData, points: FloatArray, solution: FloatArray) -> FloatArray:
     """Vectors (M,3) from the camera centres to the landmarks."""
     centre = data.t[:, None] * solution[:3] + 0.5 * data.t[:, None] ** 2 * solution[3:] + data.offset
-    rays: FloatArray = points[data.track] - centre
-    return rays
+    return np.asarray(points[data.track] - centre, dtype=np.float64)
 
 
 def _mean_distance(data: AlignmentData, points: FloatArray, solution: FloatArray) -> FloatArray:

@@ -1,6 +1,8 @@
-"""Warm-up (40): generalised velocity and acceleration of the knots from known poses, through the motion prior.
+"""Warm-up (40): generalised velocity and acceleration of the knots from known poses, through the
+motion prior.
 
-Minimises the WNOJ prior over varpi and varpi_dot with poses fixed, plus zero priors on those of the first knot,
+Minimises the WNOJ prior over varpi and varpi_dot with poses fixed, plus zero priors on those of the
+first knot,
 which remove the null space of the prior.
 """
 
@@ -52,7 +54,13 @@ def warm_up(
 
 @njit(cache=True)
 def _normal_equations(
-    C: FloatArray, r: FloatArray, varpi: FloatArray, dt: FloatArray, root_density: FloatArray, H: FloatArray, b: FloatArray
+    C: FloatArray,
+    r: FloatArray,
+    varpi: FloatArray,
+    dt: FloatArray,
+    root_density: FloatArray,
+    H: FloatArray,
+    b: FloatArray,
 ) -> None:
     local = np.empty((5, 6))
     chain = np.empty((48, 48))

@@ -43,8 +43,7 @@ class Intake:
 
     def _root_information(self, d_xy_d_uv: FloatArray) -> FloatArray:
         """(N,2,2): whitens normalised coordinates with the isotropic pixel noise they come from."""
-        root: FloatArray = np.linalg.inv(d_xy_d_uv) / self._pixel_sigma
-        return root
+        return np.asarray(np.linalg.inv(d_xy_d_uv) / self._pixel_sigma)
 
     def drop_until(self, t_ns: int) -> None:
         """Forget what the window has taken; two earlier inertial samples stay for interpolation."""

@@ -47,7 +47,8 @@ def resolve(
     noise, inertial, visual = calibration.noise, config.inertial, config.visual
     if min(noise.gyroscope_density, noise.accelerometer_density) <= 0.0:
         raise CalibrationError(
-            f"found noise densities {noise.gyroscope_density} and {noise.accelerometer_density}; expected positive "
+            f"found noise densities {noise.gyroscope_density} and {noise.accelerometer_density}; "
+            f"expected positive "
             "values: put the sensor's data sheet figures into imu.yaml"
         )
     focal = 0.5 * (calibration.camera.fx + calibration.camera.fy)

@@ -1,4 +1,4 @@
-"""Start from the data alone: alignment, warm-up (40), joint optimisation (39), and the decision to trust it."""
+"""Start from the data alone: alignment, warm-up (40), joint optimisation (39), and whether to trust it."""
 
 from __future__ import annotations
 
@@ -65,7 +65,8 @@ def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
     scale_sigma = relative_scale_sigma(solution)
     if not scale_sigma < settings.start.max_scale_sigma:
         return (
-            f"scale is known to {100 * scale_sigma:.0f} % only, {100 * settings.start.max_scale_sigma:.0f} % is needed: "
+            f"scale is known to {100 * scale_sigma:.0f} % only, "
+            f"{100 * settings.start.max_scale_sigma:.0f} % is needed: "
             "move the sensor sideways, with changing speed"
         )
     used = len(solution.problem.visual.landmark)
@@ -73,7 +74,10 @@ def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
         return f"{solution.report.rejected} of {used} observations contradict the motion found"
     mean_square = 2.0 * solution.report.visual_cost / max(2 * used, 1)
     if mean_square > settings.window.robust_scale**2:
-        return f"observations are off by {np.sqrt(mean_square):.1f} standard deviations: wrong calibration or bad tracks"
+        return (
+            f"observations are off by {np.sqrt(mean_square):.1f} standard deviations: "
+            "wrong calibration or bad tracks"
+        )
     return ""
 
 
@@ -124,7 +128,8 @@ def _aligned_states(
     aligned = align(data, float(np.linalg.norm(w.gravity_w)))
     if aligned.residual_rad > settings.start.max_ray_residual or aligned.share_in_front < 0.8:
         return (
-            f"tracks and inertial samples do not agree yet (rays miss by {np.degrees(aligned.residual_rad):.2f} deg, "
+            "tracks and inertial samples do not agree yet "
+            f"(rays miss by {np.degrees(aligned.residual_rad):.2f} deg, "
             f"{100 * aligned.share_in_front:.0f} % of the points in front of the camera)"
         )
     C_w_b0 = _upright(aligned.gravity)

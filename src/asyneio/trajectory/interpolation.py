@@ -78,7 +78,8 @@ def interval_chain(
     varpi_1: FloatArray,
     out: FloatArray,
 ) -> None:
-    """`out` (36,36) = d y / d [knot k, knot k+1], knots as [eps, varpi, varpi_dot]; exact (45)-(53), (75)-(81)."""
+    """`out` (36,36) = d y / d [knot k, knot k+1], knots as [eps, varpi, varpi_dot]; exact (45)-(53),
+    (75)-(81)."""
     C = np.empty((3, 3))
     r = np.empty(3)
     xi = np.empty(6)
@@ -178,7 +179,8 @@ def query_pose_jacobian(local: FloatArray, weights: FloatArray, d_eps: FloatArra
 
 @njit(cache=True)
 def query_rates(local: FloatArray, weights: FloatArray, out: FloatArray) -> None:
-    """Generalised velocity and acceleration at the query time: `out` (2,6), `weights` (3,5); (8), exact (71)."""
+    """Generalised velocity and acceleration at the query time: `out` (2,6), `weights` (3,5); (8),
+    exact (71)."""
     gamma = np.empty((3, 6))
     for a in range(3):
         weighted(local, weights[a], gamma[a])
@@ -186,7 +188,9 @@ def query_rates(local: FloatArray, weights: FloatArray, out: FloatArray) -> None
 
 
 @njit(cache=True)
-def query_rates_jacobian(local: FloatArray, weights: FloatArray, varpi: FloatArray, jacobian: FloatArray) -> None:
+def query_rates_jacobian(
+    local: FloatArray, weights: FloatArray, varpi: FloatArray, jacobian: FloatArray
+) -> None:
     """`query_rates` into `varpi` (2,6), and its derivative with respect to gamma(tau).
 
     `jacobian` (12,18) = d [varpi, varpi_dot] / d [xi, xi_dot, xi_ddot](tau), exact (68)-(74).

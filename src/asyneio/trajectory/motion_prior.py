@@ -1,6 +1,7 @@
 """White-noise-on-jerk motion prior: Phi (14), Q (15), Q^{-1}, Lambda and Psi (20) as scalar 3x3 matrices.
 
-With a power spectral density that is the same at every instant each of these is a 3x3 matrix Kronecker Q_c, or
+With a power spectral density that is the same at every instant each of these is a 3x3 matrix Kronecker
+Q_c, or
 Kronecker 1_6, so nothing of size 18 is ever formed or inverted. `Q` and `Q^{-1}` below are those of a unit
 density; the factor Q_c (or its inverse) is applied by the caller.
 """
