@@ -13,6 +13,9 @@ from asyneio.estimation.optimizer import OptimizerSettings, Solution, optimize
 from asyneio.estimation.problem import Model, Prior, Problem, States
 from asyneio.types import FloatArray, IntArray, RecordArray
 
+#: Inverse depth of the first landmarks without parallax, 1/m: a room.
+_DEFAULT_RHO = 0.5
+
 
 @dataclass(frozen=True)
 class WindowSettings:
@@ -172,32 +175,74 @@ class Window:
         if len(pending) == 0 or self.knots < 2:
             return 0
         pending = pending[np.argsort(self._visual.track[pending], kind="stable")]
-        tracks, begin, counts = np.unique(self._visual.track[pending], return_index=True, return_counts=True)
-        ready = counts >= self._settings.min_observations
-        groups = [pending[a : a + n] for a, n in zip(begin[ready], counts[ready], strict=True)]
-        default_rho = float(np.median(self.landmarks.rho)) if len(self.landmarks) else 0.5
+        _, begin, counts = np.unique(self._visual.track[pending], return_index=True, return_counts=True)
+        groups = [
+            pending[a : a + n]
+            for a, n in zip(begin, counts, strict=True)
+            if n >= self._settings.min_observations and self._has_anchor(pending[a : a + n])
+        ]
+        if not groups:
+            return 0
+        default_rho = float(np.median(self.landmarks.rho)) if len(self.landmarks) else _DEFAULT_RHO
         born = [self._born(group, max(default_rho, 0.0)) for group in groups]
-        if born:
-            anchors, kappas, rhos = zip(*born, strict=True)
-            self.landmarks.add(tracks[ready], np.array(anchors), np.array(kappas), np.array(rhos))
-        return len(born)
+        anchors, kappas, rhos = zip(*born, strict=True)
+        self.landmarks.add(
+            self._visual.track[[group[0] for group in groups]],
+            np.array(anchors),
+            np.array(kappas),
+            np.array(rhos),
+        )
+        if not self._refines_bearing:
+            # The fixed bearing stands for what was seen before the anchor.
+            early = [
+                group[self._visual.interval[group] < a] for group, a in zip(groups, anchors, strict=True)
+            ]
+            keep = np.ones(len(self._visual), dtype=np.bool_)
+            keep[np.concatenate(early)] = False
+            self._visual.keep(keep)
+        return len(groups)
+
+    @property
+    def _refines_bearing(self) -> bool:
+        return self._settings.landmark_dof == 3
+
+    def _has_anchor(self, group: IntArray) -> bool:
+        """A bearing that is refined may start anywhere; a fixed one is interpolated at a knot inside the track."""
+        interval = self._visual.interval[group]
+        return self._refines_bearing or bool(interval[-1] > interval[0])
 
     def _born(self, group: IntArray, default_rho: float) -> tuple[int, FloatArray, float]:
-        """Anchor (absolute), bearing and inverse depth of a track from its observations (in order of
-        time)."""
+        """Anchor (absolute), bearing and inverse depth of a track from its observations (ascending times).
+
+        The anchor is the last knot before the first observation, whose bearing is carried there; where the
+        bearing stays fixed, the first knot inside the track, to whose time the track is interpolated.
+        """
         interval = self._visual.interval[group] - self.first
-        xy = self._visual.xy[group]
-        direction = np.column_stack([xy, np.ones(len(xy))])
-        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        model = self._model()
+        direction = _directions(self._visual.xy[group])
         anchor = int(interval[0])
+        if not self._refines_bearing:
+            anchor += 1
+            direction[0] = self._direction_at(group, anchor)
+        model = self._model()
         # The anchor's own camera pose is the query at the start of its interval: weights zero.
         weights = np.vstack([np.zeros((1, 5)), self._visual.weights[group]])
         C, r = np.empty((len(weights), 3, 3)), np.empty((len(weights), 3))
-        where = np.concatenate([[anchor], interval])
-        camera_poses(self.states, where, weights, model.C_bc, model.r_bc, C, r)
+        camera_poses(self.states, np.concatenate([[anchor], interval]), weights, model.C_bc, model.r_bc, C, r)
+        if not self._refines_bearing:
+            C[1], r[1] = C[0], r[0]
         kappa = np.empty(3)
         rho = born_landmark(
             C[1:], r[1:], direction, 0, C[0], r[0], default_rho, self._settings.bearing_sigma, kappa
         )
         return anchor + self.first, kappa, rho
+
+    def _direction_at(self, group: IntArray, knot: int) -> FloatArray:
+        """Unit bearing (3,) of a track, interpolated linearly in the image to the time of a knot."""
+        t, xy = self._visual.t_ns[group] - self.t_ns[knot], self._visual.xy[group]
+        return _directions(np.array([[np.interp(0.0, t, xy[:, 0]), np.interp(0.0, t, xy[:, 1])]]))[0]
+
+
+def _directions(xy: FloatArray) -> FloatArray:
+    """Unit bearings (N,3) of normalised coordinates (N,2)."""
+    rays = np.column_stack([xy, np.ones(len(xy))])
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))

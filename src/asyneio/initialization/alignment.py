@@ -150,7 +150,7 @@ def _solve_on_sphere(A: FloatArray, b: FloatArray, gravity: float) -> FloatArray
         x[3:] *= gravity / np.linalg.norm(x[3:])
         if np.linalg.norm(step) < 1e-10:
             break
-    return x
+    return np.asarray(x, dtype=np.float64)
 
 
 def _points(blocks: tuple[FloatArray, ...], solution: FloatArray) -> FloatArray:
