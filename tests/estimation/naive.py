@@ -1,0 +1,320 @@
+"""A slow, obvious oracle for the window: every residual stacked, dense Jacobian by central differences.
+
+Nothing here is shared with the package: no local coordinates, no Schur complement, no closed forms of Lie
+Jacobians (power series instead), no whitening tables (Cholesky of the covariance). It reads a `Problem` as data. Every function takes any number of leading
+axes, so that all perturbed points of the differences are evaluated at once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem, States
+
+Array = NDArray[np.float64]
+
+_TERMS = 24
+_STEP = 2e-5
+_AT_ONCE = 64
+
+
+@dataclass(frozen=True)
+class Point:
+    """All unknowns, leading axes omitted: poses `T` (K,4,4), rates `varpi` (K,2,6), biases (K,6), bearings
+
+    `kappa` (L,3) that move along `tangent` (L,3,2), inverse distances `rho` (L,). `dof` of a landmark: 1 or 3.
+    """
+
+    T: Array
+    varpi: Array
+    bias: Array
+    kappa: Array
+    rho: Array
+    tangent: Array
+    dof: int
+
+    @property
+    def size(self) -> int:
+        return 24 * self.T.shape[-3] + self.dof * self.rho.shape[-1]
+
+    def moved(self, delta: Array) -> Point:
+        """Poses on the right, everything else added; `delta` (..., size), knots first."""
+        n, lead = 24 * self.T.shape[-3], delta.shape[:-1]
+        knots = delta[..., :n].reshape(*lead, -1, 24)
+        step = np.zeros((*lead, self.rho.shape[-1], 3))
+        step[..., : self.dof] = delta[..., n:].reshape(*lead, -1, self.dof)
+        return Point(
+            self.T @ exp_se3(knots[..., :6]),
+            self.varpi + knots[..., 6:18].reshape(*lead, -1, 2, 6),
+            self.bias + knots[..., 18:],
+            self.kappa + times(self.tangent, step[..., 1:]),
+            self.rho + step[..., 0],
+            self.tangent,
+            self.dof,
+        )
+
+
+def at(states: States, landmarks: Landmarks, dof: int) -> Point:
+    return Point(
+        poses(states), states.varpi, states.bias, landmarks.kappa, landmarks.rho, landmarks.tangent, dof
+    )
+
+
+def poses(states: States) -> Array:
+    T = np.tile(np.eye(4), (len(states.r), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = states.C, states.r
+    return T
+
+
+def times(A: Array, v: Array) -> Array:
+    return np.asarray((A @ v[..., None])[..., 0])
+
+
+def hat3(v: Array) -> Array:
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return out - np.swapaxes(out, -1, -2)
+
+
+def power_series(X: Array, shift: int) -> Array:
+    """`sum_n X^n / (n + shift)!`: the exponential for shift 0, a left Jacobian for shift 1."""
+    term = np.broadcast_to(np.eye(X.shape[-1]), X.shape) / math.factorial(shift)
+    total = term.copy()
+    for n in range(1, _TERMS):
+        term = term @ X / (n + shift)
+        total += term
+        if np.abs(term).max(initial=0.0) < 1e-20:
+            break
+    return total
+
+
+def exp_se3(xi: Array) -> Array:
+    X = np.zeros((*xi.shape[:-1], 4, 4))
+    X[..., :3, :3], X[..., :3, 3] = hat3(xi[..., :3]), xi[..., 3:]
+    return power_series(X, 0)
+
+
+def log_se3(T: Array) -> Array:
+    phi = Rotation.from_matrix(T[..., :3, :3].reshape(-1, 3, 3)).as_rotvec().reshape(*T.shape[:-2], 3)
+    rho = np.linalg.solve(power_series(hat3(phi), 1), T[..., :3, 3:])
+    return np.concatenate([phi, rho[..., 0]], axis=-1)
+
+
+def curly_hat(xi: Array) -> Array:
+    out = np.zeros((*xi.shape[:-1], 6, 6))
+    out[..., :3, :3] = out[..., 3:, 3:] = hat3(xi[..., :3])
+    out[..., 3:, :3] = hat3(xi[..., 3:])
+    return out
+
+
+def right_jacobian(xi: Array) -> Array:
+    return power_series(-curly_hat(xi), 1)
+
+
+def right_jacobian_rate(xi: Array, xi_dot: Array) -> Array:
+    """Time derivative of the right Jacobian: its power series, differentiated term by term."""
+    X, dX = -curly_hat(xi), -curly_hat(xi_dot)
+    power, d_power = np.broadcast_to(np.eye(6), X.shape), np.zeros_like(X)
+    total = np.zeros_like(X)
+    for n in range(1, _TERMS):
+        d_power = (d_power @ X + power @ dX) / (n + 1)
+        power = power @ X / (n + 1)
+        total += d_power
+        if np.abs(d_power).max(initial=0.0) < 1e-20:
+            break
+    return total
+
+
+def local_variables(point: Point) -> Array:
+    """[varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot] (..., I,5,6) of all intervals."""
+    xi = log_se3(np.linalg.inv(point.T[..., :-1, :, :]) @ point.T[..., 1:, :, :])
+    J = right_jacobian(xi)
+    begin, end = point.varpi[..., :-1, :, :], point.varpi[..., 1:, :, :]
+    xi_dot = np.linalg.solve(J, end[..., 0, :, None])[..., 0]
+    rest = end[..., 1, :] - times(right_jacobian_rate(xi, xi_dot), xi_dot)
+    xi_ddot = np.linalg.solve(J, rest[..., None])[..., 0]
+    return np.stack([begin[..., 0, :], begin[..., 1, :], xi, xi_dot, xi_ddot], axis=-2)
+
+
+def _interval_of(start: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.repeat(np.arange(len(start) - 1), np.diff(start))
+
+
+def _used(samples: Inertial) -> slice:
+    return slice(int(samples.start[0]), int(samples.start[-1]))
+
+
+def _rows(residual: Array, axes: int) -> Array:
+    """The last `axes` axes as one."""
+    return residual.reshape(*residual.shape[:-axes], -1)
+
+
+def motion_residuals(problem: Problem, local: Array, bias: Array) -> list[Array]:
+    """White noise on jerk and random walk of the biases, of the intervals that count."""
+    out = []
+    for i in np.flatnonzero(problem.motion):
+        dt = problem.model.dt[i]
+        varpi, varpi_dot, xi, xi_dot, xi_ddot = np.moveaxis(local[..., i, :, :], -2, 0)
+        predicted = [dt * varpi + dt**2 / 2 * varpi_dot, varpi + dt * varpi_dot, varpi_dot]
+        error = np.stack(predicted, axis=-2) - np.stack([xi, xi_dot, xi_ddot], axis=-2)
+        Q = [
+            [dt**5 / 20, dt**4 / 8, dt**3 / 6],
+            [dt**4 / 8, dt**3 / 3, dt**2 / 2],
+            [dt**3 / 6, dt**2 / 2, dt],
+        ]
+        whitened = np.linalg.solve(np.linalg.cholesky(Q), error) / problem.model.root_density
+        out.append(_rows(whitened, 2))
+        out.append((bias[..., i + 1, :] - bias[..., i, :]) / (problem.model.bias_walk * np.sqrt(dt)))
+    return out
+
+
+def _bias_at(samples: Inertial, i: NDArray[np.int64], bias: Array) -> Array:
+    alpha = samples.alpha[_used(samples), None]
+    return np.asarray((1.0 - alpha) * bias[..., i, :] + alpha * bias[..., i + 1, :])
+
+
+def gyroscope_residuals(problem: Problem, local: Array, bias: Array) -> Array:
+    samples = problem.gyroscope
+    i, used = _interval_of(samples.start), _used(samples)
+    gamma = samples.weights[used] @ local[..., i, :, :]
+    omega = times(right_jacobian(gamma[..., 0, :]), gamma[..., 1, :])[..., :3]
+    error = samples.value[used] - omega - _bias_at(samples, i, bias)[..., :3]
+    return _rows(error * samples.root_information[used, None], 2)
+
+
+def accelerometer_residuals(problem: Problem, local: Array, point: Point) -> Array:
+    samples = problem.accelerometer
+    i, used = _interval_of(samples.start), _used(samples)
+    gamma = samples.weights[used] @ local[..., i, :, :]
+    xi, xi_dot, xi_ddot = np.moveaxis(gamma, -2, 0)
+    J = right_jacobian(xi)
+    varpi = times(J, xi_dot)
+    varpi_dot = times(J, xi_ddot) + times(right_jacobian_rate(xi, xi_dot), xi_dot)
+    C = (point.T[..., i, :, :] @ exp_se3(xi))[..., :3, :3]
+    turning = np.cross(varpi[..., :3], varpi[..., 3:])
+    force = varpi_dot[..., 3:] + turning - problem.model.gravity_w @ C
+    error = samples.value[used] - force - _bias_at(samples, i, point.bias)[..., 3:]
+    return _rows(error * samples.root_information[used, None], 2)
+
+
+def projections(problem: Problem, local: Array, point: Point) -> Array:
+    """Landmarks in the cameras that observed them, times inverse distance: (..., M,3)."""
+    visual, model = problem.visual, problem.model
+    i, j = _interval_of(visual.start), visual.landmark
+    T_bc = np.eye(4)
+    T_bc[:3, :3], T_bc[:3, 3] = model.C_bc, model.r_bc
+    T_w_a = point.T[..., problem.landmarks.anchor[j], :, :] @ T_bc
+    xi = (visual.weights[:, None] @ local[..., i, :, :])[..., 0, :]
+    T_w_c = point.T[..., i, :, :] @ exp_se3(xi) @ T_bc
+    homogeneous = np.concatenate([point.kappa[..., j, :], point.rho[..., j, None]], axis=-1)
+    return times(np.linalg.inv(T_w_c) @ T_w_a, homogeneous)[..., :3]
+
+
+def reprojection_residuals(problem: Problem, local: Array, point: Point) -> Array:
+    """Whitened, (..., M,2)."""
+    h = projections(problem, local, point)
+    return times(problem.visual.root_information, h[..., :2] / h[..., 2:] - problem.visual.xy)
+
+
+def prior_residuals(prior: Prior, point: Point) -> Array:
+    lin, m = prior.linearization, len(prior.linearization.r)
+    pose = log_se3(np.linalg.inv(poses(lin)) @ point.T[..., :m, :, :])
+    rates = _rows(point.varpi[..., :m, :, :] - lin.varpi, 2)
+    delta = np.concatenate([pose, rates, point.bias[..., :m, :] - lin.bias], axis=-1)
+    return times(prior.R, _rows(delta, 2)) + prior.r_0
+
+
+def residuals(problem: Problem, prior: Prior | None, point: Point, weights: Array | None = None) -> Array:
+    """All rows; `weights` (M,) are robust weights of the observations, whose rows come last."""
+    local = local_variables(point)
+    visual = reprojection_residuals(problem, local, point)
+    if weights is not None:
+        visual = visual * np.sqrt(weights)[:, None]
+    rows = [
+        *motion_residuals(problem, local, point.bias),
+        gyroscope_residuals(problem, local, point.bias),
+        accelerometer_residuals(problem, local, point),
+        _rows(visual, 2),
+    ]
+    if prior is not None:
+        rows.insert(0, prior_residuals(prior, point))
+    return np.concatenate(rows, axis=-1)
+
+
+def jacobian(problem: Problem, prior: Prior | None, point: Point, weights: Array | None = None) -> Array:
+    steps = _STEP * np.eye(point.size)
+    columns = []
+    for some in np.array_split(steps, math.ceil(point.size / _AT_ONCE)):
+        ahead, behind = (residuals(problem, prior, point.moved(s * some), weights) for s in (1.0, -1.0))
+        columns.append((ahead - behind) / (2.0 * _STEP))
+    return np.concatenate(columns).T
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Dense normal equations `H`, gradient `b`, and the cost; knots (24 K) first, then landmarks."""
+
+    H: Array
+    b: Array
+    cost: float
+    knots: int
+
+    def damped(self, damping: Array) -> Normal:
+        """With information `damping` (dof,) on the diagonal of every landmark."""
+        H, n = self.H.copy(), 24 * self.knots
+        H[n:, n:] += np.diag(np.tile(damping, (len(H) - n) // len(damping)))
+        return Normal(H, self.b, self.cost, self.knots)
+
+    def reduced(self) -> tuple[Array, Array]:
+        """Schur complement of everything behind the knots."""
+        return schur(self.H, self.b, 24 * self.knots)
+
+
+def schur(H: Array, b: Array, n: int) -> tuple[Array, Array]:
+    """Information and gradient that the rest leaves for the first n unknowns."""
+    if n == len(H):
+        return H, b
+    gain = np.linalg.solve(H[n:, n:], H[n:, :n])
+    return H[:n, :n] - H[:n, n:] @ gain, b[:n] - gain.T @ b[n:]
+
+
+def normal_equations(problem: Problem, prior: Prior | None = None, weights: Array | None = None) -> Normal:
+    """Jacobian at the linearisation point, residual at the states."""
+    dof = problem.model.landmark_dof
+    r = residuals(problem, prior, at(problem.states, problem.landmarks, dof), weights)
+    J = jacobian(problem, prior, at(problem.linearization, problem.landmarks, dof), weights)
+    return Normal(J.T @ J, J.T @ r, 0.5 * float(r @ r), len(problem.states.r))
+
+
+def gauss_newton(problem: Problem, prior: Prior, iterations: int) -> tuple[Point, float]:
+    """Minimum of the whole problem in all unknowns at once, and its cost."""
+    point = at(problem.states, problem.landmarks, problem.model.landmark_dof)
+    for _ in range(iterations):
+        J, r = jacobian(problem, prior, point), residuals(problem, prior, point)
+        scale = 1.0 / np.linalg.norm(J, axis=0)
+        point = point.moved(-scale * np.linalg.lstsq(J * scale, r, rcond=None)[0])
+    r = residuals(problem, prior, point)
+    return point, 0.5 * float(r @ r)
+
+
+def global_motions(states: States) -> Array:
+    """What nothing in a window observes, as motions of its knots (24 K, 4): translations, then yaw."""
+    C, r = states.C, states.r
+    up = np.array([0.0, 0.0, 1.0])
+    out = np.zeros((len(r), 24, 4))
+    out[:, 3:6, :3] = np.swapaxes(C, 1, 2)
+    out[:, :3, 3] = up @ C
+    out[:, 3:6, 3] = np.einsum("kji,kj->ki", C, np.cross(up, r))
+    return out.reshape(-1, 4)
+
+
+def scaled(H: Array, reference: Array) -> Array:
+    """`H` in units of the standard deviations in `reference`: entries of all blocks become comparable."""
+    root = np.sqrt(reference.diagonal())
+    root = np.where(root > 0.0, root, 1.0)
+    return H / np.outer(root, root)
