@@ -207,7 +207,7 @@ class Window:
         return self._settings.landmark_dof == 3
 
     def _has_anchor(self, group: IntArray) -> bool:
-        """A bearing that is refined may start anywhere; a fixed one is interpolated at a knot inside the track."""
+        """A bearing that is refined may start anywhere; a fixed one is interpolated at a knot within."""
         interval = self._visual.interval[group]
         return self._refines_bearing or bool(interval[-1] > interval[0])
 
