@@ -1,8 +1,8 @@
 """A slow, obvious oracle for the window: every residual stacked, dense Jacobian by central differences.
 
 Nothing here is shared with the package: no local coordinates, no Schur complement, no closed forms of Lie
-Jacobians (power series instead), no whitening tables (Cholesky of the covariance). It reads a `Problem` as data. Every function takes any number of leading
-axes, so that all perturbed points of the differences are evaluated at once.
+Jacobians (power series instead), no whitening tables (Cholesky of the covariance). It reads a `Problem` as
+data. Every function takes any number of leading axes, so that all perturbed points are evaluated at once.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ _AT_ONCE = 64
 
 @dataclass(frozen=True)
 class Point:
-    """All unknowns, leading axes omitted: poses `T` (K,4,4), rates `varpi` (K,2,6), biases (K,6), bearings
+    """All unknowns, leading axes omitted: poses `T` (K,4,4), rates `varpi` (K,2,6), biases `bias` (K,6),
+    bearings `kappa` (L,3) that move along `tangent` (L,3,2), inverse distances `rho` (L,).
 
-    `kappa` (L,3) that move along `tangent` (L,3,2), inverse distances `rho` (L,). `dof` of a landmark: 1 or 3.
+    `dof` of a landmark: 1 or 3.
     """
 
     T: Array
@@ -297,7 +298,8 @@ def gauss_newton(problem: Problem, prior: Prior, iterations: int) -> tuple[Point
     for _ in range(iterations):
         J, r = jacobian(problem, prior, point), residuals(problem, prior, point)
         scale = 1.0 / np.linalg.norm(J, axis=0)
-        point = point.moved(-scale * np.linalg.lstsq(J * scale, r, rcond=None)[0])
+        Q, R = np.linalg.qr(J * scale)
+        point = point.moved(-scale * np.linalg.solve(R, Q.T @ r))
     r = residuals(problem, prior, point)
     return point, 0.5 * float(r @ r)
 

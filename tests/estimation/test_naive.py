@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import expm, logm
 
 from tests.estimation import naive
-from tests.estimation.toy import SETTINGS, gauge_prior, make_toy
+from tests.estimation.toy import SETTINGS, first_knot_prior, make_toy
 from tests.factors.knots import hat6
 
 
@@ -62,8 +62,8 @@ def test_window_motions_that_nothing_observes_are_null(rng: np.random.Generator)
     assert (energy(motion) < 1e-6 * energy(other)).all()
 
 
-def test_gauge_prior_fixes_what_nothing_observes() -> None:
+def test_prior_fixes_what_nothing_observes() -> None:
     toy = make_toy(count=3, landmarks=5)
-    prior = gauge_prior(toy.truth)
+    prior = first_knot_prior(toy.truth)
     null = naive.global_motions(prior.linearization)
     assert np.linalg.matrix_rank(prior.R @ null) == 4

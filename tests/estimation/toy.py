@@ -61,13 +61,9 @@ class Toy:
         return moved(self.truth, delta)
 
     def window(self, states: States, prior: Prior | None = None) -> Window:
-        """All knots with their measurements; no landmarks yet. Without a prior, nothing fixes the frame."""
-        window = Window(
-            self.settings,
-            int(self.t_ns[0]),
-            knots(states, 0, 1),
-            gauge_prior(states) if prior is None else prior,
-        )
+        """All knots with their measurements; no landmarks yet."""
+        prior = first_knot_prior(states) if prior is None else prior
+        window = Window(self.settings, int(self.t_ns[0]), knots(states, 0, 1), prior)
         for k in range(1, len(self.t_ns)):
             window.extend(int(self.t_ns[k]), knots(states, k, k + 1), *self.between(k))
         return window
@@ -81,7 +77,7 @@ class Toy:
     def problem(self, scale: float = 1.0) -> tuple[Problem, Prior]:
         """A window around the truth, ready to be optimised, with a prior that fixes the frame."""
         window = self.window(self.perturbed_truth(scale))
-        assert window.add_landmarks() == len(self.points_w)
+        assert window.add_landmarks() >= 0.7 * len(self.points_w)
         return window.problem(), window.prior
 
 
@@ -93,7 +89,7 @@ def make_toy(
     settings: WindowSettings = SETTINGS,
     interval_ns: int = KNOT_NS,
 ) -> Toy:
-    """`count` knots; tracks of 3 to 9 observations that begin and end anywhere. `noise` scales that of all sensors."""
+    """`count` knots; tracks of 3 to 9 observations begin and end anywhere; `noise` scales that of sensors."""
     rng = np.random.default_rng(seed)
     t_ns = START_NS + interval_ns * np.arange(count, dtype=np.int64)
     bias = 0.05 * rng.normal(size=6) * np.repeat([0.2, 1.0], 3)
@@ -189,14 +185,17 @@ def moved(states: States, delta: Array) -> States:
     )
 
 
-def gauge_prior(states: States, sigma: float = 1e-3) -> Prior:
-    """Position, yaw and biases of the first knot: what no other factor fixes."""
+def first_knot_prior(states: States, sigma: float = 1e-3) -> Prior:
+    """Position and yaw of the first knot define the frame; rates and biases are roughly known.
+
+    Nothing else depends on position and yaw, so at the minimum their residuals vanish.
+    """
     first = knots(states, 0, 1)
-    R = np.zeros((10, 24))
+    R = np.zeros((22, 24))
     R[0, :3] = first.C[0, 2] / sigma
     R[1:4, 3:6] = np.eye(3) / sigma
-    R[4:, 18:] = np.diag(1.0 / np.repeat([0.02, 0.1], 3))
-    return Prior(R, R.T @ R, 0.3 * np.r_[np.zeros(4), np.ones(6)], first)
+    R[4:, 6:] = np.diag(1.0 / np.repeat([0.05, 0.5, 0.02, 0.1], [6, 6, 3, 3]))
+    return Prior(R, R.T @ R, 0.3 * np.r_[np.zeros(4), np.ones(18)], first)
 
 
 def no_prior(states: States) -> Prior:
