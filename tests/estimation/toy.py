@@ -154,11 +154,11 @@ def _observations(
     parts = []
     for track, point in enumerate(points_w):
         count = int(rng.integers(3, 10))
-        # From the first instant on, from the middle, or for the whole window.
-        begin, end = [(0, span), (1, 2 * span // 3), (span // 3, span)][track % 3]
+        begin = int([0.0, 0.4, 0.2][track % 3] * span)
+        end = min(begin + int(3.5 * np.diff(t_ns)[0]), span)
         times = t_ns[0] + np.sort(rng.integers(begin + 1, end, count))
         if track == 0:
-            times[-1] = t_ns[-2]  # exactly at a knot
+            times[-1] = t_ns[min(2, len(t_ns) - 1)]  # exactly at a knot
         h = into(camera_poses(times), point)
         xy = h[:, :2] / h[:, 2:] + noise * rng.normal(size=(count, 2)) @ np.linalg.inv(ROOT_INFORMATION).T
         parts.append((times, np.full(count, 7 * track + 3), xy))
