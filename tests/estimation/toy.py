@@ -143,6 +143,23 @@ def into(T: Array, point: Array) -> Array:
     return np.asarray(np.einsum("nji,nj->ni", T[:, :3, :3], point - T[:, :3, 3]))
 
 
+def observe(times: Times, point_w: Array) -> Array:
+    """Exact normalised coordinates (N,2) of a point (3,) from the true motion."""
+    h = into(camera_poses(times), point_w)
+    assert (h[:, 2] > 0.1).all()
+    return np.asarray(h[:, :2] / h[:, 2:])
+
+
+def as_observations(parts: list[tuple[int, Times, Array]]) -> TrackObservations:
+    """Observations in order of time, of tracks given as (id, times, normalised coordinates)."""
+    track = np.concatenate([np.full(len(times), name) for name, times, _ in parts])
+    times = np.concatenate([times for _, times, _ in parts])
+    xy = np.concatenate([xy for _, _, xy in parts])
+    order = np.argsort(times, kind="stable")
+    root = np.tile(ROOT_INFORMATION, (len(order), 1, 1))
+    return TrackObservations(times[order], track[order], xy[order], root)
+
+
 def _observations(
     t_ns: Times, landmarks: int, noise: float, rng: np.random.Generator
 ) -> tuple[TrackObservations, Array]:
@@ -159,13 +176,9 @@ def _observations(
         times = t_ns[0] + np.sort(rng.integers(begin + 1, end, count))
         if track == 0:
             times[-1] = t_ns[min(2, len(t_ns) - 1)]  # exactly at a knot
-        h = into(camera_poses(times), point)
-        xy = h[:, :2] / h[:, 2:] + noise * rng.normal(size=(count, 2)) @ np.linalg.inv(ROOT_INFORMATION).T
-        parts.append((times, np.full(count, 7 * track + 3), xy))
-    times, track, xy = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    order = np.argsort(times, kind="stable")
-    root = np.tile(ROOT_INFORMATION, (len(order), 1, 1))
-    return TrackObservations(times[order], track[order], xy[order], root), points_w
+        error = noise * rng.normal(size=(count, 2)) @ np.linalg.inv(ROOT_INFORMATION).T
+        parts.append((7 * track + 3, times, observe(times, point) + error))
+    return as_observations(parts), points_w
 
 
 def knots(states: States, first: int, last: int) -> States:

@@ -1,0 +1,144 @@
+"""Buffers of the window: which interval a measurement belongs to, its weights, what is forgotten."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from asyneio.estimation.landmarks import LandmarkTable
+from asyneio.estimation.measurements import InertialBuffer, VisualBuffer
+from asyneio.types import INERTIAL_DTYPE, RecordArray
+from tests.estimation.toy import KNOT_NS, make_toy
+
+Array = NDArray[np.float64]
+MS = 1_000_000
+START = 1_600_000_000_123_456_789
+
+
+def samples(*after_ms: float) -> RecordArray:
+    """Samples whose values tell their times apart."""
+    out = np.zeros(len(after_ms), dtype=INERTIAL_DTYPE)
+    out["t_ns"] = START + np.rint(np.array(after_ms) * MS).astype(np.int64)
+    out["xyz"] = np.array(after_ms)[:, None] * [1.0, 10.0, 100.0]
+    return out
+
+
+def inertial(first: int = 5) -> InertialBuffer:
+    """Intervals of 100 ms: three samples, none, two; absolute numbers from `first` on."""
+    buffer = InertialBuffer()
+    for k, chunk in enumerate([samples(25, 50, 100), samples(), samples(210, 300)]):
+        bounds = (START + 100 * k * MS, START + 100 * (k + 1) * MS)
+        buffer.append(chunk, 0.25, first + k, *bounds)
+    return buffer
+
+
+def test_samples_know_their_interval_and_fraction() -> None:
+    arrays = inertial().arrays(5, 3)
+    np.testing.assert_array_equal(arrays.start, [0, 3, 3, 5])
+    np.testing.assert_allclose(arrays.alpha, [0.25, 0.5, 1.0, 0.1, 1.0], atol=1e-12)
+    np.testing.assert_array_equal(arrays.value[:, 0], [25, 50, 100, 210, 300])
+    np.testing.assert_array_equal(arrays.root_information, np.full(5, 4.0))
+
+
+def test_weights_are_the_quintic_between_the_ends() -> None:
+    """At the end of an interval xi and its rates are those of the end; in between they take both."""
+    weights = inertial().arrays(5, 3).weights
+    np.testing.assert_allclose(weights[2], np.eye(5)[2:], atol=1e-9)
+    s, dt = 0.25, 0.1
+    # Rows of a motion with constant acceleration a: xi = v t + a t^2 / 2 everywhere.
+    v, a = 0.7, -3.0
+    ends = np.array([v, a, v * dt + a * dt**2 / 2, v + a * dt, a])
+    t = s * dt
+    np.testing.assert_allclose(weights[0] @ ends, [v * t + a * t**2 / 2, v + a * t, a], atol=1e-9)
+
+
+def test_numbers_are_relative_to_the_first_knot() -> None:
+    buffer = inertial(first=40)
+    np.testing.assert_array_equal(buffer.arrays(40, 4).start, [0, 3, 3, 5, 5])
+    buffer.drop_before(41)
+    arrays = buffer.arrays(41, 2)
+    np.testing.assert_array_equal(arrays.start, [0, 0, 2])
+    np.testing.assert_array_equal(arrays.value[:, 0], [210, 300])
+    for column in arrays[1:]:
+        assert len(column) == 2
+    buffer.drop_before(43)
+    assert len(buffer.arrays(43, 1).value) == 0
+
+
+def test_sample_at_a_knot_belongs_to_the_interval_before() -> None:
+    toy = make_toy(count=4, landmarks=3)
+    problem = toy.window(toy.truth).problem()
+    assert np.isin(toy.t_ns[1:-1], toy.gyroscope["t_ns"]).all()
+    assert np.isin(toy.t_ns[2], toy.observations.t_ns)
+    for stream, held in ((toy.gyroscope, problem.gyroscope), (toy.accelerometer, problem.accelerometer)):
+        # All but the first instant's, which no interval holds.
+        kept = stream[stream["t_ns"] > toy.t_ns[0]]
+        np.testing.assert_array_equal(held.value, kept["xyz"])
+        interval = np.repeat(np.arange(3), np.diff(held.start))
+        np.testing.assert_array_equal(interval, -(-(kept["t_ns"] - toy.t_ns[0]) // KNOT_NS) - 1)
+        assert held.alpha.min() > 0.0
+        assert held.alpha.max() <= 1.0
+    assert np.count_nonzero(problem.gyroscope.alpha == 1.0) == 2
+
+
+def visual(intervals: list[int], tracks: list[int]) -> VisualBuffer:
+    """One observation every millisecond, `xy` numbers them."""
+    buffer = VisualBuffer()
+    for interval in sorted(set(intervals)):
+        mine = np.flatnonzero(np.array(intervals) == interval)
+        bounds = (START + 100 * interval * MS, START + 100 * (interval + 1) * MS)
+        buffer.append(
+            bounds[0] + (1 + np.arange(len(mine))) * MS,
+            np.array(tracks)[mine],
+            np.column_stack([mine, -mine]).astype(np.float64),
+            np.tile(np.eye(2), (len(mine), 1, 1)) * (1.0 + mine[:, None, None]),
+            interval,
+            bounds,
+        )
+    return buffer
+
+
+def test_observations_are_sorted_by_interval_anchor_and_landmark() -> None:
+    intervals = [7, 7, 7, 7, 8, 8, 8, 9, 9]
+    buffer = visual(intervals, [1, 3, 2, 1, 3, 9, 1, 2, 1])
+    # Tracks 1, 2, 3 are landmarks 0, 1, 2 anchored in knots 7, 7, 6; track 9 has none yet.
+    index = {1: 0, 2: 1, 3: 2, 9: -1}
+    landmark = np.array([index[int(track)] for track in buffer.track])
+    arrays = buffer.arrays(landmark, np.array([7, 7, 6]), 7, 3)
+    np.testing.assert_array_equal(arrays.start, [0, 4, 6, 8])
+    np.testing.assert_array_equal(arrays.landmark, [2, 0, 0, 1, 2, 0, 0, 1])
+    np.testing.assert_array_equal(arrays.xy[:, 0], [1, 0, 3, 2, 4, 6, 8, 7])
+    np.testing.assert_array_equal(arrays.root_information[:, 1, 1], 1.0 + arrays.xy[:, 0])
+    assert len(buffer) == 9
+
+
+def test_observations_kept_by_mask() -> None:
+    buffer = visual([3, 3, 4], [1, 2, 1])
+    buffer.keep(buffer.track == 1)
+    assert len(buffer) == 2
+    np.testing.assert_array_equal(buffer.interval, [3, 4])
+    arrays = buffer.arrays(np.zeros(2, dtype=np.int64), np.array([3]), 3, 2)
+    np.testing.assert_array_equal(arrays.xy[:, 0], [0, 2])
+    np.testing.assert_array_equal(arrays.start, [0, 1, 2])
+
+
+def unit(rows: Array) -> Array:
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+
+
+def test_landmark_table(rng: np.random.Generator) -> None:
+    table = LandmarkTable()
+    np.testing.assert_array_equal(table.index_of(np.array([4, 2])), [-1, -1])
+    kappa = unit(rng.normal(size=(5, 3)))
+    table.add(np.array([9, 4, 30]), np.array([2, 3, 3]), kappa[:3], np.array([0.9, 0.4, 3.0]))
+    table.add(np.array([7, 1]), np.array([5, 4]), kappa[3:], np.array([0.7, 0.1]))
+    np.testing.assert_array_equal(table.track, [1, 4, 7, 9, 30])
+    np.testing.assert_array_equal(table.index_of(np.array([30, 2, 4, 1, 31, 0, 4])), [4, -1, 1, 0, -1, -1, 1])
+    np.testing.assert_array_equal(table.rho, [0.1, 0.4, 0.7, 0.9, 3.0])
+    np.testing.assert_array_equal(table.kappa, kappa[[4, 1, 3, 0, 2]])
+    table.keep(table.anchor > 2)
+    np.testing.assert_array_equal(table.track, [1, 4, 7, 30])
+    arrays = table.arrays(first=3)
+    np.testing.assert_array_equal(arrays.anchor, [1, 0, 2, 0])
+    frame = np.concatenate([arrays.kappa[:, :, None], arrays.tangent], axis=2)
+    np.testing.assert_allclose(np.swapaxes(frame, 1, 2) @ frame, np.tile(np.eye(3), (4, 1, 1)), atol=1e-12)
