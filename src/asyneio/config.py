@@ -23,7 +23,7 @@ class WindowConfig(_Section):
     knot_interval_s: float = Field(0.05, gt=0.0, le=1.0, description="time between knots")
     length_s: float = Field(1.5, gt=0.0, le=20.0, description="time spanned by the knots in the window")
     frozen_linearization: bool = Field(
-        True, description="first-estimates Jacobians for every state that the marginal prior touches"
+        False, description="first-estimates Jacobians for every pose that the marginal prior touches"
     )
 
 
@@ -63,14 +63,23 @@ class OptimizerConfig(_Section):
 
     max_iterations: int = Field(4, ge=1, description="per knot while tracking")
     initial_max_iterations: int = Field(30, ge=1, description="for the joint optimisation at the start")
-    relative_decrease: float = Field(1e-4, gt=0.0, description="stop when the cost falls by less than this")
-    initial_damping: float = Field(1e-6, gt=0.0)
+    relative_decrease: float = Field(
+        1e-3, gt=0.0, description="stop when the cost falls by less than this, or just as the model foretold"
+    )
+    initial_relative_decrease: float = Field(1e-6, gt=0.0, description="the same, at the start")
+    initial_damping: float = Field(
+        1e-9,
+        gt=0.0,
+        description="relative to the diagonal, after the first refused step; scale is a soft direction "
+        "among stiff ones, and 1e-6 already stops it",
+    )
 
 
 class InitializationConfig(_Section):
     """Start from the data alone."""
 
     min_seconds: float = Field(1.0, gt=0.0, description="shortest span tried")
+    max_seconds: float = Field(4.0, gt=0.0, description="longest span tried; what is older is dropped")
     min_landmarks: int = Field(15, ge=4)
     max_scale_sigma: float = Field(0.1, gt=0.0, description="largest relative standard deviation of scale")
     max_ray_residual_px: float = Field(

@@ -4,11 +4,13 @@ What goes in: the old prior, the factors of the first interval, and every observ
 anchor is the oldest knot, at whatever time it was made. No observation is thrown away: a track that outlives
 its anchor begins a new landmark.
 
-What comes out is linearised where the states were at that moment; the linearisation point of every
-knot that the
-prior touches is frozen from then on (first-estimates Jacobians), because evaluating later factors elsewhere
-would feed information into the four directions that nothing observes (position and yaw). With poses perturbed
-on the right and velocities in the body these directions depend on the poses alone.
+What comes out is linearised where the states were at that moment and stays a linear function of the distance
+from there (the prior is *shifted*, not relinearised). Whether the poses that it touches keep this
+linearisation point for all other factors too (first-estimates Jacobians) is a choice of the window. With
+poses perturbed on the right and velocities in the body, the four directions that nothing observes (position
+and yaw) depend on the poses alone, so that only these would have to be frozen. Tracks reach from the oldest
+knot to the newest, so the prior touches poses a few hundredths of a second old: freezing them there costs
+more than it protects (docs/deviations.md has the figures), and the default is not to.
 """
 
 from __future__ import annotations

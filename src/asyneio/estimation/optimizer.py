@@ -4,6 +4,7 @@ factorisation."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -19,7 +20,7 @@ from asyneio.estimation.linear_system import (
 )
 from asyneio.estimation.problem import Landmarks, Prior, Problem, States
 from asyneio.factors.marginal_prior import knot_difference
-from asyneio.geometry.se3 import se3_compose, se3_exp
+from asyneio.geometry.se3 import se3_between, se3_compose, se3_exp, se3_log
 from asyneio.types import FloatArray
 
 _MAX_DAMPING = 1e8
@@ -59,6 +60,14 @@ class Solution:
     report: OptimizerReport
 
 
+class _Step(NamedTuple):
+    problem: Problem
+    prior_delta: FloatArray
+    cost: float
+    next_damping: float
+    predicted_decrease: float
+
+
 def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Solution:
     """Minimise the window's cost (39) plus the marginal prior.
 
@@ -85,9 +94,11 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
         accepted = _damped_step(problem, system, prior, cost, damping, settings.damping)
         if accepted is None:
             break
-        problem, prior_delta, new_cost, damping = accepted
-        converged = cost - new_cost <= settings.relative_decrease * cost
-        cost = new_cost
+        # What the quadratic model foretold has happened: the next step would change next to nothing.
+        surprise = abs(cost - accepted.cost - accepted.predicted_decrease)
+        converged = min(surprise, cost - accepted.cost) <= settings.relative_decrease * cost
+        problem, prior_delta = accepted.problem, accepted.prior_delta
+        cost, damping = accepted.cost, accepted.next_damping
         if converged or iterations >= settings.max_iterations:
             break
     report = OptimizerReport(iterations, initial_cost, float(cost), visual_cost, rejected, converged)
@@ -96,8 +107,8 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
 
 def _damped_step(
     problem: Problem, system: LinearSystem, prior: Prior, cost: float, damping: float, first_damping: float
-) -> tuple[Problem, FloatArray, float, float] | None:
-    """One accepted step: (problem, prior difference, cost, next damping); None if no step lowers the cost."""
+) -> _Step | None:
+    """One accepted step; None if no step lowers the cost."""
     diagonal = system.H.diagonal().copy()
     while damping <= _MAX_DAMPING:
         step = _solve(system, diagonal, damping)
@@ -108,7 +119,7 @@ def _damped_step(
             # Equal costs count: at the minimum rounding decides.
             if new_cost <= cost * (1.0 + 1e-9):
                 next_damping = damping / 10.0 if damping > first_damping else 0.0
-                return candidate, delta, new_cost, next_damping
+                return _Step(candidate, delta, new_cost, next_damping, _predicted_decrease(system, step))
         damping = max(first_damping, 10.0 * damping)
     if step is None:
         raise EstimationError(
@@ -116,6 +127,12 @@ def _damped_step(
             "too few measurements, or states that are not finite"
         )
     return None
+
+
+def _predicted_decrease(system: LinearSystem, step: FloatArray) -> float:
+    """Decrease of the quadratic model for an undamped step; whitened landmarks add |b_l|^2 / 2."""
+    dof = system.W.shape[1]
+    return 0.5 * float(np.sum(system.b_l[:, :dof] ** 2) - step.ravel() @ system.b)
 
 
 def _solve(system: LinearSystem, diagonal: FloatArray, damping: float) -> FloatArray | None:
@@ -190,35 +207,26 @@ def _retract(
     landmarks: Landmarks,
     landmark_step: FloatArray,
 ) -> None:
-    delta = np.empty(24)
+    delta = np.empty(6)
     C_d = np.empty((3, 3))
     r_d = np.empty(3)
     for k in range(states.r.shape[0]):
-        # A frozen knot moves in the tangent space of its linearisation point, where the prior is linear.
-        knot_difference(
-            linearization.C[k],
-            linearization.r[k],
-            linearization.varpi[k],
-            linearization.bias[k],
-            states.C[k],
-            states.r[k],
-            states.varpi[k],
-            states.bias[k],
-            delta,
-        )
-        for c in range(24):
+        # A frozen pose moves in the tangent space of its linearisation point, where the prior is linear.
+        se3_between(linearization.C[k], linearization.r[k], states.C[k], states.r[k], C_d, r_d)
+        se3_log(C_d, r_d, delta)
+        for c in range(6):
             delta[c] += step[k, c]
-        se3_exp(delta[:6], C_d, r_d)
+        se3_exp(delta, C_d, r_d)
         se3_compose(linearization.C[k], linearization.r[k], C_d, r_d, states.C[k], states.r[k])
         for c in range(6):
             states.varpi[k, 0, c] += step[k, 6 + c]
             states.varpi[k, 1, c] += step[k, 12 + c]
             states.bias[k, c] += step[k, 18 + c]
+        linearization.varpi[k] = states.varpi[k]
+        linearization.bias[k] = states.bias[k]
         if k >= frozen:
             linearization.C[k] = states.C[k]
             linearization.r[k] = states.r[k]
-            linearization.varpi[k] = states.varpi[k]
-            linearization.bias[k] = states.bias[k]
     for j in range(landmarks.rho.shape[0]):
         landmarks.rho[j] += landmark_step[j, 0]
         norm = 0.0

@@ -12,8 +12,7 @@ known magnitude is then imposed by Gauss-Newton on the sphere. Rows are weighted
 the landmark (second pass), so that residuals are angles.
 
 Source: the closed-form solution family of Martinelli (IJCV 2014) and Dong-Si and Mourikis (IROS 2012),
-with the
-gravity sphere of VINS-Mono (49).
+with the gravity sphere of VINS-Mono, which the paper cites.
 """
 
 from __future__ import annotations
@@ -25,6 +24,11 @@ from numba import njit
 
 from asyneio.errors import EstimationError
 from asyneio.types import FloatArray, IntArray
+
+#: Scatter of a track's bearings along its mean ray, over what noise alone gives.
+_PARALLAX_OVER_NOISE = 2.0
+#: Six unknowns, and each track gives two equations per observation less its three coordinates.
+_MIN_TRACKS = 5
 
 
 @dataclass(frozen=True)
@@ -49,17 +53,60 @@ class Alignment:
     share_in_front: float
 
 
-def align(data: AlignmentData, gravity: float) -> Alignment:
+def align(data: AlignmentData, gravity: float, bearing_sigma: float = 0.0) -> Alignment:
     """Solve the linear problem, weight it by distance, impose the magnitude of gravity, solve again.
 
+    `bearing_sigma` [rad] is the noise of a bearing across the ray. Uncompensated, it makes the projector
+    informative along the ray (E[1 - d d^T] d = 2 sigma^2 d), which shortens distances and velocity however
+    many observations there are. A low `share_in_front` tells of a solution that means nothing.
+
     Raises:
-        EstimationError: the six unknowns are not determined (no motion, no parallax).
+        EstimationError: a track has no observation, too few show parallax, or the equations are singular.
     """
+    if data.tracks == 0 or np.bincount(data.track, minlength=data.tracks).min() == 0:
+        raise EstimationError(
+            f"{data.tracks} tracks, some without observations; expected at least one observation of each"
+        )
+    data = _with_parallax(data, bearing_sigma)
+    if data.tracks < _MIN_TRACKS:
+        raise EstimationError(
+            f"{data.tracks} tracks show parallax beyond their noise, {_MIN_TRACKS} are needed: "
+            "move the sensor sideways"
+        )
+    try:
+        return _align(data, gravity, bearing_sigma)
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(
+            "velocity and gravity are not determined by the tracks; "
+            "expected translation with parallax: move the sensor"
+        ) from error
+
+
+def _with_parallax(data: AlignmentData, bearing_sigma: float) -> AlignmentData:
+    """The tracks whose bearings move more than their noise: the others say nothing about depth."""
+    P = np.eye(3) - np.einsum("ni,nj->nij", data.direction, data.direction)
+    scatter = np.zeros((data.tracks, 3, 3))
+    np.add.at(scatter, data.track, P)
+    # The floor is rounding: without noise and without parallax the scatter is not exactly zero.
+    noise = (2.0 * bearing_sigma**2 + 1e-12) * np.bincount(data.track, minlength=data.tracks)
+    moving = np.linalg.eigvalsh(scatter)[:, 0] > _PARALLAX_OVER_NOISE * noise
+    chosen = moving[data.track]
+    number = np.cumsum(moving) - 1
+    return AlignmentData(
+        data.t[chosen],
+        data.direction[chosen],
+        data.offset[chosen],
+        number[data.track[chosen]],
+        int(moving.sum()),
+    )
+
+
+def _align(data: AlignmentData, gravity: float, bearing_sigma: float) -> Alignment:
     distance = np.ones(data.tracks)
     solution = np.zeros(6)
     points = np.zeros((data.tracks, 3))
     for _ in range(3):
-        A, b, blocks = _reduced(data, distance)
+        A, b, blocks = _reduced(data, distance, bearing_sigma)
         solution = _solve_on_sphere(A, b, gravity)
         points = _points(blocks, solution)
         distance = _mean_distance(data, points, solution)
@@ -68,7 +115,7 @@ def align(data: AlignmentData, gravity: float) -> Alignment:
 
 
 def _reduced(
-    data: AlignmentData, distance: FloatArray
+    data: AlignmentData, distance: FloatArray, bearing_sigma: float
 ) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
     """Normal equations of [v, g] (6x6), and the blocks that give the landmarks back."""
     H_xx = np.zeros((data.tracks, 3, 3))
@@ -76,11 +123,8 @@ def _reduced(
     b_x = np.zeros((data.tracks, 3))
     A = np.zeros((6, 6))
     b = np.zeros(6)
-    _normal_equations(data.t, data.direction, data.offset, data.track, distance, H_xx, H_xs, b_x, A, b)
-    trace = np.trace(H_xx, axis1=1, axis2=2)
-    # Without parallax the block is singular along the ray: a little information at infinity keeps it
-    # solvable.
-    H_xx += (1e-9 * trace)[:, None, None] * np.eye(3)
+    direction = np.sqrt(1.0 + 2.0 * bearing_sigma**2) * data.direction
+    _normal_equations(data.t, direction, data.offset, data.track, distance, H_xx, H_xs, b_x, A, b)
     inverse = np.asarray(np.linalg.inv(H_xx), dtype=np.float64)
     A -= np.einsum("lij,lik,lkm->jm", H_xs, inverse, H_xs)
     b -= np.einsum("lij,lik,lk->j", H_xs, inverse, b_x)
@@ -126,13 +170,7 @@ def _normal_equations(
 
 def _solve_on_sphere(A: FloatArray, b: FloatArray, gravity: float) -> FloatArray:
     """Minimiser of x^T A x / 2 - b^T x over x = [v, g] with |g| = gravity."""
-    try:
-        x = np.linalg.solve(A, b)
-    except np.linalg.LinAlgError as error:
-        raise EstimationError(
-            "velocity and gravity are not determined by the tracks; expected translation with parallax: "
-            "move the sensor"
-        ) from error
+    x = np.linalg.solve(A, b)
     norm = np.linalg.norm(x[3:])
     if not np.isfinite(norm) or norm == 0.0:
         raise EstimationError(

@@ -13,7 +13,8 @@ from asyneio.odometry.intake import Intake, between
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
-from asyneio.types import Calibration, Estimate, FloatArray, Health, Packet, RecordArray, StepReport
+from asyneio.trajectory.gp_trajectory import GPTrajectory
+from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, Packet, RecordArray, StepReport
 
 #: Attempts to start are this far apart; each sees more motion than the last.
 _START_RETRY_NS = 250_000_000
@@ -54,6 +55,25 @@ class Odometry:
             return estimates, StepReport(packet.t_end_ns, Health.LOST, self._failure)
         return estimates, self._report(packet.t_end_ns)
 
+    def trajectory(self) -> GPTrajectory:
+        """The continuous-time trajectory through the present window, with covariance.
+
+        Raises:
+            EstimationError: the odometry has not started.
+        """
+        window, _, settings = self._active()
+        solution = self._solved()
+        dropped = len(solution.problem.states.r) - window.knots
+        return GPTrajectory(
+            window.t_ns,
+            window.states.C,
+            window.states.r,
+            window.states.varpi,
+            settings.window.root_density,
+            bias=window.states.bias,
+            joint_covariance=lambda knot: joint_covariance(solution, knot + dropped),
+        )
+
     def _advance(self, knot_ns: int) -> None:
         """Predict the knot, add what was measured since the last one, optimise."""
         window, intake, settings = self._active()
@@ -82,10 +102,16 @@ class Odometry:
             raise EstimationError("the odometry has not started; expected packets until it is initialised")
         return self._window, self._intake, self._settings
 
+    def _solved(self) -> Solution:
+        if self._solution is None:
+            raise EstimationError("no solution yet; expected an optimised window")
+        return self._solution
+
     def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
         if t_ns < self._next_attempt_ns:
             return [], StepReport(t_ns, Health.INITIALIZING, "collecting measurements")
         self._next_attempt_ns = t_ns + _START_RETRY_NS
+        self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
         self._settings = resolve(
             self._config,
             self._calibration,
@@ -104,15 +130,11 @@ class Odometry:
 
     def _newest(self) -> Estimate:
         window, _, _ = self._active()
-        if self._solution is None:
-            raise EstimationError("no solution yet; expected an optimised window")
-        return _estimate(window, -1, newest_covariance(self._solution))
+        return _estimate(window, -1, newest_covariance(self._solved()))
 
     def _report(self, t_ns: int) -> StepReport:
         window, _, _ = self._active()
-        if self._solution is None:
-            return StepReport(t_ns, Health.TRACKING)
-        r = self._solution.report
+        r = self._solved().report
         return StepReport(
             t_ns,
             Health.TRACKING,

@@ -18,6 +18,7 @@ class StartSettings:
     """What the start needs beyond the window's settings."""
 
     min_seconds: float
+    max_seconds: float
     min_landmarks: int
     max_scale_sigma: float
     max_ray_residual: float  # rad
@@ -82,6 +83,7 @@ def resolve(
         ),
         start=StartSettings(
             min_seconds=config.initialization.min_seconds,
+            max_seconds=config.initialization.max_seconds,
             min_landmarks=config.initialization.min_landmarks,
             max_scale_sigma=config.initialization.max_scale_sigma,
             max_ray_residual=config.initialization.max_ray_residual_px * visual.pixel_sigma / focal,
@@ -89,7 +91,9 @@ def resolve(
                 [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma], 3
             ),
             optimizer=OptimizerSettings(
-                optimizer.initial_max_iterations, optimizer.relative_decrease, optimizer.initial_damping
+                optimizer.initial_max_iterations,
+                optimizer.initial_relative_decrease,
+                optimizer.initial_damping,
             ),
         ),
     )

@@ -23,6 +23,8 @@ from asyneio.types import FloatArray, IntArray
 _GAUGE_SIGMA = 1e-4
 #: Zero priors of the warm-up: rates of any size a person or a drone makes.
 _WARM_UP_SIGMA = np.array([10.0, 100.0])
+#: Points of a true solution lie in front of the camera, but for noise; of a degenerate one, anywhere.
+_SHARE_IN_FRONT = 0.8
 #: A roll or pitch error of the alignment that the joint optimisation may still correct.
 _TILT_SIGMA = 0.5
 
@@ -125,8 +127,10 @@ def _aligned_states(
         track=track,
         tracks=len(ids),
     )
-    aligned = align(data, float(np.linalg.norm(w.gravity_w)))
-    if aligned.residual_rad > settings.start.max_ray_residual or aligned.share_in_front < 0.8:
+    aligned = align(data, float(np.linalg.norm(w.gravity_w)), w.bearing_sigma)
+    if aligned.residual_rad <= settings.start.max_ray_residual and aligned.share_in_front < _SHARE_IN_FRONT:
+        return "the tracks show no parallax: move the sensor sideways"
+    if aligned.residual_rad > settings.start.max_ray_residual:
         return (
             "tracks and inertial samples do not agree yet "
             f"(rays miss by {np.degrees(aligned.residual_rad):.2f} deg, "
