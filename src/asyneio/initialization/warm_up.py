@@ -9,7 +9,6 @@ which remove the null space of the prior.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
 from asyneio.factors.local_frame import local_to_knots
@@ -52,7 +51,6 @@ def warm_up(
     return out
 
 
-@njit(cache=True)
 def _normal_equations(
     C: FloatArray,
     r: FloatArray,
@@ -62,25 +60,21 @@ def _normal_equations(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    local = np.empty((5, 6))
-    chain = np.empty((48, 48))
-    coefficients = np.empty((3, 5))
-    residual = np.empty((3, 6))
-    J = np.empty((18, 24))
-    for k in range(dt.shape[0]):
+    """Add the prior (16) of all intervals, differentiated with respect to the rates of their two knots.
+
+    Not a kernel: it runs once, and would compile the interval's kernels a second time.
+    """
+    local, chain = np.empty((5, 6)), np.empty((48, 48))
+    coefficients, residual = np.empty((3, 5)), np.empty((3, 6))
+    rates = np.r_[6:18, 30:42]
+    for k in range(len(dt)):
         interval_local(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], local)
         local_to_knots(C[k], r[k], C[k + 1], r[k + 1], varpi[k + 1], chain)
-        gp_prior_coefficients(dt[k], coefficients)
+        gp_prior_coefficients(float(dt[k]), coefficients)
         gp_prior_factor(local, coefficients, root_density, residual)
-        for a in range(3):
-            for i in range(6):
-                for c in range(24):
-                    # Columns of varpi, varpi_dot: 6..17 of the first knot, 30..41 of the second.
-                    column = 6 + c if c < 12 else 18 + c
-                    s = 0.0
-                    for p in range(5):
-                        s += coefficients[a, p] * chain[6 + 6 * p + i, column]
-                    J[6 * a + i, c] = s / root_density[i]
-        o = 12 * k
-        H[o : o + 24, o : o + 24] += np.dot(J.T, J)
-        b[o : o + 24] += np.dot(J.T, residual.copy().reshape(18))
+        d_local = chain[6:36, rates].reshape(5, 6, 24)
+        J = np.einsum("ap,pic->aic", coefficients, d_local) / root_density[:, None]
+        J = J.reshape(18, 24)
+        span = slice(12 * k, 12 * k + 24)
+        H[span, span] += J.T @ J
+        b[span] += J.T @ residual.ravel()

@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.estimation import interval_terms, visual_terms
-from asyneio.estimation.linear_system import linearize
+from asyneio.estimation.landmarks import born_landmark, camera_poses
+from asyneio.estimation.linear_system import LinearSystem, eliminate_landmarks, linearize
+from asyneio.estimation.optimizer import retract
 from asyneio.estimation.problem import (
     Inertial,
     Landmarks,
@@ -24,6 +26,9 @@ from asyneio.estimation.problem import (
     Visual,
     bearing_tangent,
 )
+from asyneio.geometry.camera import CameraModel
+from asyneio.odometry.propagation import predict_knot
+from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics
 
 _CHILD = "from asyneio.odometry.kernels import compile_visual; compile_visual()"
 
@@ -45,13 +50,27 @@ def compile_kernels() -> None:
 
 
 def compile_visual() -> None:
-    """The kernels of the observations."""
+    """The kernels of the observations, of a step, of the lens and of dead reckoning."""
     problem = _tiny_problem()
-    local = np.zeros((1, 5, 6))
-    chain = np.zeros((1, 48, 48))
+    local, chain = np.zeros((1, 5, 6)), np.zeros((1, 48, 48))
+    sums = visual_terms.empty_sums(intervals=1, knots=2, landmarks=1, dof=3)
     visual_terms.visual_terms(
-        problem, local, local, chain, False, np.zeros((1, 48, 48)), np.zeros((1, 48)), _sums()
+        problem, local, local, chain, False, np.zeros((1, 48, 48)), np.zeros((1, 48)), sums
     )
+    H, b = np.zeros((48, 48)), np.zeros(48)
+    system = LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.end, 0.0, 0.0, 0)
+    eliminate_landmarks(system, problem.landmarks, problem.model)
+    retract(problem, system, np.zeros((2, 24)))
+    C, r, kappa = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0]] * 2)
+    model, weights = problem.model, np.zeros((2, 5))
+    interval = np.zeros(2, dtype=np.int64)
+    camera_poses(problem.states, interval, weights, model.C_bc, model.r_bc, C, r)
+    born_landmark(C, r, kappa, 0, C[0], r[0], 0.5, 1e-3, np.empty(3))
+    camera = CameraIntrinsics(100.0, 100.0, 8.0, 8.0, 16, 16)
+    CameraModel(camera).undistort(np.full((1, 2), 8.0))
+    samples = np.zeros(2, dtype=INERTIAL_DTYPE)
+    samples["t_ns"] = [0, 1_000_000]
+    predict_knot(problem.states, 0, 1_000_000, (samples, samples), model.gravity_w)
 
 
 def compile_intervals() -> None:
@@ -67,10 +86,6 @@ def compile_intervals() -> None:
     interval_terms.accelerometer_terms(
         problem.accelerometer, states, states, problem.model.gravity_w, local, local, True, H, b
     )
-
-
-def _sums() -> visual_terms.VisualSums:
-    return visual_terms.empty_sums(intervals=1, knots=2, landmarks=1, dof=3)
 
 
 def _tiny_problem() -> Problem:
