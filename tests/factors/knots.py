@@ -38,7 +38,7 @@ class Knot:
 
 
 def random_pair(rng: np.random.Generator, dt: float, scale: float) -> tuple[Knot, Knot]:
-    """Two knots `dt` apart; `scale` 1 is a hand-held motion, 5 and more is violent. Not a trajectory on purpose:
+    """Two knots `dt` apart; `scale` 1 is a hand-held motion, 5 and more violent. No trajectory on purpose:
     the second knot does not follow from the first, so no term of a Jacobian vanishes by accident."""
     T = expm(hat6(rng.normal(size=6)))
     varpi = scale * rng.normal(size=(2, 6)) * np.array([[1.0], [3.0]])

@@ -1,4 +1,4 @@
-"""Every factor's analytic Jacobian with respect to both knots, against central differences (relative 1e-6)."""
+"""Every factor's analytic Jacobian with respect to both knots, against central differences (1e-6)."""
 
 from __future__ import annotations
 
