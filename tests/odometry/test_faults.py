@@ -45,9 +45,6 @@ def test_refuses_to_start_at_rest() -> None:
     assert_refused(run(simulated(1, motion=MotionStyle.STATIC_START, duration_s=1.95).recording))
 
 
-@pytest.mark.xfail(
-    strict=True, reason="scale is judged by the landmarks that noise put in front of the camera"
-)
 def test_refuses_to_start_at_rest_with_more_noise() -> None:
     noisy = replace(TRACKS, pixel_sigma=0.5)
     simulation = simulated(3, motion=MotionStyle.STATIC_START, duration_s=1.95, tracks=noisy)
@@ -114,10 +111,7 @@ def test_corrupt_samples_lose_it(stream: str, value: float) -> None:
 @pytest.mark.parametrize(
     "stream",
     [
-        pytest.param(
-            "gyroscope",
-            marks=pytest.mark.xfail(strict=True, reason="numpy's LinAlgError leaves the alignment"),
-        ),
+        "gyroscope",
         "accelerometer",
     ],
 )

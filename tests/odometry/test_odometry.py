@@ -67,9 +67,6 @@ def test_one_estimate_at_the_end_of_every_packet() -> None:
         )
 
 
-@pytest.mark.xfail(
-    strict=True, reason="knots count from the first sample kept, packets from the first observation"
-)
 def test_estimates_of_the_runner_are_as_new_as_its_packets() -> None:
     recording = simulated().recording
     start_ns, _ = usable_span(recording)
@@ -138,9 +135,6 @@ def test_same_input_gives_the_same_bytes() -> None:
     assert_same(run(simulated().recording), plain_run())
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a knot's first guess uses samples after it, where the packet holds them"
-)
 def test_packets_of_several_knots() -> None:
     """Several estimates, and the same: what comes later in a packet does not touch an earlier knot."""
     recording, plain = simulated().recording, plain_run()

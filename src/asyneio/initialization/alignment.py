@@ -67,6 +67,11 @@ def align(data: AlignmentData, gravity: float, bearing_sigma: float = 0.0) -> Al
         raise EstimationError(
             f"{data.tracks} tracks, some without observations; expected at least one observation of each"
         )
+    if not (np.isfinite(data.direction).all() and np.isfinite(data.offset).all()):
+        raise EstimationError(
+            "rays or integrated samples are not finite; expected finite measurements: "
+            "check the recording for corrupt values"
+        )
     data = _with_parallax(data, bearing_sigma)
     if data.tracks < _MIN_TRACKS:
         raise EstimationError(

@@ -60,6 +60,11 @@ def between(samples: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
     return samples[a:b]
 
 
+def until(samples: RecordArray, end_ns: int) -> RecordArray:
+    """Samples with t <= end."""
+    return samples[: np.searchsorted(samples["t_ns"], end_ns, side="right")]
+
+
 def _tail(samples: RecordArray, t_ns: int) -> RecordArray:
     n = int(np.searchsorted(samples["t_ns"], t_ns, side="right"))
     return samples[max(n - 2, 0) :]

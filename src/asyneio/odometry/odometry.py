@@ -9,7 +9,7 @@ from asyneio.errors import EstimationError
 from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
-from asyneio.odometry.intake import Intake, between
+from asyneio.odometry.intake import Intake, between, until
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
@@ -78,7 +78,8 @@ class Odometry:
         """Predict the knot, add what was measured since the last one, optimise."""
         window, intake, settings = self._active()
         from_ns = int(window.t_ns[-1])
-        streams = (intake.gyroscope, intake.accelerometer)
+        # A packet may reach beyond the knot: its first guess uses nothing later than itself.
+        streams = (until(intake.gyroscope, knot_ns), until(intake.accelerometer, knot_ns))
         knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
         gyroscope, accelerometer = (between(s, from_ns, knot_ns) for s in streams)
         window.extend(knot_ns, knot, gyroscope, accelerometer, intake.observations.between(from_ns, knot_ns))

@@ -64,6 +64,8 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
 
 def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
     """Why the joint optimisation cannot be trusted; empty if it can."""
+    if np.mean(solution.problem.landmarks.rho < 0.0) > 1.0 - _SHARE_IN_FRONT:
+        return "the tracks show no parallax: move the sensor sideways"
     scale_sigma = relative_scale_sigma(solution)
     if not scale_sigma < settings.start.max_scale_sigma:
         return (
@@ -94,6 +96,8 @@ def _knot_times(intake: Intake, settings: Settings) -> IntArray | None:
         int(intake.accelerometer["t_ns"][0]),
         int(intake.observations.t_ns[0]),
     )
+    # The last knot falls on the end of the newest packet, so that later packets end on knots too.
+    first = intake.end_ns - (intake.end_ns - first) // settings.knot_interval_ns * settings.knot_interval_ns
     times = np.arange(first, intake.end_ns + 1, settings.knot_interval_ns)
     return times if len(times) >= 2 else None
 
