@@ -103,5 +103,5 @@ def test_a_single_instant_is_refused() -> None:
 @pytest.mark.parametrize("value", [0.0, np.nan], ids=["free fall", "corrupt"])
 def test_no_gravity_in_the_samples_is_refused(value: float) -> None:
     truth = ideal(styled(MotionStyle.MODERATE, 0), seed=0)
-    with pytest.raises(EstimationError, match="found no gravity|not finite"):
+    with pytest.raises(EstimationError, match=r"found no gravity|not finite"):
         align(replace(truth.data, offset=np.full_like(truth.data.offset, value)), GRAVITY)
