@@ -28,7 +28,7 @@ _VARIANTS: dict[str, dict[str, Any]] = {
     "IMU noise x 10": {"inertial": {"noise_inflation": 10.0}},
     "gravity 9.775": {"inertial": {"gravity": 9.775}},
     "paper's landmarks (1 dof)": {"visual": {"estimate_bearing": False}},
-    "no frozen linearisation": {"window": {"frozen_linearization": False}},
+    "frozen linearisation": {"window": {"frozen_linearization": True}},
 }
 
 
