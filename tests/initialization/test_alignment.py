@@ -100,8 +100,12 @@ def test_a_single_instant_is_refused() -> None:
         align(instant, GRAVITY)
 
 
-@pytest.mark.parametrize("value", [0.0, np.nan], ids=["free fall", "corrupt"])
-def test_no_gravity_in_the_samples_is_refused(value: float) -> None:
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [(0.0, "found no gravity"), (np.nan, "not finite")],
+    ids=["free fall", "corrupt"],
+)
+def test_no_gravity_in_the_samples_is_refused(value: float, words: str) -> None:
     truth = ideal(styled(MotionStyle.MODERATE, 0), seed=0)
-    with pytest.raises(EstimationError, match=r"found no gravity|not finite"):
+    with pytest.raises(EstimationError, match=words):
         align(replace(truth.data, offset=np.full_like(truth.data.offset, value)), GRAVITY)
