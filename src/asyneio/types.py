@@ -17,6 +17,9 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 RecordArray = NDArray[np.void]
 
+#: One event: time [ns], pixel column and row, polarity (1 brighter, 0 darker). Aligned: 16 bytes.
+EVENT_DTYPE = np.dtype([("t_ns", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")], align=True)
+
 #: One observation of a feature track: time [ns], track id, distorted pixel position.
 OBSERVATION_DTYPE = np.dtype([("t_ns", "<i8"), ("id", "<i8"), ("u", "<f8"), ("v", "<f8")])
 
@@ -103,6 +106,28 @@ class Recording:
     gyroscope: RecordArray
     accelerometer: RecordArray
     calibration: Calibration
+    ground_truth: PoseTrajectory | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class EventRecording:
+    """Events and, where there are any, inertial samples of one run.
+
+    `events` EVENT_DTYPE, ascending, **in the camera clock** (they may be a memory map of a cached conversion,
+    too large to shift); everything else in the IMU clock, ascending, as in Recording. `gyroscope` and
+    `accelerometer` are empty where the recording has no IMU. `camera` is None where nothing is known of the
+    lens, `calibration` is None unless lens, extrinsics and IMU noise are all known.
+    """
+
+    name: str
+    events: RecordArray
+    width: int
+    height: int
+    gyroscope: RecordArray
+    accelerometer: RecordArray
+    camera: CameraIntrinsics | None = None
+    calibration: Calibration | None = None
     ground_truth: PoseTrajectory | None = None
     notes: tuple[str, ...] = ()
 
