@@ -1,9 +1,17 @@
-"""Feature-level simulator: analytic motion, asynchronous tracks, separate IMU streams, exact truth.
+"""Simulators at the level of feature tracks and of events: separate IMU streams, exact truth.
 
 Imports nothing of the estimator, so that it may judge it.
 """
 
 from asyneio.simulation.camera import PinholeCamera as PinholeCamera
+from asyneio.simulation.events.point_truth import PointTruth as PointTruth
+from asyneio.simulation.events.scenario import EVENT_SCENARIOS as EVENT_SCENARIOS
+from asyneio.simulation.events.scenario import EventScenario as EventScenario
+from asyneio.simulation.events.sensor import SensorSpec as SensorSpec
+from asyneio.simulation.events.simulate import EventSimulation as EventSimulation
+from asyneio.simulation.events.simulate import simulate_events as simulate_events
+from asyneio.simulation.events.simulate import stream_events as stream_events
+from asyneio.simulation.events.worlds import WorldKind as WorldKind
 from asyneio.simulation.motion import AnalyticMotion as AnalyticMotion
 from asyneio.simulation.motion import Sinusoids as Sinusoids
 from asyneio.simulation.presets import MotionStyle as MotionStyle

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.errors import SimulationError
-from asyneio.simulation.motion import AnalyticMotion
+from asyneio.simulation.motion import Motion
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, FloatArray, IntArray, RecordArray
 
 
@@ -68,7 +68,7 @@ def draw_bias(spec: StreamSpec, t_ns: IntArray, rng: np.random.Generator) -> Bia
     return BiasWalk(nodes.astype(np.int64), np.cumsum(np.vstack([start, step]), axis=0))
 
 
-def specific_force_b(motion: AnalyticMotion, t_s: FloatArray, gravity: float) -> FloatArray:
+def specific_force_b(motion: Motion, t_s: FloatArray, gravity: float) -> FloatArray:
     """What an ideal accelerometer at the body's origin reads (N,3): `C_w_b^T (a_w - g_w)` [m/s^2]."""
     g_w = np.array([0.0, 0.0, -gravity])
     C_w_b = motion.T_w_b(t_s)[:, :3, :3]

@@ -11,6 +11,7 @@ A hold keeps everything still until `hold_s`; after that the motion's own clock 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,25 @@ from asyneio.types import FloatArray
 
 #: Coordinates in order: three of position [m], three of attitude [rad].
 COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+class Motion(Protocol):
+    """Exact motion of a body in a world with z up; times (N,) are float seconds since the start."""
+
+    def T_w_b(self, t_s: ArrayLike) -> FloatArray:
+        """Poses (N,4,4) mapping body to world coordinates."""
+
+    def velocity_w(self, t_s: ArrayLike) -> FloatArray:
+        """Velocity (N,3) of the body's origin in the world [m/s]."""
+
+    def acceleration_w(self, t_s: ArrayLike) -> FloatArray:
+        """Acceleration (N,3) of the body's origin in the world, gravity not included [m/s^2]."""
+
+    def angular_velocity_b(self, t_s: ArrayLike) -> FloatArray:
+        """Angular velocity (N,3) of the body with respect to the world, in the body [rad/s]."""
+
+    def angular_acceleration_b(self, t_s: ArrayLike) -> FloatArray:
+        """Time derivative (N,3) of `angular_velocity_b` [rad/s^2]."""
 
 
 @dataclass(frozen=True)

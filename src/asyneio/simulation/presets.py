@@ -81,13 +81,16 @@ _STYLES: dict[MotionStyle, _Style] = {
 }
 
 
-def draw_motion(style: str, rng: np.random.Generator, C_f_b: FloatArray) -> AnalyticMotion:
+def draw_motion(
+    style: str, rng: np.random.Generator, C_f_b: FloatArray, position_scale: float = 1.0
+) -> AnalyticMotion:
     """A motion of a named style with phases and frequencies from `rng`, centred on the world's origin.
 
     Args:
         style: a value of `MotionStyle`.
         rng: source of randomness; the same state gives the same motion.
         C_f_b: (3,3) rotation of the body in the carrier (x forward, y left, z up).
+        position_scale: factor on the amplitudes of the position.
 
     Raises:
         SimulationError: the style is unknown.
@@ -99,6 +102,7 @@ def draw_motion(style: str, rng: np.random.Generator, C_f_b: FloatArray) -> Anal
     for row, terms in enumerate(chosen.terms):
         table[:, row, : len(terms)] = np.array(terms).T
     amplitude, frequency_hz = table
+    amplitude[:3] *= position_scale
     scatter = rng.uniform(1.0 - _FREQUENCY_SCATTER, 1.0 + _FREQUENCY_SCATTER, frequency_hz.shape)
     phase = rng.uniform(0.0, 2.0 * np.pi, amplitude.shape)
     return AnalyticMotion(Sinusoids(amplitude, frequency_hz * scatter, phase), C_f_b, hold_s=chosen.hold_s)

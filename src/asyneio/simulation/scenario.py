@@ -33,6 +33,7 @@ MEMS_NOISE = ImuNoise(
 
 _DEFAULT_TRACKS = TrackSpec()
 
+#: An IMU without noise.
 NOISE_FREE = ImuNoise(0.0, 0.0, 0.0, 0.0)
 
 
@@ -52,26 +53,21 @@ def davis240c_T_b_c() -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Scenario:
-    """One simulated run. Seconds, hertz, metres and pixels; `*_ns` in nanoseconds.
+class RigScenario:
+    """What every simulated run has: a motion, a clock, a camera on an IMU, noise. Seconds, hertz, metres.
 
-    `motion` and `scene` name a `MotionStyle` and a `SceneKind`. Everything random follows from `seed`, each
-    part from a stream of its own: another pixel noise leaves motion, scene and IMU as they were. `*_offset_s`
-    is the time of a stream's first sample. `t_imu = t_cam + timeshift_ns`.
+    `motion` names a `MotionStyle`. Everything random follows from `seed`, each part from a stream of its own.
+    `*_offset_s` is the time of a stream's first sample. `t_imu = t_cam + timeshift_ns`.
     """
 
     name: str = "moderate"
     motion: str = "moderate"
-    scene: str = "room"
     duration_s: float = 20.0
     seed: int = 0
     start_ns: int = 1_600_000_000_000_000_000
     camera: CameraIntrinsics = DAVIS240C
     T_b_c: FloatArray = field(default_factory=davis240c_T_b_c)
     timeshift_ns: int = 2_400_000
-    landmarks: int = 3000
-    tracks: TrackSpec = _DEFAULT_TRACKS
-    camera_offset_s: float = 0.05
     noise: ImuNoise = MEMS_NOISE
     gyroscope_rate_hz: float = 1000.0
     gyroscope_offset_s: float = 0.0
@@ -110,6 +106,20 @@ class Scenario:
             self.noise.accelerometer_walk,
             self.initial_accelerometer_bias_sigma,
         )
+
+
+@dataclass(frozen=True)
+class Scenario(RigScenario):
+    """One simulated run at the level of feature tracks. Another pixel noise leaves motion, scene and IMU as
+    they were.
+
+    `scene` names a `SceneKind` with `landmarks` points. `camera_offset_s`: when the first track begins.
+    """
+
+    scene: str = "room"
+    landmarks: int = 3000
+    tracks: TrackSpec = _DEFAULT_TRACKS
+    camera_offset_s: float = 0.05
 
 
 _DEFAULT = Scenario()

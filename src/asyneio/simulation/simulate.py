@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from asyneio.simulation.camera import BoolArray, PinholeCamera
-from asyneio.simulation.imu import BiasWalk, as_records, corrupt, draw_bias, sample_times, specific_force_b
-from asyneio.simulation.motion import AnalyticMotion
 from asyneio.simulation.presets import draw_motion
+from asyneio.simulation.rig import C_F_C, calibration_of, simulate_inertial
 from asyneio.simulation.scenario import Scenario
 from asyneio.simulation.scene import draw_landmarks
 from asyneio.simulation.tracks import Tracks, Viewer, simulate_tracks
 from asyneio.simulation.truth import Truth
-from asyneio.types import (
-    NS_PER_S,
-    OBSERVATION_DTYPE,
-    Calibration,
-    FloatArray,
-    IntArray,
-    RecordArray,
-    Recording,
-)
-
-#: Camera axes (x right, y down, z forward) in the carrier (x forward, y left, z up), one a column.
-_C_f_c = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+from asyneio.types import OBSERVATION_DTYPE, FloatArray, IntArray, RecordArray, Recording
 
 
 @dataclass(frozen=True)
@@ -59,46 +47,25 @@ def simulate(scenario: Scenario) -> Simulation:
     seeds = np.random.SeedSequence(scenario.seed).spawn(5)
     for_motion, for_scene, for_tracks, for_gyroscope, for_accelerometer = map(np.random.default_rng, seeds)
     # The camera, not the body, looks along the carrier: any mounting of the IMU then sees the same scene.
-    motion = draw_motion(scenario.motion, for_motion, _C_f_c @ scenario.T_b_c[:3, :3].T)
+    motion = draw_motion(scenario.motion, for_motion, C_F_C @ scenario.T_b_c[:3, :3].T)
     landmarks_w = draw_landmarks(scenario.scene, scenario.landmarks, for_scene)
     camera = PinholeCamera.from_intrinsics(scenario.camera)
     viewer = Viewer(motion, camera, scenario.T_b_c, landmarks_w)
     tracks = simulate_tracks(
         viewer, scenario.tracks, scenario.camera_offset_s, scenario.duration_s, for_tracks
     )
-    gyroscope, bias_gyroscope = _gyroscope(scenario, motion, for_gyroscope)
-    accelerometer, bias_accelerometer = _accelerometer(scenario, motion, for_accelerometer)
-    end_ns = scenario.start_ns + round(scenario.duration_s * NS_PER_S)
-    truth = Truth(scenario.start_ns, end_ns, motion, bias_gyroscope, bias_accelerometer)
+    inertial = simulate_inertial(scenario, motion, for_gyroscope, for_accelerometer)
     recording = Recording(
         name=f"{scenario.name}-{scenario.seed}",
         observations=_observation_records(scenario.start_ns, tracks),
-        gyroscope=gyroscope,
-        accelerometer=accelerometer,
-        calibration=_calibration(scenario),
-        ground_truth=truth.poses(scenario.ground_truth_rate_hz),
+        gyroscope=inertial.gyroscope,
+        accelerometer=inertial.accelerometer,
+        calibration=calibration_of(scenario),
+        ground_truth=inertial.truth.poses(scenario.ground_truth_rate_hz),
     )
-    return Simulation(scenario, recording, truth, landmarks_w, tracks.landmark_of_track, tracks.outlier)
-
-
-def _gyroscope(
-    scenario: Scenario, motion: AnalyticMotion, rng: np.random.Generator
-) -> tuple[RecordArray, BiasWalk]:
-    spec = scenario.gyroscope
-    t_ns = sample_times(spec, scenario.duration_s)
-    bias = draw_bias(spec, t_ns, rng)
-    ideal = motion.angular_velocity_b(t_ns / NS_PER_S)
-    return as_records(scenario.start_ns + t_ns, corrupt(ideal, t_ns, bias, spec, rng)), bias
-
-
-def _accelerometer(
-    scenario: Scenario, motion: AnalyticMotion, rng: np.random.Generator
-) -> tuple[RecordArray, BiasWalk]:
-    spec = scenario.accelerometer
-    t_ns = sample_times(spec, scenario.duration_s)
-    bias = draw_bias(spec, t_ns, rng)
-    ideal = specific_force_b(motion, t_ns / NS_PER_S, scenario.gravity)
-    return as_records(scenario.start_ns + t_ns, corrupt(ideal, t_ns, bias, spec, rng)), bias
+    return Simulation(
+        scenario, recording, inertial.truth, landmarks_w, tracks.landmark_of_track, tracks.outlier
+    )
 
 
 def _observation_records(start_ns: int, tracks: Tracks) -> RecordArray:
@@ -107,11 +74,3 @@ def _observation_records(start_ns: int, tracks: Tracks) -> RecordArray:
     records["id"] = tracks.track
     records["u"], records["v"] = tracks.pixels.T
     return records
-
-
-def _calibration(scenario: Scenario) -> Calibration:
-    noise = scenario.noise
-    if scenario.gyroscope_rate_hz == scenario.accelerometer_rate_hz:
-        # Only then is there one rate to declare.
-        noise = replace(noise, rate_hz=scenario.gyroscope_rate_hz)
-    return Calibration(scenario.camera, scenario.T_b_c, scenario.timeshift_ns, noise)

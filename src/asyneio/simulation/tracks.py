@@ -16,7 +16,7 @@ import numpy as np
 
 from asyneio.errors import SimulationError
 from asyneio.simulation.camera import BoolArray, PinholeCamera
-from asyneio.simulation.motion import AnalyticMotion
+from asyneio.simulation.motion import Motion
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
 #: Visibility and image speed are followed on this lattice; observation times themselves are off it.
@@ -87,7 +87,7 @@ class Tracks:
 class Viewer:
     """A camera carried by a moving body through a scene: `T_b_c` (4,4), `landmarks_w` (L,3) [m]."""
 
-    motion: AnalyticMotion
+    motion: Motion
     camera: PinholeCamera
     T_b_c: FloatArray
     landmarks_w: FloatArray

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import SimulationError
 from asyneio.simulation.imu import BiasWalk
-from asyneio.simulation.motion import AnalyticMotion
+from asyneio.simulation.motion import Motion
 from asyneio.types import NS_PER_S, FloatArray, IntArray, PoseTrajectory
 
 
@@ -33,11 +33,11 @@ class StateTruth:
 
 @dataclass(frozen=True)
 class Truth:
-    """The whole run: analytic motion, bias walks, and the interval [`start_ns`, `end_ns`] it holds for."""
+    """The whole run: exact motion, bias walks, and the interval [`start_ns`, `end_ns`] it holds for."""
 
     start_ns: int
     end_ns: int
-    motion: AnalyticMotion
+    motion: Motion
     bias_gyroscope: BiasWalk
     bias_accelerometer: BiasWalk
 

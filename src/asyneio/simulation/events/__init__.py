@@ -1,0 +1,1 @@
+"""Event-level simulator: textured worlds rendered through a lens, pixels that answer with events."""

@@ -1,0 +1,79 @@
+"""Run an event scenario: a recording as a reader would deliver it, and the truth behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.simulation.events.point_truth import PointTruth
+from asyneio.simulation.events.scenario import EventScenario
+from asyneio.simulation.events.source import event_chunks, set_stage
+from asyneio.simulation.events.worlds import World
+from asyneio.simulation.rig import calibration_of, simulate_inertial
+from asyneio.simulation.truth import Truth
+from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
+
+
+@dataclass(frozen=True)
+class EventSimulation:
+    """A simulated run: `recording` (events in the camera clock, all else in the IMU clock), the true states
+    of the body, the world, and the truth for points and feature tracks."""
+
+    scenario: EventScenario
+    recording: EventRecording
+    truth: Truth
+    world: World
+    points: PointTruth
+
+
+def stream_events(scenario: EventScenario) -> Iterator[RecordArray]:
+    """Events of a scenario (EVENT_DTYPE, camera clock, ascending), some milliseconds in each chunk.
+
+    The memory it needs does not depend on the duration. Together the chunks are the events of
+    `simulate_events`.
+
+    Raises:
+        SimulationError: the scenario is impossible.
+    """
+    seeds = _seeds(scenario)
+    yield from event_chunks(set_stage(scenario, seeds), seeds[2])
+
+
+def simulate_events(scenario: EventScenario) -> EventSimulation:
+    """Simulate a scenario; the same scenario gives the same arrays.
+
+    Raises:
+        SimulationError: the scenario is impossible.
+    """
+    seeds = _seeds(scenario)
+    stage = set_stage(scenario, seeds)
+    inertial = simulate_inertial(
+        scenario, stage.motion, np.random.default_rng(seeds[3]), np.random.default_rng(seeds[4])
+    )
+    events = np.concatenate([np.empty(0, dtype=EVENT_DTYPE), *event_chunks(stage, seeds[2])])
+    recording = EventRecording(
+        name=f"{scenario.name}-{scenario.seed}",
+        events=events,
+        width=scenario.camera.width,
+        height=scenario.camera.height,
+        gyroscope=inertial.gyroscope,
+        accelerometer=inertial.accelerometer,
+        camera=scenario.camera,
+        calibration=calibration_of(scenario),
+        ground_truth=inertial.truth.poses(scenario.ground_truth_rate_hz),
+    )
+    points = PointTruth(
+        stage.motion,
+        stage.world,
+        scenario.camera,
+        scenario.T_b_c,
+        scenario.start_ns - scenario.timeshift_ns,
+    )
+    return EventSimulation(scenario, recording, inertial.truth, stage.world, points)
+
+
+def _seeds(scenario: EventScenario) -> list[np.random.SeedSequence]:
+    """One for motion, world, sensor, gyroscope and accelerometer each."""
+    return np.random.SeedSequence(scenario.seed).spawn(5)

@@ -1,0 +1,134 @@
+"""Textures as a room has them: overlapping shapes of every size over mottled ground, or photographs.
+
+Shapes of random reflectance cover one another ("dead leaves"), with as much area in every octave of size.
+Their statistics are those of natural pictures: edges, sharp corners and T-junctions at all scales.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from asyneio.errors import SimulationError
+from asyneio.types import FloatArray
+
+_DARKEST, _BRIGHTEST = 0.04, 0.9
+_SMALLEST_SHAPE = 3.0
+#: Area that the shapes of each octave of size would cover if they did not overlap.
+_COVER = 0.3
+
+
+def procedural_texture(height: int, width: int, rng: np.random.Generator) -> FloatArray:
+    """Reflectance (height, width) in 0..1 of overlapping ellipses and polygons over mottled ground."""
+    ground = np.exp(rng.uniform(np.log(0.15), np.log(0.6)) + 0.25 * _mottle(height, width, rng))
+    picture = np.ascontiguousarray(ground)
+    _paint(picture, _draw_shapes(height, width, rng))
+    return np.clip(picture * np.exp(0.06 * _mottle(height, width, rng)), 0.02, 1.0)
+
+
+def load_photographs() -> list[FloatArray]:
+    """Photographs (H,W) as linear reflectance in 0..1, from `$ASYNEIO_DATA/textures` or
+    `../shared/data/textures`.
+
+    Raises:
+        SimulationError: there is no such folder, no PNG in it, or nothing to read PNG files with.
+    """
+    named = os.environ.get("ASYNEIO_DATA")
+    folder = (Path(named) if named else Path("..") / "shared" / "data") / "textures"
+    files = sorted(folder.glob("*.png"))
+    if not files:
+        raise SimulationError(
+            f"photographs = True, but {folder} holds no PNG file; expected photographs there: set "
+            "ASYNEIO_DATA to the folder that holds `textures`, or use photographs = False"
+        )
+    try:
+        from matplotlib.image import imread
+    except ImportError as error:
+        raise SimulationError(
+            "photographs = True needs matplotlib to read PNG files; install asyneio[report], "
+            "or use photographs = False"
+        ) from error
+    return [_reflectance(np.asarray(imread(file), dtype=np.float64)) for file in files]
+
+
+def photograph_texture(
+    photographs: list[FloatArray], height: int, width: int, rng: np.random.Generator
+) -> FloatArray:
+    """One of the photographs, mirrored at its borders to fill (height, width), turned at random."""
+    chosen = np.rot90(photographs[rng.integers(len(photographs))], rng.integers(4))
+    rows = _mirrored(height, chosen.shape[0], int(rng.integers(chosen.shape[0])))
+    columns = _mirrored(width, chosen.shape[1], int(rng.integers(chosen.shape[1])))
+    return np.ascontiguousarray(chosen[np.ix_(rows, columns)])
+
+
+def _mirrored(count: int, size: int, start: int) -> np.ndarray:
+    position = (start + np.arange(count)) % (2 * size)
+    return np.where(position < size, position, 2 * size - 1 - position)
+
+
+def _reflectance(picture: FloatArray) -> FloatArray:
+    grey = picture[..., :3].mean(axis=2) if picture.ndim == 3 else picture
+    # Files store the display's code values; light adds up linearly.
+    linear = grey**2.2
+    low, high = np.quantile(linear, [0.01, 0.99])
+    return np.clip(_DARKEST + (linear - low) / (high - low) * (_BRIGHTEST - _DARKEST), 0.02, 1.0)
+
+
+def _mottle(height: int, width: int, rng: np.random.Generator) -> FloatArray:
+    """Noise (height, width) with equal power in every octave, mean 0, standard deviation 1."""
+    fy, fx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)
+    spectrum = np.fft.rfft2(rng.normal(size=(height, width))) / np.maximum(np.hypot(fy, fx), 1.0 / height)
+    spectrum[0, 0] = 0.0
+    noise = np.fft.irfft2(spectrum, s=(height, width))
+    return np.asarray(noise / noise.std())
+
+
+def _draw_shapes(height: int, width: int, rng: np.random.Generator) -> FloatArray:
+    """Shapes (K,7), largest first: centre x y, half axes, angle, corners (0: ellipse), reflectance."""
+    octaves = []
+    radius = 0.3 * min(height, width)
+    while radius > _SMALLEST_SHAPE:
+        count = max(1, round(_COVER * height * width / (np.pi * (0.75 * radius) ** 2)))
+        half = radius * rng.uniform(0.5, 1.0, count)
+        log_albedo = rng.uniform(np.log(_DARKEST), np.log(_BRIGHTEST), count)
+        octaves.append(
+            np.column_stack(
+                [
+                    rng.uniform(0.0, width, count),
+                    rng.uniform(0.0, height, count),
+                    half,
+                    half * rng.uniform(0.4, 1.0, count),
+                    rng.uniform(0.0, 2.0 * np.pi, count),
+                    rng.choice([0.0, 3.0, 4.0, 4.0, 5.0], count),
+                    np.exp(log_albedo),
+                ]
+            )
+        )
+        radius *= 0.5
+    return np.vstack(octaves)
+
+
+@njit(cache=True)
+def _paint(picture: FloatArray, shapes: FloatArray) -> None:
+    """Paint shapes over a picture (H,W), one over another, with borders softened to a texel."""
+    height, width = picture.shape
+    for row in range(shapes.shape[0]):
+        cx, cy, a, b, angle, corners, value = shapes[row]
+        c, s = np.cos(angle), np.sin(angle)
+        reach = 1.5 * a + 1.0
+        for y in range(max(0, int(cy - reach)), min(height, int(cy + reach) + 1)):
+            for x in range(max(0, int(cx - reach)), min(width, int(cx + reach) + 1)):
+                p = (c * (x - cx) + s * (y - cy)) / a
+                q = (c * (y - cy) - s * (x - cx)) / b
+                if corners == 0.0:
+                    outside = np.sqrt(p * p + q * q) - 1.0
+                else:
+                    outside = -1.0
+                    for side in range(int(corners)):
+                        turn = 2.0 * np.pi * side / corners
+                        outside = max(outside, p * np.cos(turn) + q * np.sin(turn) - 0.75)
+                cover = min(1.0, max(0.0, 0.5 - outside * b))
+                picture[y, x] += cover * (value - picture[y, x])

@@ -1,0 +1,219 @@
+"""Worlds of textured rectangles, in the world frame (z up) around the centre of the motion at the origin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from asyneio.errors import SimulationError
+from asyneio.simulation.events.pyramid import Pyramids, build_pyramids
+from asyneio.simulation.events.textures import load_photographs, photograph_texture, procedural_texture
+from asyneio.types import FloatArray
+
+_LARGEST_SIDE = 2048
+
+
+class WorldKind(StrEnum):
+    """Worlds by name."""
+
+    ROOM = "room"
+    BOXES = "boxes"
+    POSTER = "poster"
+    NEAR = "near"
+    FAR = "far"
+    HALL = "hall"
+
+
+@dataclass(frozen=True)
+class World:
+    """Rectangles `corner + s edge_u + t edge_v`, 0 <= s, t <= 1, one texture each.
+
+    `corner`, `edge_u`, `edge_v` (R,3) [m]; the edges of one rectangle are perpendicular. A camera within
+    `free_low` .. `free_high` (3,) [m] touches nothing.
+    """
+
+    corner: FloatArray
+    edge_u: FloatArray
+    edge_v: FloatArray
+    pyramids: Pyramids
+    free_low: FloatArray
+    free_high: FloatArray
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Rectangles (corner, edge_u, edge_v), the texel pitch [m], and the free space."""
+
+    rectangles: list[FloatArray]
+    pitch_m: float
+    free_low: tuple[float, float, float]
+    free_high: tuple[float, float, float]
+
+
+def build_world(kind: str, photographs: bool, sunlit: float, rng: np.random.Generator) -> World:
+    """A world by name.
+
+    Args:
+        kind: a value of `WorldKind`.
+        photographs: textures from photographs instead of procedural ones.
+        sunlit: how many times brighter patches of sun are than shade; 1 for even light.
+        rng: source of randomness; the same state gives the same world.
+
+    Raises:
+        SimulationError: the world is unknown, or photographs are missing.
+    """
+    if kind not in list(WorldKind):
+        raise SimulationError(f"world {kind!r} is unknown; expected one of {', '.join(WorldKind)}")
+    plan = _BUILDERS[WorldKind(kind)](rng)
+    pictures = load_photographs() if photographs else []
+    textures = []
+    for rectangle in plan.rectangles:
+        height, width = (_texels(np.linalg.norm(edge), plan.pitch_m) for edge in rectangle[:0:-1])
+        texture = (
+            photograph_texture(pictures, height, width, rng)
+            if pictures
+            else procedural_texture(height, width, rng)
+        )
+        textures.append(texture * _sun(height, width, sunlit, rng) if sunlit != 1.0 else texture)
+    corner, edge_u, edge_v = np.array(plan.rectangles).transpose(1, 0, 2).copy()
+    return World(
+        corner,
+        edge_u,
+        edge_v,
+        build_pyramids(textures),
+        np.array(plan.free_low),
+        np.array(plan.free_high),
+    )
+
+
+def _texels(length_m: float, pitch_m: float) -> int:
+    return int(np.clip(2 ** round(float(np.log2(length_m / pitch_m))), 32, _LARGEST_SIDE))
+
+
+def _sun(height: int, width: int, sunlit: float, rng: np.random.Generator) -> FloatArray:
+    """Light on a surface (height, width): 1 in the shade, `sunlit` in a slanted band, sharply bounded."""
+    y, x = np.mgrid[:height, :width] / max(height, width)
+    turn = rng.uniform(0.0, np.pi)
+    along = np.cos(turn) * x + np.sin(turn) * y
+    begin = rng.uniform(along.min(), along.max())
+    inside = (along > begin) & (along < begin + rng.uniform(0.15, 0.4))
+    return np.where(inside, sunlit, 1.0)
+
+
+def _shell(low: FloatArray, high: FloatArray) -> list[FloatArray]:
+    """The six faces of an upright box, each (3,3): corner and two edges."""
+    size = high - low
+    faces = []
+    for axis in range(3):
+        u, v = np.delete(np.eye(3) * size, axis, axis=0)
+        for end in (0.0, size[axis]):
+            faces.append(np.array([low + end * np.eye(3)[axis], u, v]))
+    return faces
+
+
+def _turned_box(centre: FloatArray, size: FloatArray, yaw: float) -> list[FloatArray]:
+    """Faces of a box turned about the vertical."""
+    C = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    faces = _shell(-0.5 * size, 0.5 * size)
+    return [face @ C.T + np.array([centre, np.zeros(3), np.zeros(3)]) for face in faces]
+
+
+def _panel(centre: FloatArray, width: float, height: float, normal: FloatArray) -> FloatArray:
+    """A rectangle with its middle at `centre`, its normal along `normal`, its lower side level."""
+    u = np.cross([0.0, 0.0, 1.0], normal)
+    u /= np.linalg.norm(u)
+    v = np.cross(normal / np.linalg.norm(normal), u)
+    return np.array([centre - 0.5 * width * u - 0.5 * height * v, width * u, height * v])
+
+
+def _clutter(
+    count: int,
+    distance: tuple[float, float],
+    size: tuple[float, float],
+    spread: tuple[float, float],
+    rng: np.random.Generator,
+) -> list[FloatArray]:
+    """Panels that face the origin more or less, `distance` [m] away, `size` [m] wide.
+
+    They lie ahead (world x), within `spread` [rad] to the sides and up and down, evenly shared out.
+    """
+    panels = []
+    for index in range(count):
+        # Golden-ratio turns share the directions out evenly; chance alone would leave holes.
+        across = 2.0 * ((index + 0.5) * 0.6180339887 % 1.0) - 1.0
+        up = 2.0 * (index + 0.5) / count - 1.0
+        yaw = spread[0] * across + rng.uniform(-0.1, 0.1)
+        pitch = spread[1] * up + rng.uniform(-0.1, 0.1)
+        away = rng.uniform(*distance)
+        ahead = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
+        normal = -ahead + rng.uniform(-0.4, 0.4, 3)
+        width, height = rng.uniform(*size, 2)
+        panels.append(_panel(away * ahead, float(width), float(height), normal))
+    return panels
+
+
+def _furnished(
+    low: FloatArray, high: FloatArray, pieces: int, size: tuple[float, float], rng: np.random.Generator
+) -> list[FloatArray]:
+    """A closed room with boxes along its walls, standing on the floor or hanging at some height."""
+    faces = _shell(low, high)
+    middle = 0.5 * (low + high)
+    for index in range(pieces):
+        dimensions = rng.uniform(*size, 3)
+        heading = 2.0 * np.pi * (index + rng.uniform(-0.25, 0.25)) / pieces
+        # Outwards from the middle until the wall, then back by half a piece.
+        reach = 0.5 * (high - low)[:2] - 0.5 * float(np.hypot(*dimensions[:2]))
+        ahead = np.array([np.cos(heading), np.sin(heading)])
+        spot = middle[:2] + ahead * np.min(reach / np.maximum(np.abs(ahead), 1e-9))
+        base = low[2] if index % 2 else rng.uniform(low[2], high[2] - dimensions[2])
+        centre = np.array([*spot, base + 0.5 * dimensions[2]])
+        faces += _turned_box(centre, dimensions, heading + rng.uniform(-0.5, 0.5))
+    return faces
+
+
+def _room(rng: np.random.Generator) -> _Plan:
+    low, high = np.array([-3.0, -3.2, -1.4]), np.array([3.4, 3.0, 1.7])
+    faces = _furnished(low, high, 9, (0.5, 1.1), rng)
+    return _Plan(faces, 0.008, (-1.1, -1.1, -0.7), (1.1, 1.1, 0.7))
+
+
+def _hall(rng: np.random.Generator) -> _Plan:
+    low, high = np.array([-14.0, -14.0, -4.0]), np.array([14.0, 14.0, 5.0])
+    faces = _furnished(low, high, 14, (1.5, 3.5), rng)
+    return _Plan(faces, 0.016, (-9.0, -9.0, -3.5), (9.0, 9.0, 4.5))
+
+
+def _boxes(rng: np.random.Generator) -> _Plan:
+    shell = _shell(np.array([-2.5, -3.5, -2.0]), np.array([3.6, 3.5, 2.2]))
+    panels = _clutter(26, (1.7, 3.0), (0.35, 0.8), (1.5, 0.6), rng)
+    return _Plan(shell + panels, 0.006, (-0.9, -0.9, -0.6), (0.9, 0.9, 0.6))
+
+
+def _poster(rng: np.random.Generator) -> _Plan:
+    wall = _panel(np.array([2.0, 0.0, 0.0]), 16.0, 10.0, np.array([-1.0, 0.05, 0.03]))
+    return _Plan([wall], 0.008, (-0.7, -0.9, -0.6), (0.7, 0.9, 0.6))
+
+
+def _near(rng: np.random.Generator) -> _Plan:
+    shell = _shell(np.array([-1.5, -2.2, -1.3]), np.array([1.25, 2.2, 1.3]))
+    panels = _clutter(12, (0.85, 1.1), (0.25, 0.5), (1.1, 0.5), rng)
+    return _Plan(shell + panels, 0.003, (-0.3, -0.3, -0.25), (0.3, 0.3, 0.25))
+
+
+def _far(rng: np.random.Generator) -> _Plan:
+    shell = _shell(np.array([-18.0, -18.0, -7.0]), np.array([20.0, 18.0, 9.0]))
+    panels = _clutter(22, (6.5, 17.0), (1.5, 4.0), (1.5, 0.35), rng)
+    return _Plan(shell + panels, 0.03, (-3.0, -3.0, -2.0), (3.0, 3.0, 2.0))
+
+
+_BUILDERS: dict[WorldKind, Callable[[np.random.Generator], _Plan]] = {
+    WorldKind.ROOM: _room,
+    WorldKind.BOXES: _boxes,
+    WorldKind.POSTER: _poster,
+    WorldKind.NEAR: _near,
+    WorldKind.FAR: _far,
+    WorldKind.HALL: _hall,
+}
