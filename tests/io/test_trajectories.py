@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from asyneio.errors import RecordingError
 from asyneio.io import read_estimates, read_tum, to_trajectory, write_estimates, write_tum
 from asyneio.io.estimates_file import stack_estimates
-from asyneio.io.tum import format_seconds, parse_seconds
+from asyneio.io.seconds_table import format_seconds, parse_seconds
 from asyneio.types import STATE_BLOCKS, Estimate, PoseTrajectory
 from tests.io.recordings import START_NS, make_estimate, straight_path
 

@@ -21,15 +21,24 @@ def atomic_file(path: Path) -> Iterator[IO[bytes]]:
     Raises:
         RecordingError: the file cannot be written (permissions, disk full, a directory in its place).
     """
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        yield stream
+        stream.flush()
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """As `atomic_file`, for libraries that open files themselves: the path of an empty temporary file."""
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         temporary = Path(name)
-        with os.fdopen(handle, "wb") as stream:
-            yield stream
-            stream.flush()
-            os.fsync(stream.fileno())
+        try:
+            yield temporary
+            os.fsync(handle)
+        finally:
+            os.close(handle)
         # mkstemp files are private; a result is an ordinary file and follows the user's umask.
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)

@@ -55,7 +55,7 @@ def read_inertial(folder: Path, declared_hz: float | None = None) -> InertialStr
             f"no inertial samples in {folder}; expected imu.csv (t_ns,gx,gy,gz,ax,ay,az) "
             "or gyroscope.csv (t_ns,gx,gy,gz) together with accelerometer.csv (t_ns,ax,ay,az)"
         )
-    return _check_units(gyroscope, accelerometer, notes)
+    return check_units(gyroscope, accelerometer, notes)
 
 
 def _read_combined(path: Path, declared_hz: float | None) -> tuple[RecordArray, RecordArray, tuple[str, ...]]:
@@ -88,10 +88,16 @@ def _stream(rows: RecordArray, axes: tuple[str, ...]) -> RecordArray:
     return stream
 
 
-def _check_units(
+def check_units(
     gyroscope: RecordArray, accelerometer: RecordArray, notes: tuple[str, ...]
 ) -> InertialStreams:
-    """Repair exchanged columns, g and deg/s where gravity proves the case; otherwise say or stop."""
+    """Repair exchanged columns, g and deg/s where gravity proves the case; otherwise say or stop.
+
+    `notes` come first in those of the result.
+
+    Raises:
+        RecordingError: the accelerometer cannot be explained by gravity in any known unit.
+    """
     if _exchanged(gyroscope, accelerometer):
         gyroscope, accelerometer = accelerometer, gyroscope
         notes += ("gravity stands in the gyroscope columns: gyroscope and accelerometer were swapped back",)

@@ -39,16 +39,33 @@ def read_calibration(camchain: Path, imu: Path) -> tuple[Calibration, tuple[str,
     Raises:
         CalibrationError: a file is missing or malformed, or a value is absent or physically impossible.
     """
-    camera = _camera_section(camchain)
-    T_b_c, notes = _extrinsics(camera, camchain)
-    timeshift_ns, timeshift_notes = _timeshift(camera, camchain)
-    calibration = Calibration(_intrinsics(camera, camchain), T_b_c, timeshift_ns, read_imu_noise(imu))
+    return parse_calibration(load_mapping(camchain), load_mapping(imu), camchain, imu)
+
+
+def parse_calibration(
+    camchain: dict[str, Any], imu: dict[str, Any], camchain_path: Path, imu_path: Path
+) -> tuple[Calibration, tuple[str, ...]]:
+    """As `read_calibration`, from the contents of the two files; the paths are for messages."""
+    camera = _camera_section(camchain, camchain_path)
+    T_b_c, notes = _extrinsics(camera, camchain_path)
+    timeshift_ns, timeshift_notes = _timeshift(camera, camchain_path)
+    calibration = Calibration(
+        parse_intrinsics(camera, camchain_path), T_b_c, timeshift_ns, _parse_imu_noise(imu, imu_path)
+    )
     return calibration, notes + timeshift_notes
+
+
+def parse_camera(camchain: dict[str, Any], path: Path) -> CameraIntrinsics:
+    """The lens alone from the content of a Kalibr camera file. Raises CalibrationError as above."""
+    return parse_intrinsics(_camera_section(camchain, path), path)
 
 
 def read_imu_noise(path: Path) -> ImuNoise:
     """Read Kalibr's `imu.yaml` (flat, or one level below `imu0`). Raises CalibrationError as above."""
-    content = load_mapping(path)
+    return _parse_imu_noise(load_mapping(path), path)
+
+
+def _parse_imu_noise(content: dict[str, Any], path: Path) -> ImuNoise:
     section = content.get("imu0", content)
     if not isinstance(section, dict):
         raise CalibrationError(
@@ -67,8 +84,7 @@ def read_imu_noise(path: Path) -> ImuNoise:
     return ImuNoise(rate_hz=rate_hz, **values)
 
 
-def _camera_section(path: Path) -> dict[str, Any]:
-    content = load_mapping(path)
+def _camera_section(content: dict[str, Any], path: Path) -> dict[str, Any]:
     section = content.get("cam0")
     if not isinstance(section, dict):
         raise CalibrationError(
@@ -80,7 +96,8 @@ def _camera_section(path: Path) -> dict[str, Any]:
     return section
 
 
-def _intrinsics(camera: dict[str, Any], path: Path) -> CameraIntrinsics:
+def parse_intrinsics(camera: dict[str, Any], path: Path) -> CameraIntrinsics:
+    """The lens from a camera section: intrinsics, resolution, distortion. Raises CalibrationError."""
     fx, fy, cx, cy = numbers(camera, "intrinsics", 4, path)
     width, height = integers(camera, "resolution", 2, path)
     if not (0 < width <= _MAX_PIXELS and 0 < height <= _MAX_PIXELS):

@@ -23,7 +23,11 @@ def load_mapping(path: Path) -> dict[str, Any]:
     Raises:
         CalibrationError: unreadable, too large, too many aliases, not valid YAML, or not a mapping.
     """
-    text = _read_capped(path)
+    return parse_mapping(_read_capped(path), path)
+
+
+def parse_mapping(text: str, path: Path) -> dict[str, Any]:
+    """As `load_mapping`, from text that was found at `path`."""
     if text.startswith("%YAML:1.0"):
         raise CalibrationError(
             f"{path} is in OpenCV's YAML dialect (%YAML:1.0); expected a Kalibr file, plain YAML"

@@ -1,0 +1,55 @@
+"""What every decoder of events offers to the code that checks, caches and assembles its output."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from asyneio.types import EVENT_DTYPE, RecordArray
+
+#: One sample of a sensor that reads gyroscope [rad/s] and accelerometer [m/s^2] together.
+SAMPLE_DTYPE = np.dtype([("t_ns", "<i8"), ("gyroscope", "<f8", (3,)), ("accelerometer", "<f8", (3,))])
+
+#: A coordinate that lies outside every sensor: what decoders put for values beyond 16 bits.
+FAR_OUTSIDE = 65_535
+
+_BYTES = np.dtype((np.void, EVENT_DTYPE.itemsize))
+
+#: Is told the fraction done, 0 to 1.
+Progress = Callable[[float], None]
+
+
+class EventSource(Protocol):
+    """A file that can be decoded once, from front to back, in bounded memory."""
+
+    @property
+    def path(self) -> Path:
+        """The file, for messages and for recognising an earlier conversion."""
+
+    def chunks(self) -> Iterator[tuple[RecordArray, float]]:
+        """Pieces (EVENT_DTYPE, in the order of the file, not yet checked) with the fraction of it read.
+
+        Raises:
+            RecordingError: the file cannot be read or is damaged beyond salvage.
+        """
+
+    def samples(self) -> RecordArray:
+        """Inertial samples met on the way, SAMPLE_DTYPE; complete when `chunks` has ended."""
+
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on what was skipped or salvaged; complete when `chunks` has ended."""
+
+
+def join_events(pieces: Sequence[RecordArray]) -> RecordArray:
+    """Pieces of EVENT_DTYPE in one array, joined as plain bytes: numpy copies fields far more slowly."""
+    return np.concatenate([np.ascontiguousarray(piece).view(_BYTES) for piece in pieces]).view(EVENT_DTYPE)
+
+
+def pack_events(t_ns: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> RecordArray:
+    """Columns (N,) as EVENT_DTYPE; values must fit."""
+    events = np.zeros(t_ns.size, dtype=EVENT_DTYPE)
+    events["t_ns"], events["x"], events["y"], events["p"] = t_ns, x, y, p
+    return events
