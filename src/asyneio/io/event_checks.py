@@ -22,7 +22,7 @@ MAX_LATE_RUN = 1000
 MAX_SPAN_NS = 7 * 86_400 * NS_PER_S
 
 # Counters of `_scan`.
-_BACKWARD, _WORST, _LATE, _LATE_RUN, _OUTSIDE, _FAR, _LATEST, _MAX_X, _MAX_Y = range(9)
+_BACKWARD, _WORST, _LATE, _LATE_RUN, _JUMP, _OUTSIDE, _FAR, _LATEST, _MAX_X, _MAX_Y = range(10)
 
 
 class SensorSizeError(RecordingError):
@@ -41,7 +41,7 @@ class EventChecker:
         self._what = what
         self._size = (width, height)
         self._held = np.empty(0, dtype=EVENT_DTYPE)
-        self._state = np.zeros(9, dtype=np.int64)
+        self._state = np.zeros(10, dtype=np.int64)
         self._state[_LATEST] = -MAX_STAMP_NS
         self._taken = 0
         self._given = 0
@@ -63,7 +63,7 @@ class EventChecker:
                 "expected seconds (text), microseconds (AEDAT) or nanoseconds (HDF5) of one epoch"
             )
         if stopped >= 0:
-            self._refuse_jump(int(events["t_ns"][stopped]), self._taken - events.size + stopped)
+            self._refuse_jump(self._taken - events.size + stopped - MAX_LATE_RUN)
         if int(self._state[_LATE] + self._state[_OUTSIDE]) > dropped:
             events = events[keep]
         pieces = [self._held, events]
@@ -117,12 +117,11 @@ class EventChecker:
             notes += (f"{self._what}: dropped {outside} event(s) outside the {width} x {height} sensor",)
         return notes
 
-    def _refuse_jump(self, t_ns: int, index: int) -> None:
-        first = index - MAX_LATE_RUN
+    def _refuse_jump(self, index: int) -> None:
         raise RecordingError(
-            f"{self._what}: time jumps backwards by {(int(self._state[_LATEST]) - t_ns) / NS_PER_S:.3f} s "
-            f"before event {first} (t = {t_ns / NS_PER_S:.9f} s): a sensor reset, or two recordings in one "
-            "file; split the file there"
+            f"{self._what}: time jumps backwards by {int(self._state[_JUMP]) / NS_PER_S:.3f} s before event "
+            f"{index} (after {int(self._state[_LATEST]) / NS_PER_S:.6f} s): a sensor reset, or two recordings "
+            "in one file; split the file there"
         )
 
 
@@ -175,6 +174,8 @@ def _scan(
             keep[i] = False
             state[_LATE] += 1
             run += 1
+            if run == 1:
+                state[_JUMP] = latest - t
             if run > MAX_LATE_RUN:
                 stopped = k
                 break

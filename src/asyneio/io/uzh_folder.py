@@ -27,8 +27,8 @@ from asyneio.types import CameraIntrinsics, Distortion, EventRecording, PoseTraj
 
 EVENTS_FILE, SAMPLES_FILE, TRUTH_FILE, LENS_FILE = "events.txt", "imu.txt", "groundtruth.txt", "calib.txt"
 
-#: Sensors tried in this order where no file tells the size: DAVIS240, DAVIS346, and two common larger ones.
-_USUAL_SIZES = ((240, 180), (346, 260), (640, 480), (1280, 720))
+#: Sensors tried in this order where no file tells the size: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
+_USUAL_SIZES = ((240, 180), (320, 240), (346, 260), (640, 480), (1280, 720))
 
 
 def read_uzh_folder(
@@ -63,7 +63,7 @@ def read_uzh_folder(
     table, size, size_notes = _load(events_path, rig.camera, progress, cache_from)
     if rig.camera is None and (folder / LENS_FILE).is_file():
         rig = with_camera(rig, read_lens(folder / LENS_FILE, *size))
-    name = (folder if path.is_dir() else events_path).resolve().stem
+    name = folder.resolve().name if events_path.name == EVENTS_FILE else events_path.stem
     return assemble(name, table, size, rig, inertial, truth, size_notes + samples_notes + truth_notes)
 
 

@@ -1,0 +1,195 @@
+"""AEDAT4, through the aedat package, in a process of its own (see `aedat4_worker`).
+
+The format keeps inertial samples in g and degrees per second and time in microseconds of the Unix epoch.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from asyneio.errors import RecordingError
+from asyneio.io.event_assembly import assemble, find_rig, prepare_samples
+from asyneio.io.event_cache import load_events
+from asyneio.io.event_checks import MAX_STAMP_NS
+from asyneio.io.event_source import SAMPLE_DTYPE, Progress, pack_events
+from asyneio.io.inertial_files import STANDARD_GRAVITY
+from asyneio.types import EventRecording, RecordArray
+
+MAGIC = b"#!AER-DAT4"
+
+_WORKER = Path(__file__).with_name("aedat4_worker.py")
+_FRAME = struct.Struct("<cQ")
+_MAX_FRAME_BYTES = 2**32
+_US = 1000
+_EVENT = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
+_AXES = ("x", "y", "z")
+_SAMPLE = np.dtype(
+    [("t", "<u8"), ("temperature", "<f4")]
+    + [
+        (f"{sensor}_{axis}", "<f4")
+        for sensor in ("accelerometer", "gyroscope", "magnetometer")
+        for axis in _AXES
+    ]
+)
+
+
+class Aedat4Events:
+    """An EventSource on an AEDAT4 file: its first stream of events and first stream of inertial samples.
+
+    The fraction it reports is 0 until the end: the package does not tell how far it is.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._pieces: list[RecordArray] = []
+        self._notes: tuple[str, ...] = ()
+
+    def size(self) -> tuple[int, int]:
+        """Width and height of the sensor [px]. Raises RecordingError: unreadable, or without events."""
+        for kind, payload in self._frames():
+            if kind == b"S":
+                return self._select(json.loads(payload))[0]
+            break
+        raise RecordingError(f"{self.path} is no readable AEDAT4 file")
+
+    def chunks(self) -> Iterator[tuple[RecordArray, float]]:
+        """See EventSource. Raises RecordingError: unreadable, or damaged before its first event."""
+        chosen: dict[bytes, int | None] = {}
+        count = 0
+        for kind, payload in self._frames():
+            if kind == b"S":
+                _, chosen, self._notes = self._select(json.loads(payload))
+            elif kind == b"X":
+                self._salvage(payload.decode("utf-8", errors="replace"), count)
+            elif kind in (b"E", b"I") and int.from_bytes(payload[:8], "little") == chosen.get(kind):
+                rows = np.frombuffer(payload, dtype=_EVENT if kind == b"E" else _SAMPLE, offset=8)
+                if rows.size and int(rows["t"].max()) >= MAX_STAMP_NS // _US:
+                    self._salvage("a time stamp is beyond any range", count)
+                    break
+                if kind == b"E":
+                    count += rows.size
+                    yield pack_events(rows["t"].astype(np.int64) * _US, rows["x"], rows["y"], rows["on"]), 0.0
+                else:
+                    self._pieces.append(_to_si(rows))
+        self._check_unit()
+
+    def samples(self) -> RecordArray:
+        """Inertial samples in SI units."""
+        return np.concatenate([np.empty(0, dtype=SAMPLE_DTYPE), *self._pieces])
+
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on streams left out and on a file that was cut off."""
+        return self._notes
+
+    def _select(
+        self, streams: dict[str, dict[str, Any]]
+    ) -> tuple[tuple[int, int], dict[bytes, int | None], tuple[str, ...]]:
+        """Size, the numbers of the streams to read by kind of frame, and sentences on the others."""
+        numbers = {
+            kind: sorted(int(key) for key, stream in streams.items() if stream.get("type") == name)
+            for kind, name in ((b"E", "events"), (b"I", "imus"))
+        }
+        if not numbers[b"E"]:
+            found = ", ".join(sorted({str(stream.get("type")) for stream in streams.values()})) or "nothing"
+            raise RecordingError(f"{self.path} has no stream of events; it holds {found}")
+        first = streams[str(numbers[b"E"][0])]
+        more = sum(max(len(found) - 1, 0) for found in numbers.values())
+        notes = (f"{self.path.name}: {more} further stream(s) of events or samples left out",) if more else ()
+        chosen = {kind: found[0] if found else None for kind, found in numbers.items()}
+        return (int(first["width"]), int(first["height"])), chosen, notes
+
+    def _check_unit(self) -> None:
+        """Take samples back to what stands in the file where gravity shows that it was in SI units."""
+        samples = self.samples()
+        if samples.size == 0:
+            return
+        with np.errstate(over="ignore", invalid="ignore"):
+            force = float(np.median(np.linalg.norm(samples["accelerometer"], axis=1)))
+        if 0.8 < force / STANDARD_GRAVITY**2 < 1.25:
+            samples["accelerometer"] /= STANDARD_GRAVITY
+            samples["gyroscope"] *= 180.0 / np.pi
+            self._pieces = [samples]
+            self._notes += (
+                f"{self.path.name}: the IMU is in m/s^2 already, against the format: left as it is",
+            )
+
+    def _salvage(self, reason: str, count: int) -> None:
+        if count == 0:
+            raise RecordingError(f"{self.path} is no readable AEDAT4 file: {reason}")
+        self._notes += (
+            f"{self.path.name} is damaged or cut off after {count} events: {reason}; read up to there",
+        )
+
+    def _frames(self) -> Iterator[tuple[bytes, bytes]]:
+        """Kind and content of what the worker writes; a crash of it becomes an error frame."""
+        command = [sys.executable, "-P", str(_WORKER), str(self.path)]
+        try:
+            worker = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        except OSError as error:
+            raise RecordingError(f"cannot start the AEDAT4 decoder: {error.strerror or error}") from error
+        try:
+            assert worker.stdout is not None
+            while True:
+                head = worker.stdout.read(_FRAME.size)
+                kind, size = _FRAME.unpack(head) if len(head) == _FRAME.size else (b"", 0)
+                payload = _read(worker.stdout, size)
+                if kind == b"" or payload is None:
+                    yield b"X", b"the aedat package crashed (is it installed, is the file damaged?)"
+                    return
+                if kind == b".":
+                    return
+                yield kind, payload
+                if kind == b"X":
+                    return
+        finally:
+            worker.kill()
+            worker.wait()
+            if worker.stdout is not None:
+                worker.stdout.close()
+
+
+def read_aedat4(
+    path: Path,
+    calibration: Path | None = None,
+    imu: Path | None = None,
+    progress: Progress | None = None,
+    cache_from: int | None = None,
+) -> EventRecording:
+    """Read and validate an AEDAT4 file; arguments as for `read_uzh_folder`.
+
+    Raises:
+        RecordingError: unreadable, without events, or damaged beyond salvage.
+        CalibrationError: a calibration file is malformed or impossible, or for another sensor size.
+    """
+    rig = find_rig(path.parent, calibration, imu)
+    source = Aedat4Events(path)
+    size = source.size()
+    table = load_events(source, *size, progress, cache_from)
+    declared_hz = rig.calibration.noise.rate_hz if rig.calibration else None
+    inertial = prepare_samples(table.samples, declared_hz, f"the IMU of {path.name}")
+    return assemble(path.resolve().stem, table, size, rig, inertial)
+
+
+def _to_si(rows: RecordArray) -> RecordArray:
+    samples = np.empty(rows.size, dtype=SAMPLE_DTYPE)
+    samples["t_ns"] = rows["t"].astype(np.int64) * _US
+    for sensor, factor in (("accelerometer", STANDARD_GRAVITY), ("gyroscope", np.pi / 180.0)):
+        for index, axis in enumerate(_AXES):
+            samples[sensor][:, index] = rows[f"{sensor}_{axis}"].astype(np.float64) * factor
+    return samples
+
+
+def _read(stream: IO[bytes], size: int) -> bytes | None:
+    """Exactly `size` bytes, or None where the stream ends before or the size is absurd."""
+    if size > _MAX_FRAME_BYTES:
+        return None
+    payload = stream.read(size)
+    return payload if len(payload) == size else None

@@ -1,0 +1,134 @@
+"""Write an event recording as a folder of the UZH event camera data set (layout: see `uzh_folder`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from asyneio.errors import RecordingError
+from asyneio.io.atomic import atomic_file, write_text
+from asyneio.io.event_assembly import CAMCHAIN_FILE, IMU_FILE
+from asyneio.io.event_hdf5_writer import pieces_of
+from asyneio.io.kalibr_writer import camchain_text, camera_text, imu_noise_text
+from asyneio.io.seconds_table import format_seconds
+from asyneio.io.tum import write_tum
+from asyneio.io.uzh_folder import EVENTS_FILE, LENS_FILE, SAMPLES_FILE, TRUTH_FILE
+from asyneio.types import NS_PER_S, CameraIntrinsics, Distortion, EventRecording, IntArray, RecordArray
+
+_PIECE = 2**16
+#: Sign, ten digits, point, nine digits, three times a blank and five digits, line feed: at most this.
+_LONGEST_LINE = 48
+_BLANK, _NEWLINE, _POINT, _MINUS, _ZERO = (ord(c) for c in " \n.-0")
+
+
+def write_uzh_folder(
+    recording: EventRecording, folder: Path, events: Iterable[RecordArray] | None = None
+) -> None:
+    """Write events, samples, ground truth and calibration, each file whole or not at all.
+
+    Reading it back gives identical numbers. What the recording lacks, and an earlier call left, is removed.
+
+    Args:
+        recording: what to write.
+        folder: where; made if it is not there.
+        events: pieces (EVENT_DTYPE) that follow each other in time, written in place of `recording.events`.
+
+    Raises:
+        RecordingError: a file cannot be written, or gyroscope and accelerometer have different times, which
+            `imu.txt` cannot hold.
+    """
+    gyroscope, accelerometer = recording.gyroscope, recording.accelerometer
+    if not np.array_equal(gyroscope["t_ns"], accelerometer["t_ns"]):
+        raise RecordingError(
+            f"{SAMPLES_FILE} holds both sensors at one time, but their times differ; write HDF5 instead"
+        )
+    with atomic_file(folder / EVENTS_FILE) as stream:
+        for piece in pieces_of(recording, _PIECE) if events is None else events:
+            for start in range(0, piece.size, _PIECE):
+                stream.write(_format(piece[start : start + _PIECE]))
+    texts = {
+        SAMPLES_FILE: _samples_text(gyroscope, accelerometer) if gyroscope.size else None,
+        LENS_FILE: _lens_text(recording.camera) if recording.camera else None,
+        CAMCHAIN_FILE: _camchain_text(recording),
+        IMU_FILE: imu_noise_text(recording.calibration.noise) if recording.calibration else None,
+    }
+    for name, text in texts.items():
+        if text is None:
+            (folder / name).unlink(missing_ok=True)
+        else:
+            write_text(folder / name, text)
+    if recording.ground_truth is None:
+        (folder / TRUTH_FILE).unlink(missing_ok=True)
+    else:
+        write_tum(folder / TRUTH_FILE, recording.ground_truth, header="")
+
+
+def _samples_text(gyroscope: RecordArray, accelerometer: RecordArray) -> str:
+    values = np.hstack([accelerometer["xyz"], gyroscope["xyz"]]).tolist()
+    return "".join(
+        f"{format_seconds(t_ns)} {' '.join(map(repr, row))}\n"
+        for t_ns, row in zip(gyroscope["t_ns"].tolist(), values, strict=True)
+    )
+
+
+def _lens_text(camera: CameraIntrinsics) -> str | None:
+    """`calib.txt`, which knows radtan only; None for another lens, which the Kalibr file holds."""
+    if camera.distortion is Distortion.EQUIDISTANT:
+        return None
+    coefficients = (*camera.coefficients, *(0.0,) * 5)[:5]
+    values = (camera.fx, camera.fy, camera.cx, camera.cy, *coefficients)
+    return " ".join(repr(float(value)) for value in values) + "\n"
+
+
+def _camchain_text(recording: EventRecording) -> str | None:
+    if recording.calibration is not None:
+        return camchain_text(recording.calibration)
+    return camera_text(recording.camera) if recording.camera else None
+
+
+def _format(events: RecordArray) -> memoryview:
+    text = np.empty(events.size * _LONGEST_LINE, dtype=np.uint8)
+    length = int(_print_events(events["t_ns"], events["x"], events["y"], events["p"], text))
+    return text[:length].data
+
+
+@njit(cache=True)
+def _print_events(t_ns: IntArray, x: np.ndarray, y: np.ndarray, p: np.ndarray, text: np.ndarray) -> np.uint64:
+    """Print events as lines into `text` (uint8); returns the count of bytes."""
+    one = np.uint64(1)
+    i = np.uint64(0)
+    for k in range(t_ns.size):
+        event = np.uint64(k)
+        time = t_ns[event]
+        if time < 0:
+            text[i] = _MINUS
+            i += one
+            time = -time
+        i = _print_number(text, i, time // NS_PER_S, 1)
+        text[i] = _POINT
+        i = _print_number(text, i + one, time % NS_PER_S, 9)
+        for value in (np.int64(x[event]), np.int64(y[event]), np.int64(p[event])):
+            text[i] = _BLANK
+            i = _print_number(text, i + one, value, 1)
+        text[i] = _NEWLINE
+        i += one
+    return i
+
+
+@njit(cache=True)
+def _print_number(text: np.ndarray, i: np.uint64, value: np.int64, least: int) -> np.uint64:
+    """Print a number that is not negative with at least so many digits; returns the position after it."""
+    digits, bound = least, 10**least
+    while value >= bound:
+        bound *= 10
+        digits += 1
+    end = i + np.uint64(digits)
+    position = end
+    while position > i:
+        position -= np.uint64(1)
+        text[position] = _ZERO + value % 10
+        value //= 10
+    return end

@@ -1,0 +1,251 @@
+"""AEDAT-2.0 and AEDAT4: real recordings against independent decoders, damaged ones against the rules."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+from pathlib import Path
+
+import aedat
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from asyneio.errors import AsyneioError, CalibrationError, RecordingError
+from asyneio.io import aedat4, read_aedat2, read_aedat4
+from asyneio.io.aedat2 import Aedat2Events
+
+HEADER = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
+GRAVITY = (0, 0, 4096)
+
+
+def event(t_us: int, x: int = 0, y: int = 0, p: int = 0) -> bytes:
+    return struct.pack(">II", (239 - x) << 12 | (179 - y) << 22 | p << 11, t_us % 2**32)
+
+
+def sample(t_us: int, accelerometer: tuple[int, int, int], gyroscope: tuple[int, int, int]) -> bytes:
+    values = (*accelerometer, 0, *gyroscope)
+    return b"".join(
+        struct.pack(">II", 1 << 31 | code << 28 | (value & 0xFFFF) << 12 | 0xC00, t_us % 2**32)
+        for code, value in enumerate(values)
+    )
+
+
+def write(folder: Path, *words: bytes, header: bytes = HEADER) -> Path:
+    path = folder / "run.aedat"
+    path.write_bytes(header + b"".join(words))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "events", "samples", "force"),
+    [("IMU_rotDisk", 374_296, 7384, 9.923), ("IMU_translBoxes", 162_771, 4833, 9.899)],
+)
+def test_real_davis240(data_dir: Path, name: str, events: int, samples: int, force: float) -> None:
+    path = data_dir / "davis240_imu" / f"{name}.aedat"
+    found = read_aedat2(path)
+    assert found.events.size == events
+    assert found.gyroscope.size == found.accelerometer.size == samples
+    assert np.linalg.norm(found.accelerometer["xyz"], axis=1).mean() == pytest.approx(force, abs=1e-3)
+    assert NS / np.median(np.diff(found.gyroscope["t_ns"])) == pytest.approx(2332, rel=0.1)
+    assert found.calibration is not None
+    # Every word once more, by the plainest reading of the layout.
+    data = path.read_bytes()
+    while data.startswith(b"#"):
+        data = data[data.index(b"\n") + 1 :]
+    words = np.frombuffer(data, dtype=">u4").reshape(-1, 2).astype(np.int64)
+    words = words[words[:, 0] < 2**31]
+    address = words[:, 0]
+    np.testing.assert_array_equal(found.events["t_ns"], words[:, 1] * 1000)
+    np.testing.assert_array_equal(found.events["x"], 239 - (address >> 12 & 0x3FF))
+    np.testing.assert_array_equal(found.events["y"], 179 - (address >> 22 & 0x1FF))
+    np.testing.assert_array_equal(found.events["p"], address >> 11 & 1)
+
+
+NS = 1_000_000_000
+
+
+def test_units_and_signs(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        event(1000, 1, 2, 1),
+        sample(1000, (-4096, 0, 0), (0, -328, 0)),
+        sample(2000, (0, 0, 4096), (0, 0, 328)),
+        sample(3000, (0, 4096, 0), (0, 0, 0)),
+        event(4000, 239, 179, 0),
+    )
+    found = read_aedat2(path)
+    assert [tuple(row) for row in found.events.tolist()] == [(1_000_000, 1, 2, 1), (4_000_000, 239, 179, 0)]
+    np.testing.assert_allclose(
+        found.accelerometer["xyz"], 9.80665 * np.array([[-1, 0, 0], [0, 0, 1], [0, 1, 0]])
+    )
+    np.testing.assert_allclose(found.gyroscope["xyz"], np.deg2rad([[0, -10, 0], [0, 0, 10], [0, 0, 0]]))
+    assert found.notes == ()
+
+
+def test_clock_turns_over(tmp_path: Path) -> None:
+    times = [2**32 - 10, 2**32 - 1, 2**32, 2**32 - 1, 2**32 + 5]
+    samples = [sample(t, GRAVITY, (0, 0, 0)) for t in (2**32 - 500, 2**32 + 500)]
+    found = read_aedat2(write(tmp_path, samples[0], *(event(t) for t in times), samples[1]))
+    assert found.events["t_ns"].tolist() == [1000 * t for t in sorted(times)]
+    assert found.gyroscope["t_ns"].tolist() == [1000 * (2**32 - 500), 1000 * (2**32 + 500)]
+
+
+def test_other_words_are_counted(tmp_path: Path) -> None:
+    frame = struct.pack(">II", 1 << 31, 5)
+    signal = struct.pack(">II", 1 << 10, 5)
+    half = sample(5, GRAVITY, (0, 0, 0))[:24]
+    found = read_aedat2(write(tmp_path, event(1), frame, frame, signal, half, event(9), b"\1\2\3"))
+    assert found.events["t_ns"].tolist() == [1000, 9000]
+    notes = " ".join(found.notes)
+    for text in ("2 word(s) of frames", "1 external signal", "3 inertial word(s)", "3 byte(s) at the end"):
+        assert text in notes
+
+
+@given(st.lists(st.integers(0, 9), max_size=40), st.integers(1, 13))
+def test_pieces_do_not_matter(kinds: list[int], length: int) -> None:
+    """Samples and events come out alike, however the words are cut."""
+    words = b"".join(
+        sample(10 * k, GRAVITY, (k, k, k))
+        if kind < 5
+        else sample(10 * k, GRAVITY, (0, 0, 0))[: 8 * (kind - 4)]
+        if kind < 8
+        else event(10 * k, k)
+        for k, kind in enumerate(kinds)
+    )
+    table = np.frombuffer(words, dtype=">u4").astype(np.uint32).reshape(-1, 2)
+    results = []
+    for step in (length, max(len(table), 1)):
+        source = Aedat2Events(Path("run.aedat"))
+        events = [
+            tuple(row)
+            for k in range(0, len(table), step)
+            for row in source._decode(table[k : k + step]).tolist()
+        ]
+        results.append((events, source.samples().tolist(), source.notes()))
+    assert results[0] == results[1]
+    assert len(results[0][1]) == sum(kind < 5 for kind in kinds)
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        (b"#!AER-DAT3.1\r\n", "not AEDAT-2.0"),
+        (b"", "not AEDAT-2.0"),
+        (b"#!AER-DAT2.0\r\n# AEChip: ch.unizh.ini.jaer.chip.retina.DVS128\r\n", "DVS128; only the DAVIS240"),
+        (b"#!AER-DAT2.0\r\n# and so on", "nothing but a header"),
+    ],
+)
+def test_other_headers(tmp_path: Path, header: bytes, message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
+        read_aedat2(write(tmp_path, header=header))
+
+
+def test_unnamed_camera(tmp_path: Path) -> None:
+    found = read_aedat2(write(tmp_path, event(1), header=b"#!AER-DAT2.0\n"))
+    assert any("taken to be a DAVIS240" in note for note in found.notes)
+
+
+@given(st.binary(max_size=400))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_garbage(tmp_path: Path, data: bytes) -> None:
+    try:
+        read_aedat2(write(tmp_path, data))
+    except AsyneioError:
+        return
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "events", "samples", "force"),
+    [
+        ("davis346_static", (346, 260), 6676, 160, 10.083),
+        ("dvxplorer_static", (320, 240), 111_954, 475, 10.575),
+    ],
+)
+def test_real_aedat4(
+    data_dir: Path, name: str, size: tuple[int, int], events: int, samples: int, force: float
+) -> None:
+    path = data_dir / "formats" / f"{name}.aedat4"
+    found = read_aedat4(path)
+    packets = list(aedat.Decoder(str(path)))
+    truth = np.concatenate([packet["events"] for packet in packets if "events" in packet])
+    imu = np.concatenate([packet["imus"] for packet in packets if "imus" in packet])
+    assert (found.events.size, found.gyroscope.size) == (events, samples) == (truth.size, imu.size)
+    assert (found.width, found.height) == size
+    for name_here, name_there in (("x", "x"), ("y", "y"), ("p", "on")):
+        np.testing.assert_array_equal(found.events[name_here], truth[name_there])
+    np.testing.assert_array_equal(found.events["t_ns"], truth["t"].astype(np.int64) * 1000)
+    for index, axis in enumerate("xyz"):
+        np.testing.assert_allclose(
+            found.accelerometer["xyz"][:, index], imu[f"accelerometer_{axis}"] * 9.80665, rtol=1e-6
+        )
+        np.testing.assert_allclose(
+            found.gyroscope["xyz"][:, index], np.deg2rad(imu[f"gyroscope_{axis}"].astype(float)), rtol=1e-6
+        )
+    # Both stood still: one g and no turning to speak of, which g and deg/s alone explain.
+    assert np.linalg.norm(found.accelerometer["xyz"], axis=1).mean() == pytest.approx(force, abs=1e-3)
+    assert np.linalg.norm(found.gyroscope["xyz"], axis=1).mean() < 0.1
+
+
+def test_aedat4_cut_off(data_dir: Path, tmp_path: Path) -> None:
+    data = (data_dir / "formats" / "davis346_static.aedat4").read_bytes()
+    path = tmp_path / "cut.aedat4"
+    path.write_bytes(data[: len(data) // 2])
+    found = read_aedat4(path)
+    assert 0 < found.events.size < 6676
+    assert any("cut off after" in note for note in found.notes)
+
+
+def test_aedat4_panic_and_garbage(data_dir: Path, tmp_path: Path) -> None:
+    """Bytes of the header that make the package panic, or anything else, end in our own error or a note."""
+    data = (data_dir / "formats" / "davis346_static.aedat4").read_bytes()
+    path = tmp_path / "bad.aedat4"
+    generator = np.random.default_rng(5)
+    for _ in range(4):
+        changed = bytearray(data[:20_000])
+        for position in generator.integers(14, 3000, 5):
+            changed[position] = generator.integers(128, 256)
+        path.write_bytes(changed)
+        with pytest.raises(RecordingError, match="AEDAT4"):
+            read_aedat4(path)
+
+
+def test_aedat4_crash_of_the_decoder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    worker = tmp_path / "worker.py"
+    worker.write_text("import os\nos.abort()\n")
+    monkeypatch.setattr(aedat4, "_WORKER", worker)
+    with pytest.raises(RecordingError, match="crashed"):
+        read_aedat4(tmp_path / "any.aedat4")
+
+
+def test_aedat4_in_si_units(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A writer that ignores the units of the format is recognised by gravity."""
+    worker = tmp_path / "worker.py"
+    worker.write_text(
+        "import json, struct, sys\n"
+        "out = sys.stdout.buffer\n"
+        "def send(kind, data):\n    out.write(struct.pack('<cQ', kind, len(data)) + data)\n"
+        "send(b'S', json.dumps({'0': {'type': 'events', 'width': 8, 'height': 6}, '1': {'type': 'imus'}}).encode())\n"
+        "for t in range(0, 100000, 1000):\n"
+        "    send(b'E', struct.pack('<QQHHB', 0, t, 1, 2, 1))\n"
+        "    send(b'I', struct.pack('<QQ10f', 1, t, 20, 0, 0, 9.81, 0.5, 0, 0, 0, 0, 0))\n"
+        "send(b'.', b'')\n"
+    )
+    monkeypatch.setattr(aedat4, "_WORKER", worker)
+    path = tmp_path / "run.aedat4"
+    path.touch()
+    found = read_aedat4(path)
+    np.testing.assert_allclose(found.accelerometer["xyz"][:, 2], 9.81, rtol=1e-6)
+    np.testing.assert_allclose(found.gyroscope["xyz"][:, 0], 0.5, rtol=1e-6)
+    assert any("m/s^2 already" in note for note in found.notes)
+
+
+def test_calibration_of_another_sensor(data_dir: Path, tmp_path: Path) -> None:
+    shutil.copy(data_dir / "formats" / "davis346_static.aedat4", tmp_path)
+    for name in ("camchain-imucam.yaml", "imu.yaml"):
+        shutil.copy(data_dir / "davis240_imu" / name, tmp_path)
+    with pytest.raises(
+        CalibrationError, match="240 x 180 pixels, but davis346_static was recorded with 346 x 260"
+    ):
+        read_aedat4(tmp_path / "davis346_static.aedat4")

@@ -1,0 +1,130 @@
+"""Any recording is recognised by its content; everything else is named and refused."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from asyneio.errors import AsyneioError, RecordingError
+from asyneio.io import open_recording, write_events_hdf5, write_tracks_folder, write_uzh_folder
+from asyneio.types import EventRecording, Recording
+from tests.io.event_recordings import assert_same, make_event_recording
+from tests.io.recordings import make_recording
+from tests.io.test_aedat import event, write
+
+
+def test_tracks_folder(tmp_path: Path, rng: np.random.Generator) -> None:
+    write_tracks_folder(make_recording(rng), tmp_path)
+    found = open_recording(tmp_path)
+    cut = open_recording(tmp_path, max_track_seconds=0.3)
+    assert isinstance(found, Recording)
+    assert isinstance(cut, Recording)
+    assert np.unique(cut.observations["id"]).size > np.unique(found.observations["id"]).size
+
+
+def test_uzh_folder_and_file_under_another_name(tmp_path: Path, rng: np.random.Generator) -> None:
+    recording = make_event_recording(rng)
+    write_uzh_folder(recording, tmp_path)
+    for path in (tmp_path, tmp_path / "events.txt"):
+        found = open_recording(path)
+        assert isinstance(found, EventRecording)
+        assert_same(found, recording)
+    (tmp_path / "events.txt").rename(tmp_path / "some.csv")
+    found = open_recording(tmp_path)
+    assert isinstance(found, EventRecording)
+    assert_same(found, recording)
+
+
+def test_hdf5_under_any_name(tmp_path: Path, rng: np.random.Generator) -> None:
+    recording = make_event_recording(rng)
+    write_events_hdf5(recording, tmp_path / "data.txt")
+    for path in (tmp_path, tmp_path / "data.txt"):
+        found = open_recording(path)
+        assert isinstance(found, EventRecording)
+        assert_same(found, recording)
+
+
+def test_aedat2_in_a_folder(tmp_path: Path) -> None:
+    write(tmp_path, event(1), event(2)).rename(tmp_path / "x.bin")
+    (tmp_path / "readme.txt").write_text("about 3 things\n")
+    found = open_recording(tmp_path)
+    assert isinstance(found, EventRecording)
+    assert found.events.size == 2
+
+
+def test_real_files(data_dir: Path) -> None:
+    for name in ("formats/davis346_static.aedat4", "davis240_imu/IMU_translBoxes.aedat", "slider_depth"):
+        assert isinstance(open_recording(data_dir / name), EventRecording)
+    with pytest.raises(RecordingError, match=r"2 recordings: IMU_rotDisk.aedat, IMU_translBoxes.aedat"):
+        open_recording(data_dir / "davis240_imu")
+    with pytest.raises(RecordingError, match="Prophesee file"):
+        open_recording(data_dir / "formats" / "gen3.evt2.raw")
+
+
+def test_calibration_from_elsewhere(tmp_path: Path, rng: np.random.Generator) -> None:
+    recording = make_event_recording(rng)
+    write_uzh_folder(recording, tmp_path / "run")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    for name in ("camchain-imucam.yaml", "imu.yaml"):
+        shutil.move(tmp_path / "run" / name, elsewhere)
+    bare = open_recording(tmp_path / "run")
+    assert isinstance(bare, EventRecording)
+    assert bare.calibration is None
+    assert bare.camera is not None
+    found = open_recording(tmp_path / "run", elsewhere / "camchain-imucam.yaml", elsewhere / "imu.yaml")
+    assert isinstance(found, EventRecording)
+    assert_same(found, recording)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty"),
+        (b"#ROSBAG V2.0\n", "a ROS 1 bag, which is not read"),
+        (b"\x89MCAP0\r\n", "MCAP"),
+        (b"PK\x03\x04", "unpack it first"),
+        (b"#!AER-DAT3.1\r\n", "another version"),
+        (b"t x y p\nnone\n", "of no known format"),
+        (b"1.0 2 3 4 5 6 7\n", "of no known format"),
+    ],
+)
+def test_not_understood(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "thing"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=message):
+        open_recording(path)
+    with pytest.raises(RecordingError, match=r"thing \(.*expected a tracks folder"):
+        open_recording(tmp_path)
+
+
+def test_nothing(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="holds no file"):
+        open_recording(tmp_path)
+    with pytest.raises(RecordingError, match="does not exist"):
+        open_recording(tmp_path / "absent")
+
+
+def test_track_length_of_events(tmp_path: Path, rng: np.random.Generator) -> None:
+    write_uzh_folder(replace(make_event_recording(rng), ground_truth=None), tmp_path)
+    with pytest.raises(RecordingError, match="events, not tracks"):
+        open_recording(tmp_path, max_track_seconds=1.0)
+
+
+@given(
+    st.sampled_from([b"", b"#!AER-DAT2.0\n", b"\x89HDF\r\n\x1a\n", b"1.0 2 3 1\n"]), st.binary(max_size=200)
+)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_garbage(tmp_path: Path, head: bytes, data: bytes) -> None:
+    path = tmp_path / "garbage"
+    path.write_bytes(head + data)
+    try:
+        open_recording(path)
+    except AsyneioError:
+        return
