@@ -13,8 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
-from asyneio.io import aedat4, read_aedat2, read_aedat4
+from asyneio.io import aedat2, aedat4, read_aedat2, read_aedat4
 from asyneio.io.aedat2 import Aedat2Events
+from asyneio.types import NS_PER_S
 
 HEADER = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
 GRAVITY = (0, 0, 4096)
@@ -48,7 +49,7 @@ def test_real_davis240(data_dir: Path, name: str, events: int, samples: int, for
     assert found.events.size == events
     assert found.gyroscope.size == found.accelerometer.size == samples
     assert np.linalg.norm(found.accelerometer["xyz"], axis=1).mean() == pytest.approx(force, abs=1e-3)
-    assert NS / np.median(np.diff(found.gyroscope["t_ns"])) == pytest.approx(2332, rel=0.1)
+    assert NS_PER_S / np.median(np.diff(found.gyroscope["t_ns"])) == pytest.approx(2332, rel=0.1)
     assert found.calibration is not None
     # Every word once more, by the plainest reading of the layout.
     data = path.read_bytes()
@@ -61,9 +62,6 @@ def test_real_davis240(data_dir: Path, name: str, events: int, samples: int, for
     np.testing.assert_array_equal(found.events["x"], 239 - (address >> 12 & 0x3FF))
     np.testing.assert_array_equal(found.events["y"], 179 - (address >> 22 & 0x1FF))
     np.testing.assert_array_equal(found.events["p"], address >> 11 & 1)
-
-
-NS = 1_000_000_000
 
 
 def test_units_and_signs(tmp_path: Path) -> None:
@@ -104,7 +102,8 @@ def test_other_words_are_counted(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.integers(0, 9), max_size=40), st.integers(1, 13))
-def test_pieces_do_not_matter(kinds: list[int], length: int) -> None:
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_pieces_do_not_matter(tmp_path: Path, kinds: list[int], length: int) -> None:
     """Samples and events come out alike, however the words are cut."""
     words = b"".join(
         sample(10 * k, GRAVITY, (k, k, k))
@@ -114,18 +113,16 @@ def test_pieces_do_not_matter(kinds: list[int], length: int) -> None:
         else event(10 * k, k)
         for k, kind in enumerate(kinds)
     )
-    table = np.frombuffer(words, dtype=">u4").astype(np.uint32).reshape(-1, 2)
+    path = write(tmp_path, words)
     results = []
-    for step in (length, max(len(table), 1)):
-        source = Aedat2Events(Path("run.aedat"))
-        events = [
-            tuple(row)
-            for k in range(0, len(table), step)
-            for row in source._decode(table[k : k + step]).tolist()
-        ]
-        results.append((events, source.samples().tolist(), source.notes()))
+    for size in (length, len(words) + 1):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(aedat2, "_CHUNK_WORDS", size)
+            source = Aedat2Events(path)
+            events = [tuple(row) for piece, _ in source.chunks() for row in piece.tolist()]
+            results.append((events, source.samples().tobytes(), source.notes()))
     assert results[0] == results[1]
-    assert len(results[0][1]) == sum(kind < 5 for kind in kinds)
+    assert source.samples().size == sum(kind < 5 for kind in kinds)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +223,8 @@ def test_aedat4_in_si_units(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         "import json, struct, sys\n"
         "out = sys.stdout.buffer\n"
         "def send(kind, data):\n    out.write(struct.pack('<cQ', kind, len(data)) + data)\n"
-        "send(b'S', json.dumps({'0': {'type': 'events', 'width': 8, 'height': 6}, '1': {'type': 'imus'}}).encode())\n"
+        "streams = {'0': {'type': 'events', 'width': 8, 'height': 6}, '1': {'type': 'imus'}}\n"
+        "send(b'S', json.dumps(streams).encode())\n"
         "for t in range(0, 100000, 1000):\n"
         "    send(b'E', struct.pack('<QQHHB', 0, t, 1, 2, 1))\n"
         "    send(b'I', struct.pack('<QQ10f', 1, t, 20, 0, 0, 9.81, 0.5, 0, 0, 0, 0, 0))\n"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from asyneio.errors import RecordingError
@@ -41,6 +41,7 @@ def plain(events: RecordArray) -> RecordArray:
 
 
 @given(st.integers(0, 2**32), st.lists(st.integers(0, 3000), max_size=6))
+@settings(max_examples=25)
 def test_pieces_do_not_matter(seed: int, cuts: list[int]) -> None:
     rng = np.random.default_rng(seed)
     events = make_events(rng, 3000, 0.5)

@@ -54,11 +54,10 @@ class Aedat4Events:
 
     def size(self) -> tuple[int, int]:
         """Width and height of the sensor [px]. Raises RecordingError: unreadable, or without events."""
-        for kind, payload in self._frames():
-            if kind == b"S":
-                return self._select(json.loads(payload))[0]
-            break
-        raise RecordingError(f"{self.path} is no readable AEDAT4 file")
+        kind, payload = next(self._frames())
+        if kind != b"S":
+            self._salvage(payload.decode("utf-8", errors="replace"), 0)
+        return self._select(json.loads(payload))[0]
 
     def chunks(self) -> Iterator[tuple[RecordArray, float]]:
         """See EventSource. Raises RecordingError: unreadable, or damaged before its first event."""

@@ -120,8 +120,8 @@ class EventChecker:
     def _refuse_jump(self, index: int) -> None:
         raise RecordingError(
             f"{self._what}: time jumps backwards by {int(self._state[_JUMP]) / NS_PER_S:.3f} s before event "
-            f"{index} (after {int(self._state[_LATEST]) / NS_PER_S:.6f} s): a sensor reset, or two recordings "
-            "in one file; split the file there"
+            f"{index} (after {int(self._state[_LATEST]) / NS_PER_S:.6f} s): a sensor reset, or two "
+            "recordings in one file; split the file there"
         )
 
 
