@@ -227,7 +227,8 @@ def test_aedat4_in_si_units(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         "send(b'S', json.dumps(streams).encode())\n"
         "for t in range(0, 100000, 1000):\n"
         "    send(b'E', struct.pack('<QQHHB', 0, t, 1, 2, 1))\n"
-        "    send(b'I', struct.pack('<QQ10f', 1, t, 20, 0, 0, 9.81, 0.5, 0, 0, 0, 0, 0))\n"
+        "    z = float('nan') if t == 5000 else 9.81\n"
+        "    send(b'I', struct.pack('<QQ10f', 1, t, 20, 0, 0, z, 0.5, 0, 0, 0, 0, 0))\n"
         "send(b'.', b'')\n"
     )
     monkeypatch.setattr(aedat4, "_WORKER", worker)
@@ -237,6 +238,7 @@ def test_aedat4_in_si_units(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     np.testing.assert_allclose(found.accelerometer["xyz"][:, 2], 9.81, rtol=1e-6)
     np.testing.assert_allclose(found.gyroscope["xyz"][:, 0], 0.5, rtol=1e-6)
     assert any("m/s^2 already" in note for note in found.notes)
+    assert any("dropped 1 sample(s) that are not finite" in note for note in found.notes)
 
 
 def test_calibration_of_another_sensor(data_dir: Path, tmp_path: Path) -> None:

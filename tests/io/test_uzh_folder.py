@@ -182,6 +182,20 @@ def test_larger_sensor_is_recognised(tmp_path: Path, rng: np.random.Generator) -
     assert any("640 x 480" in note for note in found.notes)
 
 
+def test_guess_is_remembered(
+    tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    events = make_events(rng, 2000)
+    events["x"] = rng.integers(0, 346, 2000)
+    bare = replace(make_event_recording(rng), events=events, camera=None, calibration=None)
+    write_uzh_folder(bare, tmp_path)
+    first = read_uzh_folder(tmp_path, cache_from=0)
+    monkeypatch.setattr(event_cache, "_convert", None)
+    again = read_uzh_folder(tmp_path, cache_from=0)
+    assert (again.width, again.height, again.notes) == (346, 260, first.notes)
+    assert_same(again, first)
+
+
 def test_wrong_resolution_in_the_calibration(tmp_path: Path, recording: EventRecording) -> None:
     write_uzh_folder(recording, tmp_path)
     path = tmp_path / "camchain-imucam.yaml"

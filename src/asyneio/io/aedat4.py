@@ -111,7 +111,7 @@ class Aedat4Events:
         if samples.size == 0:
             return
         with np.errstate(over="ignore", invalid="ignore"):
-            force = float(np.median(np.linalg.norm(samples["accelerometer"], axis=1)))
+            force = float(np.nanmedian(np.linalg.norm(samples["accelerometer"], axis=1)))
         if 0.8 < force / STANDARD_GRAVITY**2 < 1.25:
             samples["accelerometer"] /= STANDARD_GRAVITY
             samples["gyroscope"] *= 180.0 / np.pi

@@ -64,14 +64,17 @@ def prepare_samples(samples: RecordArray, declared_hz: float | None, what: str) 
         empty = np.empty(0, dtype=INERTIAL_DTYPE)
         notes = (f"{what} holds a single inertial sample: left out",) if samples.size else ()
         return InertialStreams(empty, empty.copy(), notes)
-    samples, sorted_note = sort_in_time(samples, what)
+    finite = np.isfinite(samples["gyroscope"]).all(axis=1) & np.isfinite(samples["accelerometer"]).all(axis=1)
+    bad = int(samples.size - finite.sum())
+    notes = (f"{what}: dropped {bad} sample(s) that are not finite",) if bad else ()
+    samples, sorted_note = sort_in_time(samples[finite], what)
     samples, dropped_note = drop_equal_stamps(samples, what)
     rate_note = check_rate(samples["t_ns"], declared_hz, what)
     gyroscope, accelerometer = (np.empty(samples.size, dtype=INERTIAL_DTYPE) for _ in range(2))
     for stream, sensor in ((gyroscope, "gyroscope"), (accelerometer, "accelerometer")):
         stream["t_ns"] = samples["t_ns"]
         stream["xyz"] = samples[sensor]
-    return check_units(gyroscope, accelerometer, sorted_note + dropped_note + rate_note)
+    return check_units(gyroscope, accelerometer, notes + sorted_note + dropped_note + rate_note)
 
 
 def assemble(

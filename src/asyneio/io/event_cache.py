@@ -21,7 +21,7 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.atomic import atomic_file, make_folder, write_text
-from asyneio.io.event_checks import EventChecker, check_span
+from asyneio.io.event_checks import EventChecker, SensorSizeError, check_span
 from asyneio.io.event_source import SAMPLE_DTYPE, EventSource, Progress, join_events
 from asyneio.types import EVENT_DTYPE, RecordArray
 
@@ -66,9 +66,9 @@ def load_events(
     if status.st_size < (CACHE_FROM_BYTES if cache_from is None else cache_from):
         return _in_memory(source, width, height, progress)
     source_key = _digest(str(source.path.resolve()))
-    key = _digest(f"{status.st_size} {status.st_mtime_ns} {width} {height} {READER_VERSION}")
+    content_key = _digest(f"{status.st_size} {status.st_mtime_ns} {READER_VERSION}")
     folder = cache_folder()
-    stem = folder / f"{source_key}-{key}"
+    stem = folder / f"{source_key}-{content_key}-{width}x{height}"
     found = _reopen(stem)
     if found is not None:
         return found
@@ -77,8 +77,14 @@ def load_events(
         table = _in_memory(source, width, height, progress)
         return EventTable(table.events, table.samples, (*table.notes, obstacle))
     for old in folder.glob(f"{source_key}-*"):
-        old.unlink(missing_ok=True)
-    return _convert(source, width, height, progress, stem)
+        if not old.name.startswith(f"{source_key}-{content_key}-"):
+            old.unlink(missing_ok=True)
+    try:
+        return _convert(source, width, height, progress, stem)
+    except SensorSizeError as error:
+        # Kept as well: where the size is guessed, the next run would find out anew what does not fit.
+        write_text(_notes_file(stem), json.dumps({"refused": str(error)}))
+        raise
 
 
 def cache_folder() -> Path:
@@ -134,9 +140,15 @@ def _convert(
 
 
 def _reopen(stem: Path) -> EventTable | None:
-    """A conversion made earlier, or None where there is none that is whole."""
+    """A conversion made earlier, or None where there is none that is whole.
+
+    Raises:
+        SensorSizeError: the earlier conversion found too many events outside this sensor.
+    """
     try:
         summary = json.loads(_notes_file(stem).read_text(encoding="utf-8"))
+        if "refused" in summary:
+            raise SensorSizeError(str(summary["refused"]))
         events = np.load(_events_file(stem), mmap_mode="r", allow_pickle=False)
         samples = np.load(_samples_file(stem), allow_pickle=False)
         notes = tuple(map(str, summary["notes"]))

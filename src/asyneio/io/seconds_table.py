@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-
-import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.csv_table import MAX_BAD_LINES, read_text
@@ -76,4 +75,4 @@ def _parse_row(tokens: list[str], count: int) -> Row | None:
         values = tuple(float(token) for token in tokens[1:])
     except ValueError:
         return None
-    return (t_ns, values) if t_ns is not None and np.isfinite(values).all() else None
+    return (t_ns, values) if t_ns is not None and all(map(math.isfinite, values)) else None

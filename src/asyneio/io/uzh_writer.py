@@ -18,7 +18,7 @@ from asyneio.io.tum import write_tum
 from asyneio.io.uzh_folder import EVENTS_FILE, LENS_FILE, SAMPLES_FILE, TRUTH_FILE
 from asyneio.types import NS_PER_S, CameraIntrinsics, Distortion, EventRecording, IntArray, RecordArray
 
-_PIECE = 2**16
+_PIECE = 2**15
 #: Sign, ten digits, point, nine digits, three times a blank and five digits, line feed: at most this.
 _LONGEST_LINE = 48
 _BLANK, _NEWLINE, _POINT, _MINUS, _ZERO = (ord(c) for c in " \n.-0")
@@ -98,7 +98,7 @@ def _format(events: RecordArray) -> memoryview:
 @njit(cache=True)
 def _print_events(t_ns: IntArray, x: np.ndarray, y: np.ndarray, p: np.ndarray, text: np.ndarray) -> np.uint64:
     """Print events as lines into `text` (uint8); returns the count of bytes."""
-    one = np.uint64(1)
+    one, second = np.uint64(1), np.uint64(NS_PER_S)
     i = np.uint64(0)
     for k in range(t_ns.size):
         event = np.uint64(k)
@@ -107,10 +107,11 @@ def _print_events(t_ns: IntArray, x: np.ndarray, y: np.ndarray, p: np.ndarray, t
             text[i] = _MINUS
             i += one
             time = -time
-        i = _print_number(text, i, time // NS_PER_S, 1)
+        seconds = np.uint64(time) // second
+        i = _print_number(text, i, seconds, 1)
         text[i] = _POINT
-        i = _print_number(text, i + one, time % NS_PER_S, 9)
-        for value in (np.int64(x[event]), np.int64(y[event]), np.int64(p[event])):
+        i = _print_number(text, i + one, np.uint64(time) - seconds * second, 9)
+        for value in (np.uint64(x[event]), np.uint64(y[event]), np.uint64(p[event])):
             text[i] = _BLANK
             i = _print_number(text, i + one, value, 1)
         text[i] = _NEWLINE
@@ -119,16 +120,18 @@ def _print_events(t_ns: IntArray, x: np.ndarray, y: np.ndarray, p: np.ndarray, t
 
 
 @njit(cache=True)
-def _print_number(text: np.ndarray, i: np.uint64, value: np.int64, least: int) -> np.uint64:
-    """Print a number that is not negative with at least so many digits; returns the position after it."""
-    digits, bound = least, 10**least
-    while value >= bound:
-        bound *= 10
+def _print_number(text: np.ndarray, i: np.uint64, value: np.uint64, least: int) -> np.uint64:
+    """Print a whole number with at least so many digits; returns the position after it."""
+    ten = np.uint64(10)
+    digits, rest = 1, value // ten
+    while rest > 0:
         digits += 1
-    end = i + np.uint64(digits)
+        rest //= ten
+    end = i + np.uint64(max(digits, least))
     position = end
     while position > i:
         position -= np.uint64(1)
-        text[position] = _ZERO + value % 10
-        value //= 10
+        shorter = value // ten
+        text[position] = _ZERO + np.int64(value - ten * shorter)
+        value = shorter
     return end
