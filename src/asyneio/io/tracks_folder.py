@@ -22,6 +22,7 @@ from asyneio.io.tracks_checks import cut_tracks, drop_outside, drop_repeated
 from asyneio.io.tum import read_tum
 from asyneio.types import OBSERVATION_DTYPE, Calibration, PoseTrajectory, RecordArray, Recording
 
+_COLUMNS = ("t_ns", "id", "u", "v")
 #: Stamps beyond this (about 146 years either way) could overflow when clocks are shifted against each other.
 _MAX_STAMP_NS = 2**62
 
@@ -74,9 +75,12 @@ def read_tracks_folder(
 
 def _read_tracks(path: Path, calibration: Calibration) -> tuple[RecordArray, tuple[str, ...]]:
     """Checked observations, moved from the camera clock to the IMU clock."""
-    columns = {name: OBSERVATION_DTYPE[name].str for name in OBSERVATION_DTYPE.names or ()}
-    table = read_csv(path, columns)
-    rows, sorted_note = sort_in_time(table.rows, path.name)
+    table = read_csv(path, {name: OBSERVATION_DTYPE[name].str for name in _COLUMNS})
+    # Fields that the file does not have stay zero.
+    rows = np.zeros(table.rows.size, dtype=OBSERVATION_DTYPE)
+    for name in _COLUMNS:
+        rows[name] = table.rows[name]
+    rows, sorted_note = sort_in_time(rows, path.name)
     rows, repeated_note = drop_repeated(rows)
     rows, outside_note = drop_outside(rows, calibration.camera)
     if np.abs(rows["t_ns"]).max() >= _MAX_STAMP_NS or rows["t_ns"].min() <= -_MAX_STAMP_NS:
