@@ -6,6 +6,7 @@ Components receive the section they need, never the whole tree. Seconds here, na
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -15,6 +16,20 @@ from asyneio.errors import ConfigError
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class FrontendConfig(_Section):
+    """From events to feature tracks (Algorithm 1)."""
+
+    tracker: Literal["gradient", "haste"] = Field("gradient", description="how features are followed")
+    max_features: int = Field(100, ge=8, le=1000, description="alive at a time (fts_max)")
+    min_interval_s: float = Field(
+        0.02, ge=0.0, description="least time between two observations of a feature (t_min)"
+    )
+    max_silence_s: float = Field(
+        0.3, gt=0.0, description="a feature that has not moved for so long is released (t_max)"
+    )
+    spacing_px: float = Field(10.0, ge=4.0, description="no new corner nearer to an active feature than this")
 
 
 class WindowConfig(_Section):
@@ -92,6 +107,7 @@ class InitializationConfig(_Section):
 class Config(_Section):
     """All settings of the estimator."""
 
+    frontend: FrontendConfig = FrontendConfig()
     window: WindowConfig = WindowConfig()
     motion_prior: MotionPriorConfig = MotionPriorConfig()
     inertial: InertialConfig = InertialConfig()

@@ -20,8 +20,11 @@ RecordArray = NDArray[np.void]
 #: One event: time [ns], pixel column and row, polarity (1 brighter, 0 darker). Aligned: 16 bytes.
 EVENT_DTYPE = np.dtype([("t_ns", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")], align=True)
 
-#: One observation of a feature track: time [ns], track id, distorted pixel position.
-OBSERVATION_DTYPE = np.dtype([("t_ns", "<i8"), ("id", "<i8"), ("u", "<f8"), ("v", "<f8")])
+#: One observation of a feature track: time [ns], track id, distorted pixel position, and the covariance of
+#: that position (uu, uv, vv) [px^2]; zeros where it is not known.
+OBSERVATION_DTYPE = np.dtype(
+    [("t_ns", "<i8"), ("id", "<i8"), ("u", "<f8"), ("v", "<f8"), ("covariance", "<f4", (3,))]
+)
 
 #: One sample of a gyroscope [rad/s] or of an accelerometer [m/s^2]; the two are separate streams.
 INERTIAL_DTYPE = np.dtype([("t_ns", "<i8"), ("xyz", "<f8", (3,))])

@@ -1,1 +1,5 @@
 """Event-driven front end: from events to asynchronous feature trajectories (Algorithm 1 of the paper)."""
+
+from asyneio.frontend.frontend import Frontend as Frontend
+from asyneio.frontend.frontend import gyroscope_in_camera as gyroscope_in_camera
+from asyneio.frontend.statistics import FrontendStatistics as FrontendStatistics

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba as nb
 import numpy as np
 
-from asyneio.types import FloatArray, IntArray
+from asyneio.types import NS_PER_S, FloatArray, IntArray
 
 FREE = 0
 GROWING = 1
@@ -48,7 +49,9 @@ class Features(NamedTuple):
     evidence: np.ndarray  # (N,2,side,side) float32, sum of displacement times patch
     information: FloatArray  # (N,3) xx, xy, yy: sum of displacement times its transpose
     valid: IntArray  # (N,4) region of the template that was always inside the image: u0, u1, v0, v1
-    quality: FloatArray  # (N,Q) diagnostics of the last update
+    disagreement: FloatArray  # (N,4) running mean of right minus left, lower minus upper half's shift (u, v each)
+    sigma: FloatArray  # (N,) running mean of the matching error along the worst direction, noise units
+    emitted_ns: IntArray  # (N,) last observation given out
 
 
 def make_features(capacity: int) -> Features:
@@ -79,5 +82,92 @@ def make_features(capacity: int) -> Features:
         evidence=np.zeros((capacity, 2, TEMPLATE_SIDE, TEMPLATE_SIDE), dtype=np.float32),
         information=floats(3),
         valid=ints(4),
-        quality=floats(8),
+        disagreement=floats(4),
+        sigma=floats(),
+        emitted_ns=ints(),
     )
+
+
+@nb.njit(cache=True)
+def push(features: Features, slot: int, t_ns: int, x: int, y: int, w: float) -> bool:
+    """Keep an event, or skip it if the stride says so. Whether it was kept."""
+    features.skipped[slot] += 1
+    stride = features.stride[slot]
+    if features.skipped[slot] < stride:
+        return False
+    features.skipped[slot] = 0
+    k = features.written[slot] % RING
+    ring = features.ring[slot]
+    ring[k]["t_ns"] = t_ns
+    ring[k]["x"] = x
+    ring[k]["y"] = y
+    ring[k]["w"] = w * stride
+    features.written[slot] += 1
+    features.fresh[slot] += 1
+    return True
+
+
+@nb.njit(cache=True)
+def newest_events(features: Features, slot: int, wanted: int, max_ns: int) -> tuple[int, int, int, int]:
+    """How many of the newest events to take, their first, mean and last time [ns]."""
+    ring = features.ring[slot]
+    newest = features.written[slot] - 1
+    last = ring[newest % RING]["t_ns"]
+    available = min(wanted, min(features.written[slot], RING))
+    total = np.int64(0)
+    first = last
+    count = 0
+    for i in range(available):
+        t = ring[(newest - i) % RING]["t_ns"]
+        if last - t > max_ns:
+            break
+        total += last - t
+        first = t
+        count += 1
+    return count, first, last - total // max(count, 1), last
+
+
+@nb.njit(cache=True)
+def thin_out(features: Features, slot: int) -> None:
+    """Keep every other event of a full ring, and of those to come: twice the time in the same memory."""
+    ring = features.ring[slot]
+    oldest = features.written[slot] - RING
+    kept = np.empty_like(ring)
+    for i in range(RING // 2):
+        kept[i] = ring[(oldest + 2 * i + 1) % RING]
+        kept[i]["w"] *= np.float32(2.0)
+    for i in range(RING // 2):
+        ring[i] = kept[i]
+    features.written[slot] = RING // 2
+    features.stride[slot] *= 2
+
+
+@nb.njit(cache=True)
+def shrink_valid(features: Features, slot: int, x: float, y: float, width: int, height: int) -> None:
+    """Restrict the valid region to what lies inside the image with the patch's centre at (x, y)."""
+    valid = features.valid[slot]
+    valid[0] = max(valid[0], int(np.ceil(TEMPLATE_HALF - x)) + 1)
+    valid[1] = min(valid[1], int(np.floor(TEMPLATE_HALF + width - 1 - x)) - 1)
+    valid[2] = max(valid[2], int(np.ceil(TEMPLATE_HALF - y)) + 1)
+    valid[3] = min(valid[3], int(np.floor(TEMPLATE_HALF + height - 1 - y)) - 1)
+
+
+@nb.njit(cache=True)
+def begin(features: Features, t_ns: int, x: int, y: int) -> int:
+    """Begin a feature at a corner, in a free slot: there must be one."""
+    slot = 0
+    while features.state[slot] != FREE:
+        slot += 1
+    features.state[slot] = GROWING
+    features.centre[slot, 0], features.centre[slot, 1] = x, y
+    features.velocity[slot] = 0.0
+    features.t_ns[slot] = t_ns
+    features.born_ns[slot] = t_ns
+    features.emitted_ns[slot] = t_ns - NS_PER_S
+    features.written[slot] = 0
+    features.fresh[slot] = 0
+    features.stride[slot] = 1
+    features.skipped[slot] = 0
+    valid = features.valid[slot]
+    valid[0], valid[1], valid[2], valid[3] = 0, TEMPLATE_SIDE - 1, 0, TEMPLATE_SIDE - 1
+    return slot

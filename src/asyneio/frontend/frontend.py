@@ -2,65 +2,82 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from asyneio.frontend.features import make_features
-from asyneio.frontend.gradient_template import TemplateSettings, make_workspace
-from asyneio.frontend.kernel import LoopSettings, process_events
-from asyneio.frontend.registration import make_registration
-from asyneio.frontend.surface import make_surface, refresh_hot_pixels
-from asyneio.types import RecordArray
+from asyneio.config import FrontendConfig
+from asyneio.frontend.gradient_tracker import GradientTracker
+from asyneio.frontend.statistics import FrontendStatistics
+from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, EventRecording, RecordArray
 
-TRACK_DTYPE = np.dtype(
-    [("t_ns", "<i8"), ("id", "<i8"), ("u", "<f8"), ("v", "<f8"), ("ncc", "<f8"), ("novelty", "<f8"),
-     ("h", "<f8", (3,)), ("tw", "<f8"), ("tt", "<f8"), ("ww", "<f8")]
-)
-
-DEFAULT = TemplateSettings(
-    step_px=1.0, window_px=2.0, kept_per_px=200.0, min_step_events=30, min_window_events=100,
-    max_window_ns=250_000_000, memory_px=30.0, ridge_px2=0.1, min_ncc=0.65, max_jump_px=2.9, max_refusals=3,
-    velocity_gain=0.5, mask_sigma_px=6.0, birth_px=1.5, birth_events=150, feed_radius_px=12.0,
-)
-LOOP = LoopSettings(
-    silence_ns=50_000_000, spacing_px=10.0, border_px=6, t_min_ns=5_000_000, t_max_ns=300_000_000,
-    birth_max_ns=200_000_000, max_features=100,
-)
+#: The rate of roll is taken as constant over this long.
+_ROLL_STEP_NS = 4_000_000
 
 
 class Frontend:
-    def __init__(self, width: int, height: int, template=DEFAULT, loop=LOOP) -> None:
-        self.template, self.loop = template, loop
-        self.surface = make_surface(width, height)
-        self.features = make_features(loop.max_features)
-        self.registration = make_registration(width, height, loop.max_features)
-        self.work = make_workspace(template.mask_sigma_px)
-        self.counters = np.zeros(16, dtype=np.int64)
-        self.balance = np.array([0.0, 0.0, 1.0, 1.0])
-        self.roll = 0.0
-        self.buffer = np.zeros(65536, dtype=TRACK_DTYPE)
-        self.hot_since = None
+    """Follows features through a stream of events (Algorithm 1 of the paper).
 
-    def process(self, events: RecordArray, roll_rate: float = 0.0) -> RecordArray:
+    Args:
+        config: the section `frontend`.
+        width, height: of the sensor [px].
+    """
+
+    def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
+        self._tracker = GradientTracker(config, width, height)
+        self._roll_rate = 0.0
+
+    def process(self, events: RecordArray, gyroscope: RecordArray | None = None) -> RecordArray:
+        """Take a packet of events; the observations it leads to, in order of emission.
+
+        Args:
+            events: EVENT_DTYPE, ascending, later than all before, inside the sensor.
+            gyroscope: INERTIAL_DTYPE of the same time, **in the camera frame and the camera clock** (see
+                `gyroscope_in_camera`); turns the patches along with the camera's roll. None: patches are not turned.
+
+        Returns:
+            OBSERVATION_DTYPE in the clock of the events. A stamp is that of its position, somewhat earlier than the
+            event that led to it.
+        """
         if events.size == 0:
-            return self.buffer[:0].copy()
-        t0 = int(events["t_ns"][0])
-        if self.hot_since is None:
-            self.hot_since = t0
-        out, start = [], 0
-        while start < events.size:
-            start, n = process_events(
-                events, start, self.surface, self.features, self.registration, self.loop, self.template,
-                self.work, self.balance, self.roll, roll_rate, t0, self.counters, self.buffer,
-            )
-            out.append(self.buffer[:n].copy())
-        self.roll += roll_rate * (int(events["t_ns"][-1]) - t0) * 1e-9
-        on, off = self.balance[1], self.balance[0]
-        if on + off > 20000:
-            r = np.sqrt(max(off, 1.0) / max(on, 1.0))
-            self.balance[2], self.balance[3] = np.clip(r, 0.5, 2), np.clip(1 / r, 0.5, 2)
-            self.balance[:2] *= 0.5
-        elapsed = (int(events["t_ns"][-1]) - self.hot_since) * 1e-9
-        if elapsed > 1.0:
-            refresh_hot_pixels(self.surface, elapsed, 5.0, 25.0)
-            self.hot_since = int(events["t_ns"][-1])
-        return np.concatenate(out)
+            return np.empty(0, dtype=OBSERVATION_DTYPE)
+        if gyroscope is None:
+            return self._tracker.process(events)
+        pieces = [
+            self._tracker.process(part, self._roll_rate_in(gyroscope, start_ns, end_ns))
+            for part, start_ns, end_ns in _steps(events)
+        ]
+        return np.concatenate(pieces)
+
+    def statistics(self) -> FrontendStatistics:
+        """Counts since the start."""
+        return self._tracker.statistics()
+
+    def _roll_rate_in(self, gyroscope: RecordArray, start_ns: int, end_ns: int) -> float:
+        """Rate of the image's roll [rad/s], against the camera's; without samples, as it was."""
+        a, b = np.searchsorted(gyroscope["t_ns"], [start_ns, end_ns])
+        if b > a:
+            self._roll_rate = -float(gyroscope["xyz"][a:b, 2].mean())
+        return self._roll_rate
+
+
+def gyroscope_in_camera(recording: EventRecording) -> RecordArray:
+    """The gyroscope's samples (INERTIAL_DTYPE) in the camera frame and clock; none without a calibration."""
+    calibration = recording.calibration
+    if calibration is None:
+        return np.empty(0, dtype=INERTIAL_DTYPE)
+    turned = recording.gyroscope.copy()
+    turned["t_ns"] -= calibration.timeshift_ns
+    turned["xyz"] = recording.gyroscope["xyz"] @ calibration.T_b_c[:3, :3]
+    return turned
+
+
+def _steps(events: RecordArray) -> Iterator[tuple[RecordArray, int, int]]:
+    """Non-empty pieces of a packet over which the roll's rate is constant, with the times they span."""
+    t_ns = events["t_ns"]
+    start_ns, last_ns = int(t_ns[0]), int(t_ns[-1])
+    edges = np.arange(start_ns, last_ns + _ROLL_STEP_NS + 1, _ROLL_STEP_NS)
+    cuts = np.searchsorted(t_ns, edges)
+    for i in range(edges.size - 1):
+        if cuts[i + 1] > cuts[i]:
+            yield events[cuts[i] : cuts[i + 1]], int(edges[i]), int(edges[i + 1])

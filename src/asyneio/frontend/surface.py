@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from asyneio.types import BoolArray, IntArray
+from asyneio.types import NS_PER_S, BoolArray, IntArray
 
 #: Stamp of a pixel that never fired: far in the past, and safe to subtract.
 NEVER_NS = -(1 << 60)
@@ -67,3 +67,28 @@ def refresh_hot_pixels(surface: Surface, elapsed_s: float, factor: float, floor_
             masked += surface.hot[y, x]
     surface.count.fill(0)
     return masked
+
+
+class HotPixels:
+    """Keeps the mask of defective pixels of a surface up to date."""
+
+    _PERIOD_NS = NS_PER_S
+    #: A defective pixel fires so much more often than its busiest neighbour, and at this rate at least.
+    _FACTOR = 5.0
+    _FLOOR_HZ = 25.0
+
+    def __init__(self, surface: Surface) -> None:
+        self._surface = surface
+        self._since_ns: int | None = None
+        self.masked = 0
+
+    def refresh(self, t_ns: int) -> None:
+        """To be called before each packet, with the time at which it begins."""
+        if self._since_ns is None:
+            self._since_ns = t_ns
+        elapsed_ns = t_ns - self._since_ns
+        if elapsed_ns >= self._PERIOD_NS:
+            self.masked = refresh_hot_pixels(
+                self._surface, elapsed_ns / NS_PER_S, self._FACTOR, self._FLOOR_HZ
+            )
+            self._since_ns = t_ns
