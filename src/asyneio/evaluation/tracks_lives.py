@@ -1,0 +1,75 @@
+"""Observations grouped into tracks: how long they live, how many are alive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
+
+#: How far apart the times are at which features alive are counted.
+COUNT_STEP_NS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """N observations of T tracks, those of a track together and ascending in time.
+
+    `observations` (N,) OBSERVATION_DTYPE; `start` (T+1,): track k has the rows `start[k]:start[k + 1]`.
+    """
+
+    observations: RecordArray
+    start: IntArray
+
+    @property
+    def first(self) -> IntArray:
+        """Row of the first observation of each track (T,)."""
+        return self.start[:-1]
+
+    @property
+    def last(self) -> IntArray:
+        """Row of the last observation of each track (T,)."""
+        return self.start[1:] - 1
+
+    @property
+    def count(self) -> IntArray:
+        """Observations of each track (T,)."""
+        return np.diff(self.start)
+
+    @property
+    def uv(self) -> FloatArray:
+        """Pixel positions (N,2) as observed."""
+        return np.column_stack([self.observations["u"], self.observations["v"]])
+
+    def per_row(self, values: np.ndarray) -> np.ndarray:
+        """Values of tracks (T, ...) repeated for each of their observations (N, ...)."""
+        return np.repeat(values, self.count, axis=0)
+
+    def age_s(self) -> FloatArray:
+        """Time (N,) [s] of each observation since the first of its track."""
+        t_ns = self.observations["t_ns"]
+        return (t_ns - self.per_row(t_ns[self.first])) / NS_PER_S
+
+    def life_s(self) -> FloatArray:
+        """Time (T,) [s] from the first to the last observation; 0 for a track with one."""
+        t_ns = self.observations["t_ns"]
+        return (t_ns[self.last] - t_ns[self.first]) / NS_PER_S
+
+    def alive_at(self, t_ns: IntArray) -> IntArray:
+        """How many tracks have begun and not ended at times (M,)."""
+        stamps = self.observations["t_ns"]
+        begun = np.searchsorted(np.sort(stamps[self.first]), t_ns, side="right")
+        return begun - np.searchsorted(np.sort(stamps[self.last]), t_ns, side="left")
+
+    def alive_between(self, start_ns: int, end_ns: int) -> FloatArray:
+        """10th percentile and median (2,) of the tracks alive in a span of time, start-up included."""
+        counts = self.alive_at(np.arange(start_ns, max(end_ns, start_ns + 1), COUNT_STEP_NS))
+        return np.percentile(counts, [10.0, 50.0])
+
+
+def group_tracks(observations: RecordArray) -> Tracks:
+    """Sort observations in any order by track and time."""
+    rows = observations[np.lexsort((observations["t_ns"], observations["id"]))]
+    start = np.flatnonzero(np.r_[True, rows["id"][1:] != rows["id"][:-1]]) if rows.size else np.empty(0, int)
+    return Tracks(rows, np.append(start, rows.size).astype(np.int64))
