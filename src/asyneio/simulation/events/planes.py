@@ -47,39 +47,21 @@ def linear_forms(
 
 
 @njit(cache=True)
-def image_boxes(
-    corner: FloatArray, edge_u: FloatArray, edge_v: FloatArray, T_w_c: FloatArray, boxes: FloatArray
-) -> None:
-    """Fill `boxes` (R,4) with x_low, y_low, x_high, y_high of what each rectangle covers at unit depth.
+def border_lines(forms: FloatArray, lines: FloatArray) -> None:
+    """Fill `lines` (R,5,3): `line . d` is positive for rays `d` that meet the rectangle.
 
-    Low above high: it is behind the camera.
+    Line 0 bounds the half space in front, where it is `1/z`; 1 to 4 are the borders, scaled so that the value
+    is the distance from the border at unit depth.
     """
-    points = np.empty((4, 3))
-    for r in range(corner.shape[0]):
-        for k in range(4):
-            # Once around the rectangle.
-            s, t = 1.0 if k == 1 or k == 2 else 0.0, 1.0 if k >= 2 else 0.0
-            for j in range(3):
-                points[k, j] = 0.0
-                for i in range(3):
-                    w = corner[r, i] + s * edge_u[r, i] + t * edge_v[r, i] - T_w_c[i, 3]
-                    points[k, j] += T_w_c[i, j] * w
-        boxes[r, 0] = boxes[r, 1] = np.inf
-        boxes[r, 2] = boxes[r, 3] = -np.inf
-        for k in range(4):
-            p, q = points[k], points[(k + 1) % 4]
-            for end in range(2):
-                if end == 0:
-                    x, y, z = p
-                    if z < NEAR_M:
-                        continue
-                else:
-                    if (p[2] < NEAR_M) == (q[2] < NEAR_M):
-                        continue
-                    f = (NEAR_M - p[2]) / (q[2] - p[2])
-                    x, y, z = p[0] + f * (q[0] - p[0]), p[1] + f * (q[1] - p[1]), NEAR_M
-                boxes[r, 0], boxes[r, 1] = min(boxes[r, 0], x / z), min(boxes[r, 1], y / z)
-                boxes[r, 2], boxes[r, 3] = max(boxes[r, 2], x / z), max(boxes[r, 3], y / z)
+    for r in range(forms.shape[0]):
+        for j in range(3):
+            m = forms[r, j]
+            lines[r, 0, j] = m
+            lines[r, 1, j], lines[r, 2, j] = forms[r, 3 + j], m - forms[r, 3 + j]
+            lines[r, 3, j], lines[r, 4, j] = forms[r, 6 + j], m - forms[r, 6 + j]
+        for k in range(1, 5):
+            # A border at infinity has no direction in the image; its sign is all that counts.
+            lines[r, k] /= max(np.hypot(lines[r, k, 0], lines[r, k, 1]), 1e-12)
 
 
 @njit(cache=True)

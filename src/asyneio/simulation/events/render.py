@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from asyneio.errors import SimulationError
-from asyneio.simulation.events.planes import image_boxes, linear_forms
+from asyneio.simulation.events.planes import border_lines, linear_forms
 from asyneio.simulation.events.rays import lens_row, pixel_grid, pixel_rays
 from asyneio.simulation.events.worlds import World
 from asyneio.types import CameraIntrinsics, FloatArray, IntArray
@@ -75,13 +75,13 @@ def empty_frame(view: View) -> Frame:
 
 def render(world: World, view: View, T_w_c: FloatArray, frame: Frame) -> None:
     """Fill a frame with what a camera at `T_w_c` (4,4) sees."""
-    forms, boxes = np.empty((len(world.corner), 9)), np.empty((len(world.corner), 4))
+    forms, lines = np.empty((len(world.corner), 9)), np.empty((len(world.corner), 5, 3))
     linear_forms(world.corner, world.edge_u, world.edge_v, T_w_c, forms)
-    image_boxes(world.corner, world.edge_u, world.edge_v, T_w_c, boxes)
+    border_lines(forms, lines)
     mips = world.pyramids
     _render(
         forms,
-        boxes,
+        lines,
         view.rays,
         view.pitch,
         view.tiles,
@@ -94,26 +94,63 @@ def render(world: World, view: View, T_w_c: FloatArray, frame: Frame) -> None:
     )
 
 
-@njit(cache=True)
-def _coverage(forms: FloatArray, r: int, x: float, y: float, inverse: float, pitch: float) -> float:
-    """How much of a pixel a rectangle covers, 0..1, from the distance of its borders in pixels."""
-    depth = 1.0 / inverse
-    cover = 1.0
-    for axis in range(2):
-        k = 3 + 3 * axis
-        s = (forms[r, k] * x + forms[r, k + 1] * y + forms[r, k + 2]) * depth
-        inside = min(s, 1.0 - s)
-        gx, gy = forms[r, k] - s * forms[r, 0], forms[r, k + 1] - s * forms[r, 1]
-        # Far from its borders, the usual case, the square root is not needed.
-        step2 = (gx * gx + gy * gy) * depth * depth * pitch * pitch
-        if inside * abs(inside) < 0.25 * step2:
-            if inside <= 0.0 and inside * inside >= 0.25 * step2:
-                return 0.0
-            cover *= 0.5 + inside / np.sqrt(step2)
-    return cover
+@njit(cache=True, error_model="numpy")
+def _most(lines: FloatArray, r: int, k: int, tiles: FloatArray, tile: int) -> float:
+    """Largest value of a line over a tile."""
+    a, b = lines[r, k, 0], lines[r, k, 1]
+    x = tiles[tile, 2] if a > 0.0 else tiles[tile, 0]
+    y = tiles[tile, 3] if b > 0.0 else tiles[tile, 1]
+    return a * x + b * y + lines[r, k, 2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _least(lines: FloatArray, r: int, k: int, tiles: FloatArray, tile: int) -> float:
+    """Least value of a line over a tile."""
+    a, b = lines[r, k, 0], lines[r, k, 1]
+    x = tiles[tile, 0] if a > 0.0 else tiles[tile, 2]
+    y = tiles[tile, 1] if b > 0.0 else tiles[tile, 3]
+    return a * x + b * y + lines[r, k, 2]
+
+
+@njit(cache=True, error_model="numpy")
+def _cull(
+    lines: FloatArray, tiles: FloatArray, tile: int, soft: float, some: IntArray, among: int, kept: IntArray
+) -> tuple[int, bool]:
+    """Put those of the first `among` rectangles of `some` into `kept` that may be seen in a tile.
+
+    `soft`: borders reach this much further. Returns how many there are, and whether it is a single one that
+    fills the tile.
+    """
+    count, full, wall = 0, -1, 0.0
+    for index in range(among):
+        r = some[index]
+        if _most(lines, r, 0, tiles, tile) <= 0.0:
+            continue
+        touches, fills = True, True
+        for k in range(1, 5):
+            if _most(lines, r, k, tiles, tile) < -soft:
+                touches = False
+                break
+            fills = fills and _least(lines, r, k, tiles, tile) > soft
+        if touches:
+            kept[count] = r
+            count += 1
+            farthest = _least(lines, r, 0, tiles, tile)
+            if fills and farthest > wall:
+                full, wall = r, farthest
+    if full < 0:
+        return count, False
+    # Whatever is wholly behind a rectangle that fills the tile is hidden.
+    left = 0
+    for index in range(count):
+        r = kept[index]
+        if r == full or _most(lines, r, 0, tiles, tile) > wall:
+            kept[left] = r
+            left += 1
+    return left, left == 1
+
+
+@njit(cache=True, error_model="numpy")
 def _sample(
     forms: FloatArray,
     r: int,
@@ -130,16 +167,19 @@ def _sample(
     depth = 1.0 / inverse
     s = (forms[r, 3] * x + forms[r, 4] * y + forms[r, 5]) * depth
     t = (forms[r, 6] * x + forms[r, 7] * y + forms[r, 8]) * depth
-    rows, columns = size[r, 0], size[r, 1]
+    rows, columns, last = size[r, 0], size[r, 1], levels[r] - 1
     scale = pitch * depth
     sx, sy = (forms[r, 3] - s * forms[r, 0]) * columns, (forms[r, 4] - s * forms[r, 1]) * columns
     tx, ty = (forms[r, 6] - t * forms[r, 0]) * rows, (forms[r, 7] - t * forms[r, 1]) * rows
     footprint2 = max(sx * sx + tx * tx, sy * sy + ty * ty) * scale * scale
-    detail = min(max(0.5 * np.log2(footprint2), 0.0), levels[r] - 1.0)
-    coarse = int(detail)
-    weight = detail - coarse
-    value = 0.0
-    for level in range(coarse, min(coarse + 2, levels[r])):
+    level = 0
+    while footprint2 > 4.0 and level < last:
+        footprint2 *= 0.25
+        level += 1
+    # Linear between two levels instead of logarithmic: never far off, and cheap.
+    weight = min(max(np.sqrt(footprint2) - 1.0, 0.0), 1.0) if level < last else 0.0
+    value, share, blended = 0.0, 1.0 - weight, weight == 0.0
+    while True:
         height, width = rows >> level, columns >> level
         u = min(max(s * width - 0.5, 0.0), width - 1.0)
         v = min(max(t * height - 0.5, 0.0), height - 1.0)
@@ -150,16 +190,17 @@ def _sample(
         k = offset[r, level] + i * width + j
         upper = texels[k] + fu * (texels[k + right] - texels[k])
         lower = texels[k + below] + fu * (texels[k + below + right] - texels[k + below])
-        value += (upper + fv * (lower - upper)) * (1.0 - weight if level == coarse else weight)
-        if weight == 0.0:
-            break
-    return value
+        value += share * (upper + fv * (lower - upper))
+        if blended:
+            return value
+        share, blended = weight, True
+        level += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _render(
     forms: FloatArray,
-    boxes: FloatArray,
+    lines: FloatArray,
     rays: FloatArray,
     pitch: FloatArray,
     tiles: FloatArray,
@@ -172,21 +213,14 @@ def _render(
 ) -> None:
     height, width = pitch.shape
     across = (width + _TILE - 1) // _TILE
-    candidates = np.empty(forms.shape[0], dtype=np.int64)
+    everything = np.arange(forms.shape[0])
+    in_view, in_tile = np.empty_like(everything), np.empty_like(everything)
+    whole = np.array([[tiles[:, 0].min(), tiles[:, 1].min(), tiles[:, 2].max(), tiles[:, 3].max()]])
+    viewed, _ = _cull(lines, whole, 0, pitch.max(), everything, everything.size, in_view)
     for tile in range(tiles.shape[0]):
         top, left = (tile // across) * _TILE, (tile % across) * _TILE
-        # Borders are soft by half a pixel: let boxes reach a pixel further.
-        soft = pitch[top, left]
-        count = 0
-        for r in range(forms.shape[0]):
-            if (
-                boxes[r, 0] - soft <= tiles[tile, 2]
-                and boxes[r, 2] + soft >= tiles[tile, 0]
-                and boxes[r, 1] - soft <= tiles[tile, 3]
-                and boxes[r, 3] + soft >= tiles[tile, 1]
-            ):
-                candidates[count] = r
-                count += 1
+        # Twice the pitch of a corner is more than half a pixel anywhere in the tile.
+        count, solid = _cull(lines, tiles, tile, 2.0 * pitch[top, left], in_view, viewed, in_tile)
         closest = 0.0
         for v in range(top, min(top + _TILE, height)):
             for u in range(left, min(left + _TILE, width)):
@@ -195,26 +229,32 @@ def _render(
                 first, second = -1, -1
                 d1, d2, c1, c2 = 0.0, 0.0, 0.0, 0.0
                 for index in range(count):
-                    r = candidates[index]
+                    r = in_tile[index]
                     inverse = forms[r, 0] * x + forms[r, 1] * y + forms[r, 2]
                     if inverse <= d2 or (c1 == 1.0 and inverse <= d1):
                         continue
-                    cover = _coverage(forms, r, x, y, inverse, step)
-                    if cover <= 0.0:
+                    cover = 1.0
+                    if not solid:
+                        for k in range(1, 5):
+                            inside = lines[r, k, 0] * x + lines[r, k, 1] * y + lines[r, k, 2]
+                            if inside < 0.5 * step:
+                                cover *= max(0.0, 0.5 + inside / step)
+                    if cover == 0.0:
                         continue
                     if inverse > d1:
                         second, d2, c2 = first, d1, c1
                         first, d1, c1 = r, inverse, cover
                     else:
                         second, d2, c2 = r, inverse, cover
-                value = _NOTHING
-                if first >= 0:
-                    value = _sample(forms, first, x, y, d1, step, texels, offset, size, levels)
-                    if c1 < 1.0 and second >= 0:
-                        # What is left of the pixel belongs to the second, where that has cover.
-                        other = _sample(forms, second, x, y, d2, step, texels, offset, size, levels)
-                        rest = (1.0 - c1) * c2
-                        value = (c1 * value + rest * other) / (c1 + rest)
-                intensity[v, u] = value
                 closest = max(closest, d1)
+                value, weight = 0.0, 0.0
+                while first >= 0:
+                    seen = _sample(forms, first, x, y, d1, step, texels, offset, size, levels)
+                    value += c1 * seen
+                    weight += c1
+                    # What is left of the pixel belongs to the second, where that has cover.
+                    first, d1, c1, second = second, d2, (1.0 - c1) * c2, -1
+                    if c1 == 0.0:
+                        break
+                intensity[v, u] = value / weight if weight > 0.0 else _NOTHING
         inverse_depth[tile] = closest

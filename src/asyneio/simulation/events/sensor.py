@@ -24,6 +24,9 @@ MOST_PER_STEP = 256
 class SensorSpec:
     """An event sensor. Thresholds in natural-log intensity, rates in Hz per pixel, times in seconds.
 
+    The defaults resemble a DAVIS240C: in published recordings 43 to 45 % of the events are "brighter", and a
+    pixel hardly ever reports twice within 1.5 ms.
+
     `threshold_mismatch`: standard deviation over the pixels, as a fraction. `shot_noise_hz`: events of random
     polarity in the dark; a quarter of them in full light. `leak_hz`: how often the leaking reset switch alone
     makes a pixel report "brighter". `hot_pixels` report at `hot_pixel_hz`. `bandwidth_hz`: cut-off frequency
@@ -34,7 +37,7 @@ class SensorSpec:
     threshold_on: float = 0.25
     threshold_off: float = 0.22
     threshold_mismatch: float = 0.035
-    refractory_s: float = 0.001
+    refractory_s: float = 0.0015
     shot_noise_hz: float = 0.2
     leak_hz: float = 0.05
     hot_pixels: int = 4
@@ -92,9 +95,14 @@ class EventBuffer:
     pixel: NDArray[np.int32]
     on: NDArray[np.uint8]
 
+    @classmethod
+    def of_size(cls, size: int) -> EventBuffer:
+        """Room for some events; more than `MOST_PER_STEP`."""
+        return cls(np.zeros(size, np.int64), np.zeros(size, np.int32), np.zeros(size, np.uint8))
+
 
 def make_pixels(
-    spec: SensorSpec, camera: CameraIntrinsics, intensity: FloatArray, rng: np.random.Generator
+    spec: SensorSpec, camera: CameraIntrinsics, intensity: NDArray[np.float32], rng: np.random.Generator
 ) -> Pixels:
     """Pixels that have looked at a still picture (H,W) for long."""
     count = camera.width * camera.height
@@ -104,7 +112,7 @@ def make_pixels(
     rate = np.where(hot, spec.hot_pixel_hz, spec.shot_noise_hz) * 1e-6
     with np.errstate(divide="ignore"):
         first = rng.exponential(size=count) / rate
-    level = np.log(intensity.ravel() + spec.dark_intensity)
+    level = np.log(intensity.ravel() + np.float32(spec.dark_intensity)).astype(np.float64)
     seed = rng.integers(1, 2**63, size=1, dtype=np.uint64)
     return Pixels(
         spec.threshold_on * spread[0],
@@ -130,7 +138,7 @@ def _uniform(state: NDArray[np.uint64]) -> float:
     return ((x * np.uint64(0x2545F4914F6CDD1D)) >> np.uint64(11)) / 9007199254740992.0 + 1.2e-16
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def respond(
     intensity: NDArray[np.float32],
     span: tuple[float, float],
@@ -160,8 +168,8 @@ def respond(
     for k in range(first, intensity.size):
         if count + MOST_PER_STEP > t_us.size:
             return count, k
-        light = intensity[k] + dark
-        target = np.log(light)
+        light = intensity[k] + np.float32(dark)
+        target = float(np.log(light))
         a = levels[k]
         b = target
         if bandwidth > 0.0:

@@ -21,6 +21,7 @@ from asyneio.simulation.rig import C_F_C
 from asyneio.types import EVENT_DTYPE, FloatArray, IntArray, RecordArray
 
 _US_PER_S = 1_000_000
+_BUFFER = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -75,9 +76,9 @@ def event_chunks(stage: Stage, seed: np.random.SeedSequence) -> Iterator[RecordA
     scenario = stage.scenario
     frame = empty_frame(stage.view)
     render(stage.world, stage.view, stage.T_w_c(np.zeros(1, dtype=np.int64))[0], frame)
-    light = frame.intensity * np.float32(scenario.illumination)
+    light = scenario.illumination * frame.intensity
     pixels = make_pixels(scenario.sensor, scenario.camera, light, np.random.default_rng(seed))
-    buffer = EventBuffer(*(np.zeros(1 << 16, dtype=kind) for kind in (np.int64, np.int32, np.uint8)))
+    buffer = EventBuffer.of_size(_BUFFER)
     origin_ns = scenario.start_ns - scenario.timeshift_ns
     end_us = round(scenario.duration_s * _US_PER_S)
     now = 0
@@ -95,7 +96,7 @@ def event_chunks(stage: Stage, seed: np.random.SeedSequence) -> Iterator[RecordA
         chunk = [np.empty(0, dtype=EVENT_DTYPE)]
         for t_us, T_w_c in zip(times, stage.T_w_c(times), strict=True):
             render(stage.world, stage.view, T_w_c, frame)
-            light = frame.intensity * np.float32(scenario.illumination)
+            light = scenario.illumination * frame.intensity
             chunk.append(_step(scenario, pixels, light.ravel(), (now, int(t_us)), buffer, origin_ns))
             now = int(t_us)
         yield np.concatenate(chunk)

@@ -13,20 +13,26 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import SimulationError
-from asyneio.types import FloatArray
+from asyneio.types import FloatArray, IntArray
 
-_DARKEST, _BRIGHTEST = 0.04, 0.9
-_SMALLEST_SHAPE = 3.0
+_DARKEST, _BRIGHTEST = 0.07, 0.9
+#: Radius of the smallest shapes, in rows of the texture.
+_SMALLEST_SHAPE = 5.0
 #: Area that the shapes of each octave of size would cover if they did not overlap.
-_COVER = 0.3
+_COVER = 0.16
+#: Corners of the shapes, as often as they are listed; 0 is an ellipse.
+_CORNERS = (0.0, 3.0, 4.0, 4.0, 4.0, 5.0)
 
 
-def procedural_texture(height: int, width: int, rng: np.random.Generator) -> FloatArray:
-    """Reflectance (height, width) in 0..1 of overlapping ellipses and polygons over mottled ground."""
-    ground = np.exp(rng.uniform(np.log(0.15), np.log(0.6)) + 0.25 * _mottle(height, width, rng))
+def procedural_texture(height: int, width: int, aspect: float, rng: np.random.Generator) -> FloatArray:
+    """Reflectance (height, width) in 0..1 of overlapping ellipses and polygons over mottled ground.
+
+    `aspect`: height of a texel divided by its width, on the wall.
+    """
+    ground = np.exp(rng.uniform(np.log(0.2), np.log(0.6)) + 0.15 * _mottle(height, width, rng))
     picture = np.ascontiguousarray(ground)
-    _paint(picture, _draw_shapes(height, width, rng))
-    return np.clip(picture * np.exp(0.06 * _mottle(height, width, rng)), 0.02, 1.0)
+    _paint(picture, _draw_shapes(height, width, aspect, rng), aspect)
+    return np.clip(picture * np.exp(0.04 * _mottle(height, width, rng)), 0.02, 1.0)
 
 
 def load_photographs() -> list[FloatArray]:
@@ -58,13 +64,13 @@ def photograph_texture(
     photographs: list[FloatArray], height: int, width: int, rng: np.random.Generator
 ) -> FloatArray:
     """One of the photographs, mirrored at its borders to fill (height, width), turned at random."""
-    chosen = np.rot90(photographs[rng.integers(len(photographs))], rng.integers(4))
+    chosen = np.rot90(photographs[int(rng.integers(len(photographs)))], int(rng.integers(4)))
     rows = _mirrored(height, chosen.shape[0], int(rng.integers(chosen.shape[0])))
     columns = _mirrored(width, chosen.shape[1], int(rng.integers(chosen.shape[1])))
     return np.ascontiguousarray(chosen[np.ix_(rows, columns)])
 
 
-def _mirrored(count: int, size: int, start: int) -> np.ndarray:
+def _mirrored(count: int, size: int, start: int) -> IntArray:
     position = (start + np.arange(count)) % (2 * size)
     return np.where(position < size, position, 2 * size - 1 - position)
 
@@ -86,23 +92,28 @@ def _mottle(height: int, width: int, rng: np.random.Generator) -> FloatArray:
     return np.asarray(noise / noise.std())
 
 
-def _draw_shapes(height: int, width: int, rng: np.random.Generator) -> FloatArray:
-    """Shapes (K,7), largest first: centre x y, half axes, angle, corners (0: ellipse), reflectance."""
+def _draw_shapes(height: int, width: int, aspect: float, rng: np.random.Generator) -> FloatArray:
+    """Shapes (K,7), largest first: centre x y, half axes, angle, corners (0: ellipse), reflectance.
+
+    Lengths are in rows; a row is `aspect` columns high.
+    """
     octaves = []
-    radius = 0.3 * min(height, width)
+    across = width / aspect
+    radius = 0.25 * min(height, across)
     while radius > _SMALLEST_SHAPE:
-        count = max(1, round(_COVER * height * width / (np.pi * (0.75 * radius) ** 2)))
+        count = max(1, round(_COVER * height * across / (np.pi * (0.75 * radius) ** 2)))
         half = radius * rng.uniform(0.5, 1.0, count)
         log_albedo = rng.uniform(np.log(_DARKEST), np.log(_BRIGHTEST), count)
         octaves.append(
             np.column_stack(
                 [
-                    rng.uniform(0.0, width, count),
+                    rng.uniform(0.0, across, count),
                     rng.uniform(0.0, height, count),
                     half,
                     half * rng.uniform(0.4, 1.0, count),
-                    rng.uniform(0.0, 2.0 * np.pi, count),
-                    rng.choice([0.0, 3.0, 4.0, 4.0, 5.0], count),
+                    # Things in rooms stand upright more often than not.
+                    rng.choice([0.0, 0.5 * np.pi], count) + rng.normal(size=count) * rng.choice([0.05, 1.0]),
+                    rng.choice(_CORNERS, count),
                     np.exp(log_albedo),
                 ]
             )
@@ -112,17 +123,18 @@ def _draw_shapes(height: int, width: int, rng: np.random.Generator) -> FloatArra
 
 
 @njit(cache=True)
-def _paint(picture: FloatArray, shapes: FloatArray) -> None:
+def _paint(picture: FloatArray, shapes: FloatArray, aspect: float) -> None:
     """Paint shapes over a picture (H,W), one over another, with borders softened to a texel."""
     height, width = picture.shape
     for row in range(shapes.shape[0]):
         cx, cy, a, b, angle, corners, value = shapes[row]
         c, s = np.cos(angle), np.sin(angle)
         reach = 1.5 * a + 1.0
-        for y in range(max(0, int(cy - reach)), min(height, int(cy + reach) + 1)):
-            for x in range(max(0, int(cx - reach)), min(width, int(cx + reach) + 1)):
-                p = (c * (x - cx) + s * (y - cy)) / a
-                q = (c * (y - cy) - s * (x - cx)) / b
+        left, right = int((cx - reach) * aspect), int((cx + reach) * aspect)
+        for i in range(max(0, int(cy - reach)), min(height, int(cy + reach) + 1)):
+            for j in range(max(0, left), min(width, right + 1)):
+                x, y = j / aspect - cx, i - cy
+                p, q = (c * x + s * y) / a, (c * y - s * x) / b
                 if corners == 0.0:
                     outside = np.sqrt(p * p + q * q) - 1.0
                 else:
@@ -131,4 +143,4 @@ def _paint(picture: FloatArray, shapes: FloatArray) -> None:
                         turn = 2.0 * np.pi * side / corners
                         outside = max(outside, p * np.cos(turn) + q * np.sin(turn) - 0.75)
                 cover = min(1.0, max(0.0, 0.5 - outside * b))
-                picture[y, x] += cover * (value - picture[y, x])
+                picture[i, j] += cover * (value - picture[i, j])

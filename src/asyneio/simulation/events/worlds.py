@@ -71,12 +71,12 @@ def build_world(kind: str, photographs: bool, sunlit: float, rng: np.random.Gene
     pictures = load_photographs() if photographs else []
     textures = []
     for rectangle in plan.rectangles:
-        height, width = (_texels(np.linalg.norm(edge), plan.pitch_m) for edge in rectangle[:0:-1])
-        texture = (
-            photograph_texture(pictures, height, width, rng)
-            if pictures
-            else procedural_texture(height, width, rng)
-        )
+        side_u, side_v = (float(np.linalg.norm(edge)) for edge in rectangle[1:])
+        height, width = _texels(side_v, plan.pitch_m), _texels(side_u, plan.pitch_m)
+        if pictures:
+            texture = photograph_texture(pictures, height, width, rng)
+        else:
+            texture = procedural_texture(height, width, (side_v / height) / (side_u / width), rng)
         textures.append(texture * _sun(height, width, sunlit, rng) if sunlit != 1.0 else texture)
     corner, edge_u, edge_v = np.array(plan.rectangles).transpose(1, 0, 2).copy()
     return World(
