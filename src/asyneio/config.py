@@ -29,6 +29,9 @@ class FrontendConfig(_Section):
     max_silence_s: float = Field(
         0.3, gt=0.0, description="a feature that has not moved for so long is released (t_max)"
     )
+    max_delay_s: float = Field(
+        0.15, ge=0.0, description="how long after its stamp an observation may come; the estimates' latency"
+    )
     spacing_px: float = Field(10.0, ge=4.0, description="no new corner nearer to an active feature than this")
 
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -25,7 +26,21 @@ from asyneio.io import to_trajectory, write_estimates, write_tum
 from asyneio.io.atomic import write_text
 from asyneio.odometry import Odometry
 from asyneio.odometry.kernels import are_compiled, compile_kernels
-from asyneio.types import NS_PER_S, Estimate, Health, Packet, RecordArray, Recording, Run, StepReport
+from asyneio.tracking import ObservationStream
+from asyneio.types import (
+    NS_PER_S,
+    OBSERVATION_DTYPE,
+    Calibration,
+    Estimate,
+    EventRecording,
+    Health,
+    IntArray,
+    Packet,
+    RecordArray,
+    Recording,
+    Run,
+    StepReport,
+)
 
 #: Names of the files of a results folder; the summary comes last: where it is, the others are whole.
 TRAJECTORY_FILE = "trajectory.tum"
@@ -75,7 +90,8 @@ class Summary:
     """Figures of one run; times in seconds, factors without unit.
 
     `real_time_factor` is recorded over processing time (above one: faster than the sensors); compilation is
-    counted apart. `first_estimate_s` counts from the start of the recording. `failure` says why the output is
+    counted apart. Of events, `frontend_s` is what tracking took, in its own thread beside the rest; `events` are 0
+    for a recording of tracks. `first_estimate_s` counts from the start of the recording. `failure` says why the output is
     missing or incomplete, empty when it is whole.
     """
 
@@ -85,8 +101,10 @@ class Summary:
     processing_s: float
     compile_s: float
     real_time_factor: float
+    frontend_s: float
     slowest_step_s: float
     knots: int
+    events: int
     observations: int
     features: int
     mean_track_life_s: float
@@ -107,69 +125,101 @@ class Summary:
 class RunResult:
     """What a run produced, and its figures.
 
-    `origin` is the knot that defines the world's origin and yaw, to which all covariances are relative.
+    `observations` are what the estimator was given, IMU clock. `origin` is the knot that defines the world's origin
+    and yaw, to which all covariances are relative.
     """
 
     run: Run
     summary: Summary
+    observations: RecordArray
     origin: Estimate | None = None
 
 
-def run_recording(recording: Recording, config: Config, progress: Progress = SILENT) -> RunResult:
-    """Run the estimator over a whole recording.
+def run_recording(
+    recording: Recording | EventRecording, config: Config, progress: Progress = SILENT
+) -> RunResult:
+    """Run the estimator over a whole recording; of events, the front end runs beside it.
 
     An error of the estimator ends the run; what it had estimated until then is kept and the cause stands in
     `summary.failure`.
 
     Raises:
-        RecordingError: the recording is shorter than two knot intervals.
+        RecordingError: the recording is shorter than two knot intervals, or has events without the inertial
+            samples or the calibration that the estimator needs.
     """
     interval_ns = round(config.window.knot_interval_s * NS_PER_S)
     start_ns, end_ns = usable_span(recording)
     total = (end_ns - start_ns) // interval_ns
     if total < 2:
         raise RecordingError(
-            f"{recording.name}: tracks and both inertial sensors overlap for "
+            f"{recording.name}: camera and both inertial sensors overlap for "
             f"{(end_ns - start_ns) / NS_PER_S:.3f} s; at least two knot intervals "
             f"of {config.window.knot_interval_s} s are needed"
         )
     run, error = Run(), ""
+    ends_ns = start_ns + interval_ns * np.arange(total + 1, dtype=np.int64)
     with _watch_compilation(progress) as compilation:
         _compile_ahead(compilation)
-        estimator: Estimator = Odometry(config, recording.calibration)
+        estimator: Estimator = Odometry(config, _calibration(recording))
+        tracked = _track(recording, config, ends_ns)
+        compiled_s, started = compilation.seconds, time.perf_counter()
         try:
-            for index, packet in enumerate(packets(recording, start_ns, interval_ns, total), start=1):
+            for index, packet in enumerate(packets(recording, start_ns, interval_ns, total, tracked), start=1):
                 _step(estimator, packet, run, compilation)
                 progress.advance(
                     index * interval_ns / NS_PER_S, total * interval_ns / NS_PER_S, run.reports[-1].health
                 )
         except AsyneioError as caught:
             error = str(caught)
-    summary = _summarize(recording, run, (start_ns, interval_ns, total), compilation.seconds, error)
-    return RunResult(run, summary, estimator.origin)
+        wall_s = max(time.perf_counter() - started - (compilation.seconds - compiled_s), 0.0)
+    observations = tracked.observations() if tracked else _observations(recording)
+    costs = _Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
+    summary = _summarize(recording, observations, run, (start_ns, interval_ns, total), costs, error)
+    return RunResult(run, summary, observations, estimator.origin)
 
 
-def usable_span(recording: Recording) -> tuple[int, int]:
-    """First and last instant [ns] at which both inertial sensors had data, from the first observation on."""
+def usable_span(recording: Recording | EventRecording) -> tuple[int, int]:
+    """First and last instant [ns] at which both inertial sensors had data, from the first observation or event on.
+
+    Raises:
+        RecordingError: the recording lacks events, tracks or samples of an inertial sensor, or its calibration.
+    """
+    for name in ("gyroscope", "accelerometer"):
+        if getattr(recording, name).size == 0:
+            raise RecordingError(
+                f"{recording.name} holds no samples of the {name}; expected both inertial sensors: "
+                "`asyneio track` follows the features of events alone"
+            )
     streams = (recording.gyroscope["t_ns"], recording.accelerometer["t_ns"])
-    start_ns = max(*(int(t_ns[0]) for t_ns in streams), int(recording.observations["t_ns"][0]))
-    return start_ns, min(int(t_ns[-1]) for t_ns in streams)
+    start_ns = max(int(t_ns[0]) for t_ns in streams)
+    end_ns = min(int(t_ns[-1]) for t_ns in streams)
+    if isinstance(recording, Recording):
+        return max(start_ns, int(recording.observations["t_ns"][0])), end_ns
+    if recording.events.size == 0:
+        raise RecordingError(f"{recording.name} holds no events")
+    shift_ns = _calibration(recording).timeshift_ns
+    first_ns, last_ns = (int(recording.events[i]["t_ns"]) + shift_ns for i in (0, -1))
+    return max(start_ns, first_ns), min(end_ns, last_ns)
 
 
-def packets(recording: Recording, start_ns: int, interval_ns: int, count: int) -> Iterator[Packet]:
+def packets(
+    recording: Recording | EventRecording,
+    start_ns: int,
+    interval_ns: int,
+    count: int,
+    tracked: Iterable[RecordArray] | None = None,
+) -> Iterator[Packet]:
     """Cut a recording into `count` packets of one knot interval each, in time order.
 
     A packet holds what was measured after the previous packet's end up to and including its own; the first
     also holds its start. A last interval that is not complete is left out: it has no knot at its end.
+    `tracked` gives the observations of each packet where the recording holds events.
     """
     ends_ns = start_ns + interval_ns * np.arange(count + 1, dtype=np.int64)
-    streams = (recording.observations, recording.gyroscope, recording.accelerometer)
-    cuts = [_cut(stream, ends_ns) for stream in streams]
-    for index in range(count):
-        observations, gyroscope, accelerometer = (
-            stream[cut[index] : cut[index + 1]] for stream, cut in zip(streams, cuts, strict=True)
-        )
-        yield Packet(int(ends_ns[index + 1]), observations, gyroscope, accelerometer)
+    inertial = [_batches(stream, ends_ns) for stream in (recording.gyroscope, recording.accelerometer)]
+    batches = _batches(_observations(recording), ends_ns) if tracked is None else tracked
+    for end_ns, observations, gyroscope, accelerometer in zip(ends_ns[1:], batches, *inertial, strict=True):
+        yield Packet(int(end_ns), observations, gyroscope, accelerometer)
 
 
 def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]:
@@ -193,10 +243,32 @@ def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]
     return [*written, folder / CONFIG_FILE, folder / SUMMARY_FILE]
 
 
-def _cut(stream: RecordArray, ends_ns: np.ndarray) -> np.ndarray:
+def _batches(stream: RecordArray, ends_ns: IntArray) -> Iterator[RecordArray]:
     cut = np.searchsorted(stream["t_ns"], ends_ns, side="right")
     cut[0] = np.searchsorted(stream["t_ns"], ends_ns[0], side="left")
-    return cut
+    for start, end in pairwise(cut):
+        yield stream[start:end]
+
+
+def _observations(recording: Recording | EventRecording) -> RecordArray:
+    return recording.observations if isinstance(recording, Recording) else np.empty(0, OBSERVATION_DTYPE)
+
+
+def _track(
+    recording: Recording | EventRecording, config: Config, ends_ns: IntArray
+) -> ObservationStream | None:
+    if isinstance(recording, Recording):
+        return None
+    return ObservationStream(recording, config.frontend, ends_ns)
+
+
+def _calibration(recording: Recording | EventRecording) -> Calibration:
+    if recording.calibration is None:
+        raise RecordingError(
+            f"{recording.name} comes without extrinsics and IMU noise; expected camchain-imucam.yaml and imu.yaml "
+            "(Kalibr) beside it, or given with --calibration and --imu"
+        )
+    return recording.calibration
 
 
 def _step(estimator: Estimator, packet: Packet, run: Run, compilation: _Compilation) -> None:
@@ -209,25 +281,41 @@ def _step(estimator: Estimator, packet: Packet, run: Run, compilation: _Compilat
     run.reports.append(replace(report, seconds=max(seconds, 0.0)))
 
 
+@dataclass(frozen=True)
+class _Costs:
+    """Seconds of a run: whole, of compilation, of the front end's thread."""
+
+    wall_s: float
+    compile_s: float
+    frontend_s: float
+
+
 def _summarize(
-    recording: Recording, run: Run, grid: tuple[int, int, int], compile_s: float, error: str
+    recording: Recording | EventRecording,
+    observations: RecordArray,
+    run: Run,
+    grid: tuple[int, int, int],
+    costs: _Costs,
+    error: str,
 ) -> Summary:
     start_ns, interval_ns, total = grid
     duration_s = len(run.reports) * interval_ns / NS_PER_S
     seconds = [report.seconds for report in run.reports]
     landmarks = [report.landmarks for report in run.reports if report.health is Health.TRACKING]
-    features, life_s = _track_life(recording.observations)
+    features, life_s = _track_life(observations)
     first_ns = run.estimates[0].t_ns if run.estimates else None
     return Summary(
         recording=recording.name,
         version=__version__,
         duration_s=duration_s,
-        processing_s=sum(seconds),
-        compile_s=compile_s,
-        real_time_factor=duration_s / sum(seconds) if sum(seconds) > 0.0 else math.inf,
+        processing_s=costs.wall_s,
+        compile_s=costs.compile_s,
+        real_time_factor=duration_s / costs.wall_s if costs.wall_s > 0.0 else math.inf,
+        frontend_s=costs.frontend_s,
         slowest_step_s=max(seconds, default=math.nan),
         knots=len(run.estimates),
-        observations=int(recording.observations.size),
+        events=0 if isinstance(recording, Recording) else int(recording.events.size),
+        observations=int(observations.size),
         features=features,
         mean_track_life_s=life_s,
         mean_landmarks=float(np.mean(landmarks)) if landmarks else 0.0,
@@ -261,6 +349,8 @@ def _failure(run: Run, end_ns: int, interval_ns: int, error: str) -> str:
 
 def _track_life(observations: RecordArray) -> tuple[int, float]:
     """Number of tracks, and the mean time [s] from a track's first to its last observation."""
+    if observations.size == 0:
+        return 0, 0.0
     order = np.lexsort((observations["t_ns"], observations["id"]))
     ids, t_ns = observations["id"][order], observations["t_ns"][order]
     starts = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]])

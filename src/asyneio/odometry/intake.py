@@ -31,7 +31,7 @@ class Intake:
         xy, d_xy_d_uv, valid = self._camera.undistort(np.column_stack([raw["u"], raw["v"]]))
         self.invalid += int(np.count_nonzero(~valid))
         new = TrackObservations(
-            raw["t_ns"][valid], raw["id"][valid], xy[valid], self._root_information(d_xy_d_uv[valid])
+            raw["t_ns"][valid], raw["id"][valid], xy[valid], self._root_information(d_xy_d_uv[valid], raw["covariance"][valid])
         )
         old = self.observations
         self.observations = TrackObservations(
@@ -41,9 +41,15 @@ class Intake:
             np.concatenate([old.root_information, new.root_information]),
         )
 
-    def _root_information(self, d_xy_d_uv: FloatArray) -> FloatArray:
-        """(N,2,2): whitens normalised coordinates with the isotropic pixel noise they come from."""
-        return np.asarray(np.linalg.inv(d_xy_d_uv) / self._pixel_sigma)
+    def _root_information(self, d_xy_d_uv: FloatArray, covariance_uv: FloatArray) -> FloatArray:
+        """(N,2,2): whitens normalised coordinates with the pixel noise they come from.
+
+        The front end's covariance (N,3), where it gives one, is added to the noise that all observations share.
+        """
+        uu, uv, vv = covariance_uv.astype(np.float64).T
+        noise = np.stack([uu, uv, uv, vv], axis=1).reshape(-1, 2, 2) + self._pixel_sigma**2 * np.eye(2)
+        root = np.linalg.inv(np.linalg.cholesky(noise))
+        return np.asarray(root @ np.linalg.inv(d_xy_d_uv))
 
     def drop_until(self, t_ns: int) -> None:
         """Forget what the window has taken; two earlier inertial samples stay for interpolation."""

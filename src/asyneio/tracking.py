@@ -1,0 +1,114 @@
+"""The front end over a whole recording: event packets in, packets of observations and inertial samples out.
+
+Runs in a thread of its own (its kernel releases the interpreter), so that on two cores tracking and estimation go
+on at the same time. The result does not depend on how the two are scheduled.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from asyneio.config import FrontendConfig
+from asyneio.frontend import Frontend, FrontendStatistics, gyroscope_in_camera
+from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
+
+#: Packets that the front end may be ahead.
+_AHEAD = 20
+
+
+class ObservationStream:
+    """Observations of an event recording, cut at given times.
+
+    An observation is known only some time after its stamp: the window of events that it is taken from lies around it.
+    So a packet is given out `max_delay_s` after its end; what comes later still is dropped and counted.
+
+    Args:
+        recording: what to track.
+        config: the section `frontend`.
+        ends_ns: (N+1,) start of the first packet and end of every packet, IMU clock.
+    """
+
+    def __init__(self, recording: EventRecording, config: FrontendConfig, ends_ns: IntArray) -> None:
+        self._recording = recording
+        self._frontend = Frontend(config, recording.width, recording.height)
+        self._gyroscope = gyroscope_in_camera(recording)
+        self._ends_ns = ends_ns
+        self._delay_ns = round(config.max_delay_s * NS_PER_S)
+        self._queue: queue.Queue[RecordArray | BaseException] = queue.Queue(maxsize=_AHEAD)
+        self._stop = threading.Event()
+        self._given: list[RecordArray] = []
+        self.late = 0
+        self.busy_s = 0.0
+
+    def __iter__(self) -> Iterator[RecordArray]:
+        """One batch of observations (OBSERVATION_DTYPE, IMU clock, ascending) a packet."""
+        worker = threading.Thread(target=self._work, name="front end", daemon=True)
+        worker.start()
+        try:
+            for _ in range(self._ends_ns.size - 1):
+                batch = self._queue.get()
+                if isinstance(batch, BaseException):
+                    raise batch
+                self._given.append(batch)
+                yield batch
+        finally:
+            self._stop.set()
+            worker.join()
+
+    def observations(self) -> RecordArray:
+        """All that was given out so far."""
+        return np.concatenate([np.empty(0, dtype=OBSERVATION_DTYPE), *self._given])
+
+    def statistics(self) -> FrontendStatistics:
+        """What the front end counted."""
+        return self._frontend.statistics()
+
+    def _work(self) -> None:
+        try:
+            for batch in self._batches():
+                while not self._stop.is_set():
+                    try:
+                        self._queue.put(batch, timeout=0.1)
+                        break
+                    except queue.Full:
+                        continue
+                if self._stop.is_set():
+                    return
+        except BaseException as error:  # handed to the thread that waits for it
+            self._queue.put(error)
+
+    def _batches(self) -> Iterator[RecordArray]:
+        shift_ns = self._recording.calibration.timeshift_ns if self._recording.calibration else 0
+        events = self._recording.events
+        # Searching a field of a memory map of records would read all of it; a few probes per packet do not.
+        begin = np.searchsorted(events["t_ns"], int(self._ends_ns[0]) - shift_ns)
+        waiting = np.empty(0, dtype=OBSERVATION_DTYPE)
+        from_ns = int(self._ends_ns[0])
+        for end_ns in self._ends_ns[1:].tolist():
+            until_ns = end_ns + self._delay_ns - shift_ns
+            end = np.searchsorted(events["t_ns"], until_ns, side="right")
+            started = time.perf_counter()
+            new = self._frontend.process(np.asarray(events[begin:end]), self._turning(until_ns))
+            self.busy_s += time.perf_counter() - started
+            begin = end
+            new["t_ns"] += shift_ns
+            waiting = np.concatenate([waiting, new])
+            waiting = waiting[np.argsort(waiting["t_ns"], kind="stable")]
+            late, due = np.searchsorted(waiting["t_ns"], [from_ns, end_ns], side="right")
+            self.late += int(late)
+            yield waiting[late:due]
+            waiting = waiting[due:]
+            from_ns = end_ns
+
+    def _turning(self, until_ns: int) -> RecordArray | None:
+        """Gyroscope samples that may concern the next packet; None where there are none at all."""
+        if self._gyroscope.size == 0:
+            return None
+        span_ns = int(np.diff(self._ends_ns).max()) + self._delay_ns
+        a, b = np.searchsorted(self._gyroscope["t_ns"], [until_ns - span_ns, until_ns], side="right")
+        return self._gyroscope[a:b]
