@@ -131,17 +131,6 @@ def test_the_end_of_a_run_ends_what_can_be_followed() -> None:
     assert errors.visible_s == pytest.approx([0.3])
 
 
-def test_tracks_alive() -> None:
-    rows = np.concatenate([make_track(0, _AGES), make_track(100, _AGES), make_track(200, _AGES[:11])])
-    tracks = group_tracks(rows)
-    at_ms = np.array([-1, 0, 99, 100, 200, 400, 401, 800, 801, 900, 901])
-    np.testing.assert_array_equal(
-        tracks.alive_at(_START_NS + at_ms * 1_000_000), [0, 1, 1, 2, 3, 3, 2, 2, 1, 1, 0]
-    )
-    tenth, median = tracks.alive_between(_START_NS, _START_NS + 1_000_000_000)
-    assert (tenth, median) == (1.0, 2.0)
-
-
 def test_deviation_from_lines(rng: np.random.Generator) -> None:
     tracks = group_tracks(
         np.concatenate([make_track(k, np.sort(rng.uniform(0.0, 1.0, 20))) for k in range(300)])

@@ -16,6 +16,7 @@ from asyneio.cli.demo import demo
 from asyneio.cli.evaluate import evaluate
 from asyneio.cli.run import run
 from asyneio.cli.simulate import simulate
+from asyneio.cli.track import track
 from asyneio.errors import AsyneioError
 
 EXIT_FAILURE = 1
@@ -38,6 +39,7 @@ app.command(epilog="Example: asyneio evaluate results/desk/trajectory.tum record
 app.command(epilog="Example: asyneio simulate moderate -o recordings/simulated --seed 3 --duration 10")(
     simulate
 )
+app.command(epilog="Example: asyneio track recordings/slider_depth -o results/slider --animation")(track)
 app.command(epilog="Example: asyneio demo -o results/demo")(demo)
 
 

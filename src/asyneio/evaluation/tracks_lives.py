@@ -1,4 +1,4 @@
-"""Observations grouped into tracks: how long they live, how many are alive."""
+"""Observations grouped into tracks: ages and lives."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
-
-#: How far apart the times are at which features alive are counted.
-COUNT_STEP_NS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -55,17 +52,6 @@ class Tracks:
         """Time (T,) [s] from the first to the last observation; 0 for a track with one."""
         t_ns = self.observations["t_ns"]
         return (t_ns[self.last] - t_ns[self.first]) / NS_PER_S
-
-    def alive_at(self, t_ns: IntArray) -> IntArray:
-        """How many tracks have begun and not ended at times (M,)."""
-        stamps = self.observations["t_ns"]
-        begun = np.searchsorted(np.sort(stamps[self.first]), t_ns, side="right")
-        return begun - np.searchsorted(np.sort(stamps[self.last]), t_ns, side="left")
-
-    def alive_between(self, start_ns: int, end_ns: int) -> FloatArray:
-        """10th percentile and median (2,) of the tracks alive in a span of time, start-up included."""
-        counts = self.alive_at(np.arange(start_ns, max(end_ns, start_ns + 1), COUNT_STEP_NS))
-        return np.percentile(counts, [10.0, 50.0])
 
 
 def group_tracks(observations: RecordArray) -> Tracks:

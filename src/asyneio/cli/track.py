@@ -1,0 +1,196 @@
+"""`asyneio track`: events in; feature tracks, their figures and pictures out."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from asyneio.cli.track_run import TrackRun
+    from asyneio.types import EventRecording, RecordArray
+
+TRACKS_FILE, SUMMARY_FILE = "tracks.csv", "tracks_summary.json"
+PICTURE_FILE, ANIMATION_FILE = "tracks.png", "tracks.gif"
+
+
+class TrackerName(StrEnum):
+    """How features are followed."""
+
+    GRADIENT = "gradient"
+    HASTE = "haste"
+
+
+def track(
+    recording: Annotated[
+        Path, typer.Argument(help="Events: a folder or a file (UZH text, AEDAT-2.0, AEDAT4, HDF5).")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for the results.", show_default="results/NAME-tracks"),
+    ] = None,
+    tracker: Annotated[
+        TrackerName | None,
+        typer.Option(help="How features are followed.", show_default="the configuration's"),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Kalibr camera file.", show_default="beside the data")
+    ] = None,
+    imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
+    gyroscope: Annotated[
+        bool, typer.Option("--gyroscope/--no-gyroscope", help="Turn patches along with the camera's roll.")
+    ] = True,
+    animation: Annotated[bool, typer.Option("--animation", help="Also a short animation.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Follow features through a recording of events.
+
+    Writes tracks.csv (t_ns,id,u,v in the clock of the events), tracks_summary.json and, with matplotlib,
+    tracks.png and tracks.gif. With an IMU and a calibration the folder can be given to `asyneio
+    run`.
+    """
+    import json
+
+    from asyneio.cli import console
+    from asyneio.cli.progress import share_progress
+    from asyneio.cli.track_run import summarize_tracks, track_recording
+    from asyneio.config import load_config
+    from asyneio.errors import RecordingError
+    from asyneio.io.atomic import make_folder, write_text
+
+    settings = load_config(config).frontend
+    if tracker is not None:
+        settings = settings.model_copy(update={"tracker": tracker.value})
+    loaded = _open(recording, calibration, imu)
+    folder = output or Path("results") / f"{loaded.name}-tracks"
+    make_folder(folder)
+    with share_progress("tracking") as advance:
+        run = track_recording(loaded, settings, gyroscope, advance)
+    summary = summarize_tracks(loaded, run)
+    for stale in (TRACKS_FILE, PICTURE_FILE, ANIMATION_FILE):
+        (folder / stale).unlink(missing_ok=True)
+    written = _write_tracks(loaded, run.observations, folder) if run.observations.size else []
+    written += _draw(loaded, run, folder, animation) if run.observations.size else []
+    write_text(folder / SUMMARY_FILE, json.dumps(summary, indent=2) + "\n")
+    if as_json:
+        typer.echo(json.dumps(summary, indent=2))
+    else:
+        console.table(loaded.name, track_figures(summary))
+    for path in [*written, folder / SUMMARY_FILE]:
+        console.say(f"wrote {path}")
+    if not run.observations.size:
+        raise RecordingError(
+            f"no feature could be followed in the {loaded.events.size} events of {recording}, "
+            f"{summary['duration_s']:.3g} s long; check that the camera moves and that its sensor is "
+            f"{loaded.width} x {loaded.height}"
+        )
+
+
+def _open(path: Path, calibration: Path | None, imu: Path | None) -> EventRecording:
+    """Read a recording of events.
+
+    Raises:
+        RecordingError: it cannot be read, has tracks instead of events, or no event.
+    """
+    from asyneio.cli import console
+    from asyneio.cli.progress import share_progress
+    from asyneio.errors import RecordingError
+    from asyneio.io import open_recording
+    from asyneio.types import Recording
+
+    with share_progress("reading") as advance:
+        loaded = open_recording(path, calibration, imu, advance)
+    for note in loaded.notes:
+        console.say(f"note: {note}")
+    if isinstance(loaded, Recording):
+        raise RecordingError(f"{path} is a tracks folder: its features are followed already; expected events")
+    if not loaded.events.size:
+        raise RecordingError(f"{path} holds no event")
+    return loaded
+
+
+def _write_tracks(recording: EventRecording, observations: RecordArray, folder: Path) -> list[Path]:
+    """Write the tracks and, where all else is known, the rest of a tracks folder."""
+    from asyneio.io import write_tracks_folder
+    from asyneio.io.tracks_writer import write_csv
+    from asyneio.types import Recording
+
+    if recording.calibration is not None and recording.gyroscope.size and recording.accelerometer.size:
+        shifted = observations.copy()
+        shifted["t_ns"] += recording.calibration.timeshift_ns
+        rest = (recording.gyroscope, recording.accelerometer, recording.calibration, recording.ground_truth)
+        write_tracks_folder(Recording(recording.name, shifted, *rest), folder)
+    else:
+        names = ("t_ns", "id", "u", "v")
+        write_csv(folder / TRACKS_FILE, ",".join(names), [observations[name].tolist() for name in names])
+    return [folder / TRACKS_FILE]
+
+
+def _draw(recording: EventRecording, run: TrackRun, folder: Path, animation: bool) -> list[Path]:
+    from asyneio.cli import console
+    from asyneio.io.atomic import atomic_file
+    from asyneio.viz import available
+    from asyneio.viz.tracks import TrackScene, render_animation, render_tracks
+
+    if not available():
+        console.say("note: no picture without matplotlib: pip install 'asyneio[report]'")
+        return []
+    scene = TrackScene(recording.events, recording.width, recording.height, run.observations)
+    drawn = [folder / PICTURE_FILE]
+    with atomic_file(drawn[0]) as stream:
+        stream.write(render_tracks(scene, recording.name))
+    if animation:
+        drawn.append(folder / ANIMATION_FILE)
+        with atomic_file(drawn[1]) as stream:
+            stream.write(render_animation(scene))
+    return drawn
+
+
+def track_figures(summary: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Rows on a run of the front end: what, and the value with its unit."""
+    life, alive, counts = summary["life_s"], summary["alive"], summary["statistics"]
+    rows = [
+        ("tracker", f"{summary['tracker']}, {'with' if summary['gyroscope_used'] else 'without'} gyroscope"),
+        (
+            "recording",
+            f"{summary['duration_s']:.2f} s, {summary['events']} events, "
+            f"{summary['event_rate_mev_s']:.2f} Mev/s",
+        ),
+        (
+            "processing",
+            f"{summary['processing_s']:.2f} s, {summary['speed_mev_s']:.2f} Mev/s, "
+            f"{summary['ns_per_event']:.0f} ns an event, {summary['real_time_factor']:.1f} times real time",
+        ),
+        (
+            "features alive",
+            f"{alive['median']:.0f} (median), {alive['tenth_percentile']:.0f} (10th percentile)",
+        ),
+        ("feature tracks", f"{summary['tracks']}, {summary['observations']} observations"),
+    ]
+    if summary["tracks"]:
+        rows.append(
+            (
+                "life",
+                f"{life['median']:.2f} s (median), {life['quartile']:.2f}-{life['upper_quartile']:.2f} s "
+                f"(quartiles), {life['longest']:.2f} s (longest)",
+            )
+        )
+    rows.append(
+        (
+            "ended",
+            f"{counts['ended_untrusted']} not trusted, {counts['ended_border']} at the border, "
+            f"{counts['ended_silent']} silent",
+        )
+    )
+    if counts["hot_pixels"]:
+        rows.append(
+            ("defective pixels", f"{counts['hot_pixels']}, {counts['hot_events']} events of theirs dropped")
+        )
+    if summary["compile_s"] > 1.0:
+        rows.append(("compilation (first run only)", f"{summary['compile_s']:.1f} s"))
+    return tuple(rows)
