@@ -107,6 +107,23 @@ def _with_parallax(data: AlignmentData, bearing_sigma: float) -> AlignmentData:
 
 
 def _align(data: AlignmentData, gravity: float, bearing_sigma: float) -> Alignment:
+    """Once without compensation, which tells the noise there is, then with it.
+
+    Compensating for more noise than there is turns the equations indefinite. The first solution minimises the
+    misses of the rays, so these are no larger than the noise makes them.
+    """
+    points, solution = _solve(data, gravity, 0.0)
+    miss, _ = _ray_residual(data, points, solution)
+    # Two equations an observation, less three unknowns a track.
+    freedom = 1.0 - 1.5 * data.tracks / data.t.size
+    sigma = min(bearing_sigma, miss / np.sqrt(2.0 * max(freedom, 0.1)))
+    points, solution = _solve(data, gravity, sigma)
+    residual, in_front = _ray_residual(data, points, solution)
+    return Alignment(solution[:3], solution[3:], residual, in_front)
+
+
+def _solve(data: AlignmentData, gravity: float, bearing_sigma: float) -> tuple[FloatArray, FloatArray]:
+    """Points (L,3), and velocity and gravity (6,); reweighted by the distances found."""
     distance = np.ones(data.tracks)
     solution = np.zeros(6)
     points = np.zeros((data.tracks, 3))
@@ -115,8 +132,7 @@ def _align(data: AlignmentData, gravity: float, bearing_sigma: float) -> Alignme
         solution = _solve_on_sphere(A, b, gravity)
         points = _points(blocks, solution)
         distance = _mean_distance(data, points, solution)
-    residual, in_front = _ray_residual(data, points, solution)
-    return Alignment(solution[:3], solution[3:], residual, in_front)
+    return points, solution
 
 
 def _reduced(

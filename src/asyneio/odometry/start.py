@@ -66,6 +66,8 @@ def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
     """Why the joint optimisation cannot be trusted; empty if it can."""
     if np.mean(solution.problem.landmarks.rho < 0.0) > 1.0 - _SHARE_IN_FRONT:
         return "the tracks show no parallax: move the sensor sideways"
+    if not solution.report.converged:
+        return "the joint optimisation does not settle: move the sensor sideways, with changing speed"
     scale_sigma = relative_scale_sigma(solution)
     if not scale_sigma < settings.start.max_scale_sigma:
         return (
