@@ -65,6 +65,19 @@ def border_lines(forms: FloatArray, lines: FloatArray) -> None:
 
 
 @njit(cache=True)
+def poses_forms_and_lines(
+    corner: FloatArray, edge_u: FloatArray, edge_v: FloatArray, T_w_c: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Forms (P,R,9) and lines (P,R,5,3) of rectangles (R,3) each for camera poses (P,4,4)."""
+    forms = np.empty((T_w_c.shape[0], corner.shape[0], 9))
+    lines = np.empty((T_w_c.shape[0], corner.shape[0], 5, 3))
+    for pose in range(T_w_c.shape[0]):
+        linear_forms(corner, edge_u, edge_v, T_w_c[pose], forms[pose])
+        border_lines(forms[pose], lines[pose])
+    return forms, lines
+
+
+@njit(cache=True)
 def nearest(forms: FloatArray, x: float, y: float) -> tuple[int, float]:
     """Index of the first rectangle that a ray meets, and its inverse depth [1/m]; -1 for none."""
     best, found = 0.0, -1

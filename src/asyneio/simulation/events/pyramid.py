@@ -17,7 +17,8 @@ from asyneio.types import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Pyramids:
-    """`texels` (K,) float32; `offset` (R, levels) where each level of each texture starts; `size` (R,2) rows
+    """`texels` (K,) float32; `offset` (R, levels) where each level of each texture starts, with a
+    border of one repeated texel all around; `size` (R,2) rows
     and columns of level 0; `levels` (R,) how many there are."""
 
     texels: NDArray[np.float32]
@@ -42,8 +43,9 @@ def build_pyramids(textures: list[FloatArray]) -> Pyramids:
         level, begin = texture, []
         while True:
             begin.append(total)
-            parts.append(level.astype(np.float32).ravel())
-            total += level.size
+            padded = np.pad(level, 1, mode="edge").astype(np.float32)
+            parts.append(padded.ravel())
+            total += padded.size
             if min(level.shape) == 1:
                 break
             level = level.reshape(level.shape[0] // 2, 2, level.shape[1] // 2, 2).mean(axis=(1, 3))

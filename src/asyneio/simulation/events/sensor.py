@@ -8,6 +8,7 @@ real circuit does while its reset switch is closed; what happened meanwhile is l
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,7 +18,7 @@ from asyneio.errors import SimulationError
 from asyneio.types import CameraIntrinsics, FloatArray, IntArray
 
 #: A pixel reports at most this often between two renderings; more would be a change of tens of log units.
-MOST_PER_STEP = 256
+MOST_PER_STEP = 128
 
 
 @dataclass(frozen=True)
@@ -67,9 +68,8 @@ class SensorSpec:
             )
 
 
-@dataclass(frozen=True)
-class Pixels:
-    """State of all pixels (K,), row by row; times in microseconds since the start.
+class Pixels(NamedTuple):
+    """State of all pixels (K,), row by row, as kernels take it; times in microseconds since the start.
 
     `level` is the photoreceptor's output and `reference` what the pixel remembers, both in log intensity;
     `blind_until` ends the refractory time; `next_noise` is when noise strikes next, at `noise_rate` [1/us];
@@ -87,9 +87,8 @@ class Pixels:
     random: NDArray[np.uint64]
 
 
-@dataclass(frozen=True)
-class EventBuffer:
-    """Events of one step in pixel order: `t_us` (N,) since the start of the run, `pixel` (N,), `on` (N,)."""
+class EventBuffer(NamedTuple):
+    """Events before they are sorted: `t_us` (N,) since the start of the run, `pixel` (N,), `on` (N,)."""
 
     t_us: IntArray
     pixel: NDArray[np.int32]
@@ -99,6 +98,10 @@ class EventBuffer:
     def of_size(cls, size: int) -> EventBuffer:
         """Room for some events; more than `MOST_PER_STEP`."""
         return cls(np.zeros(size, np.int64), np.zeros(size, np.int32), np.zeros(size, np.uint8))
+
+    def first(self, count: int) -> EventBuffer:
+        """A copy of the first events."""
+        return EventBuffer(self.t_us[:count].copy(), self.pixel[:count].copy(), self.on[:count].copy())
 
 
 def make_pixels(
@@ -141,80 +144,78 @@ def _uniform(state: NDArray[np.uint64]) -> float:
 @njit(cache=True, error_model="numpy")
 def respond(
     intensity: NDArray[np.float32],
+    illumination: float,
+    corner: tuple[int, int],
+    side: int,
     span: tuple[float, float],
     lag: tuple[float, float, float],
     leak_per_us: float,
     refractory_us: float,
-    pixels: tuple[FloatArray, ...],
-    hot: NDArray[np.bool_],
-    random: NDArray[np.uint64],
-    first: int,
-    t_us: IntArray,
-    where: NDArray[np.int32],
-    polarity: NDArray[np.uint8],
-) -> tuple[int, int]:
-    """Let pixels from `first` on see an intensity that moved to `intensity` (K,) within `span` = (t0, t1) us.
+    pixels: Pixels,
+    buffer: EventBuffer,
+    count: int,
+) -> int:
+    """Let a square of pixels see what `intensity` (H,W) has become within `span` = (t0, t1) us.
 
-    Log intensity is linear in between. `lag` = (bandwidth [rad/us] at white, least bandwidth, dark
-    intensity). `pixels` are the seven arrays of `Pixels`. Events go to the last three arrays.
-
-    Returns: how many events there are, and the first pixel for which there was no room.
+    Log intensity is linear in between. `corner` is the top row and left column of the square. `lag` =
+    (bandwidth [rad/us] at white, least bandwidth, dark intensity). Events go into `buffer` from `count` on;
+    returns the new count.
     """
-    on, off, levels, references, blind_until, next_noise, noise_rate = pixels
-    t0, t1 = span
+    on, off, levels, references, blind_until, next_noise, noise_rate, hot, random = pixels
+    out_t, out_pixel, out_on = buffer
     bandwidth, least_bandwidth, dark = lag
+    t0, t1 = span
     dt = t1 - t0
-    count = 0
-    for k in range(first, intensity.size):
-        if count + MOST_PER_STEP > t_us.size:
-            return count, k
-        light = intensity[k] + np.float32(dark)
-        target = float(np.log(light))
-        a = levels[k]
-        b = target
-        if bandwidth > 0.0:
-            gain = dt * max(bandwidth * light, least_bandwidth)
-            b = a + (target - a) * gain / (1.0 + gain)
-        levels[k] = b
-        if blind_until[k] > t1:
-            continue
-        slope = (b - a) / dt
-        t = t0
-        reference = references[k] - leak_per_us * dt * on[k]
-        if blind_until[k] > t0:
-            t = blind_until[k]
-            reference = a + slope * (t - t0)
-        for _ in range(MOST_PER_STEP):
-            crossing, up = np.inf, False
-            if b >= reference + on[k]:
-                up = True
-                crossing = t if slope <= 0.0 else max(t, t0 + (reference + on[k] - a) / slope)
-            elif b <= reference - off[k]:
-                crossing = t if slope >= 0.0 else max(t, t0 + (reference - off[k] - a) / slope)
-            if next_noise[k] < min(crossing, t1):
-                strikes = max(next_noise[k], t)
-                blind = next_noise[k] < t
-                next_noise[k] = strikes - np.log(_uniform(random)) / noise_rate[k]
-                # Shot noise is strongest in the dark; a blind pixel reports none.
-                if blind or (not hot[k] and _uniform(random) < 0.75 * min(1.0, light)):
-                    continue
-                t = strikes
-                up = _uniform(random) < 0.5
-                reference = a + slope * (t - t0)
-            elif crossing <= t1:
-                t = crossing
-                reference += on[k] if up else -off[k]
-            else:
-                break
-            t_us[count] = int(t)
-            where[count] = k
-            polarity[count] = 1 if up else 0
-            count += 1
-            if refractory_us > 0.0:
-                blind_until[k] = t + refractory_us
-                if blind_until[k] > t1:
-                    break
+    height, width = intensity.shape
+    for v in range(corner[0], min(corner[0] + side, height)):
+        for u in range(corner[1], min(corner[1] + side, width)):
+            k = v * width + u
+            light = illumination * intensity[v, u] + dark
+            a = levels[k]
+            b = float(np.log(np.float32(light)))
+            if bandwidth > 0.0:
+                gain = dt * max(bandwidth * light, least_bandwidth)
+                b = a + (b - a) * gain / (1.0 + gain)
+            levels[k] = b
+            if blind_until[k] > t1:
+                continue
+            slope = (b - a) / dt
+            t = t0
+            reference = references[k] - leak_per_us * dt * on[k]
+            if blind_until[k] > t0:
                 t = blind_until[k]
                 reference = a + slope * (t - t0)
-        references[k] = reference
-    return count, intensity.size
+            for _ in range(MOST_PER_STEP):
+                crossing, up = np.inf, False
+                if b >= reference + on[k]:
+                    up = True
+                    crossing = t if slope <= 0.0 else max(t, t0 + (reference + on[k] - a) / slope)
+                elif b <= reference - off[k]:
+                    crossing = t if slope >= 0.0 else max(t, t0 + (reference - off[k] - a) / slope)
+                if next_noise[k] < min(crossing, t1):
+                    strikes = max(next_noise[k], t)
+                    blind = next_noise[k] < t
+                    next_noise[k] = strikes - np.log(_uniform(random)) / noise_rate[k]
+                    # Shot noise is strongest in the dark; a blind pixel reports none.
+                    if blind or (not hot[k] and _uniform(random) < 0.75 * min(1.0, light)):
+                        continue
+                    t = strikes
+                    up = _uniform(random) < 0.5
+                    reference = a + slope * (t - t0)
+                elif crossing <= t1:
+                    t = crossing
+                    reference += on[k] if up else -off[k]
+                else:
+                    break
+                out_t[count] = int(t)
+                out_pixel[count] = k
+                out_on[count] = 1 if up else 0
+                count += 1
+                if refractory_us > 0.0:
+                    blind_until[k] = t + refractory_us
+                    if blind_until[k] > t1:
+                        break
+                    t = blind_until[k]
+                    reference = a + slope * (t - t0)
+            references[k] = reference
+    return count

@@ -7,13 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from asyneio.errors import SimulationError
-from asyneio.simulation.events.render import View, empty_frame, render, view_of
+from asyneio.simulation.events.planes import poses_forms_and_lines
+from asyneio.simulation.events.render import (
+    FloatImage,
+    TextureArrays,
+    empty_frame,
+    render,
+    render_tile,
+    texture_arrays,
+)
 from asyneio.simulation.events.scenario import EventScenario
-from asyneio.simulation.events.schedule import BLOCK_US, render_times
-from asyneio.simulation.events.sensor import EventBuffer, Pixels, make_pixels, respond
+from asyneio.simulation.events.schedule import BLOCK_US, plan_block
+from asyneio.simulation.events.sensor import MOST_PER_STEP, EventBuffer, Pixels, make_pixels, respond
+from asyneio.simulation.events.view import TILE, View, view_of
 from asyneio.simulation.events.worlds import World, build_world
 from asyneio.simulation.motion import Motion
 from asyneio.simulation.presets import draw_motion
@@ -21,7 +29,8 @@ from asyneio.simulation.rig import C_F_C
 from asyneio.types import EVENT_DTYPE, FloatArray, IntArray, RecordArray
 
 _US_PER_S = 1_000_000
-_BUFFER = 1 << 16
+_RADIANS = 2.0 * np.pi / _US_PER_S
+_BUFFER = 1 << 17
 
 
 @dataclass(frozen=True)
@@ -73,79 +82,111 @@ def event_chunks(stage: Stage, seed: np.random.SeedSequence) -> Iterator[RecordA
 
     The same stage and seed give the same events. Chunks may be empty.
     """
-    scenario = stage.scenario
+    scenario, sensor = stage.scenario, stage.scenario.sensor
     frame = empty_frame(stage.view)
     render(stage.world, stage.view, stage.T_w_c(np.zeros(1, dtype=np.int64))[0], frame)
     light = scenario.illumination * frame.intensity
-    pixels = make_pixels(scenario.sensor, scenario.camera, light, np.random.default_rng(seed))
-    buffer = EventBuffer.of_size(_BUFFER)
+    pixels = make_pixels(sensor, scenario.camera, light, np.random.default_rng(seed))
     origin_ns = scenario.start_ns - scenario.timeshift_ns
+    lag = (_RADIANS * sensor.bandwidth_hz, _RADIANS * sensor.least_bandwidth_hz, sensor.dark_intensity)
+    buffer = EventBuffer.of_size(_BUFFER)
     end_us = round(scenario.duration_s * _US_PER_S)
     now = 0
     for block_end in [*range(BLOCK_US, end_us, BLOCK_US), end_us]:
-        times = render_times(
+        plan = plan_block(
             stage.motion,
             scenario.T_b_c,
             stage.view,
             frame.inverse_depth,
-            now,
-            block_end,
+            (now, block_end),
             scenario.largest_step_px,
             round(scenario.longest_step_s * _US_PER_S),
         )
-        chunk = [np.empty(0, dtype=EVENT_DTYPE)]
-        for t_us, T_w_c in zip(times, stage.T_w_c(times), strict=True):
-            render(stage.world, stage.view, T_w_c, frame)
-            light = scenario.illumination * frame.intensity
-            chunk.append(_step(scenario, pixels, light.ravel(), (now, int(t_us)), buffer, origin_ns))
-            now = int(t_us)
-        yield np.concatenate(chunk)
-
-
-def _step(
-    scenario: EventScenario,
-    pixels: Pixels,
-    light: NDArray[np.float32],
-    span: tuple[int, int],
-    buffer: EventBuffer,
-    origin_ns: int,
-) -> RecordArray:
-    """Events of all pixels while the light (K,) changes to its new values, in time order."""
-    sensor = scenario.sensor
-    radians = 2.0 * np.pi * 1e-6
-    parts: list[tuple[IntArray, NDArray[np.int32], NDArray[np.uint8]]] = []
-    first = 0
-    while first < light.size:
-        count, first = respond(
-            light,
-            (float(span[0]), float(span[1])),
-            (radians * sensor.bandwidth_hz, radians * sensor.least_bandwidth_hz, sensor.dark_intensity),
-            sensor.leak_hz * 1e-6,
-            sensor.refractory_s * 1e6,
-            (
-                pixels.on,
-                pixels.off,
-                pixels.level,
-                pixels.reference,
-                pixels.blind_until,
-                pixels.next_noise,
-                pixels.noise_rate,
-            ),
-            pixels.hot,
-            pixels.random,
-            first,
-            buffer.t_us,
-            buffer.pixel,
-            buffer.on,
+        planes = poses_forms_and_lines(
+            stage.world.corner, stage.world.edge_u, stage.world.edge_v, stage.T_w_c(plan.t_us)
         )
-        parts.append((buffer.t_us[:count].copy(), buffer.pixel[:count].copy(), buffer.on[:count].copy()))
-    t_us, pixel, on = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return _in_time_order(t_us, pixel, on, span, scenario.camera.width, origin_ns)
+        parts: list[EventBuffer] = []
+        tile, step = 0, -1
+        while tile < len(stage.view.tiles):
+            tile, step, count = _advance(
+                (tile, step),
+                np.concatenate([[now], plan.t_us]).astype(np.float64),
+                plan.stride,
+                planes,
+                (stage.view.rays, stage.view.pitch, stage.view.tiles),
+                texture_arrays(stage.world),
+                scenario.illumination,
+                frame.intensity,
+                frame.inverse_depth,
+                lag,
+                sensor.leak_hz * 1e-6,
+                sensor.refractory_s * _US_PER_S,
+                pixels,
+                buffer,
+            )
+            parts.append(buffer.first(count))
+        yield _in_time_order(parts, (now, block_end), scenario.camera.width, origin_ns)
+        now = block_end
+
+
+@njit(cache=True, error_model="numpy")
+def _advance(
+    resume: tuple[int, int],
+    t_us: FloatArray,
+    stride: IntArray,
+    planes: tuple[FloatArray, FloatArray],
+    view: tuple[FloatArray, FloatArray, FloatArray],
+    textures: TextureArrays,
+    illumination: float,
+    intensity: FloatImage,
+    inverse_depth: FloatArray,
+    lag: tuple[float, float, float],
+    leak_per_us: float,
+    refractory_us: float,
+    pixels: Pixels,
+    buffer: EventBuffer,
+) -> tuple[int, int, int]:
+    """Take one tile after another through a block, rendering and responding at its own pace.
+
+    `t_us` (N+1,) begins with the start of the block; -1 in `resume` is that start. `view` is rays, pitch and
+    tiles. Returns the tile and step to resume with when the buffer is full, and the count of events.
+    """
+    forms, lines = planes
+    rays, pitch, tiles = view
+    across = (pitch.shape[1] + TILE - 1) // TILE
+    steps = t_us.size - 1
+    first, begin = resume
+    count = 0
+    for tile in range(first, tiles.shape[0]):
+        before = begin if tile == first else -1
+        top, left = (tile // across) * TILE, (tile % across) * TILE
+        while before < steps - 1:
+            if count + TILE * TILE * MOST_PER_STEP > buffer.t_us.size:
+                return tile, before, count
+            now = min(before + stride[tile], steps - 1)
+            inverse_depth[tile] = render_tile(
+                tile, forms, lines, now, rays, pitch, tiles, textures, intensity
+            )
+            count = respond(
+                intensity,
+                illumination,
+                (top, left),
+                TILE,
+                (t_us[before + 1], t_us[now + 1]),
+                lag,
+                leak_per_us,
+                refractory_us,
+                pixels,
+                buffer,
+                count,
+            )
+            before = now
+    return tiles.shape[0], -1, count
 
 
 @njit(cache=True)
 def _order(t_us: IntArray, begin: int, end: int) -> IntArray:
-    """Stable order of times within `begin` .. `end`, by counting: a step has few microseconds."""
+    """Stable order of times within `begin` .. `end`, by counting: a block has few microseconds."""
     starts = np.zeros(end - begin + 2, dtype=np.int64)
     for t in t_us:
         starts[t - begin + 1] += 1
@@ -159,14 +200,10 @@ def _order(t_us: IntArray, begin: int, end: int) -> IntArray:
 
 
 def _in_time_order(
-    t_us: IntArray,
-    pixel: NDArray[np.int32],
-    on: NDArray[np.uint8],
-    span: tuple[int, int],
-    width: int,
-    origin_ns: int,
+    parts: list[EventBuffer], span_us: tuple[int, int], width: int, origin_ns: int
 ) -> RecordArray:
-    order = _order(t_us, span[0], span[1])
+    t_us, pixel, on = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = _order(t_us, span_us[0], span_us[1])
     events = np.zeros(t_us.size, dtype=EVENT_DTYPE)
     events["t_ns"] = origin_ns + 1000 * t_us[order]
     events["y"], events["x"] = np.divmod(pixel[order], width)
