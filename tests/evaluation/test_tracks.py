@@ -173,7 +173,7 @@ def rotating(rng: np.random.Generator, lag_s: float, wrong: int = 0) -> tuple[Re
 def test_rotation_against_the_gyroscope(rng: np.random.Generator, lag_s: float) -> None:
     rows, gyroscope = rotating(rng, lag_s, wrong=3)
     tracks = group_tracks(rows)
-    rates = rotation_rates(tracks, tracks.uv)
+    rates = rotation_rates(tracks, tracks.uv, weighted=False)
     assert np.median(rates.features) == 37
     found = compare_rates(rates, gyroscope)
     assert found.correlation_at_lag > 0.999
@@ -183,12 +183,31 @@ def test_rotation_against_the_gyroscope(rng: np.random.Generator, lag_s: float) 
         assert found.rms < 0.02
 
 
+def test_weights_hold_tracks_that_slide_along_edges(rng: np.random.Generator) -> None:
+    rows, gyroscope = rotating(rng, 0.0)
+    # Most tracks slide along the direction to the centre, by several pixels, and their covariance says so.
+    slides = rows["id"] < 30
+    outwards = np.column_stack([rows["u"], rows["v"]]) - [10.0, 0.0]
+    outwards /= np.linalg.norm(outwards, axis=1)[:, None]
+    slip = np.where(slides, rng.normal(0.0, 4.0, rows.size), 0.0)
+    rows["u"] += slip * outwards[:, 0]
+    rows["v"] += slip * outwards[:, 1]
+    spread = 0.01 * np.eye(2) + 16.0 * slides[:, None, None] * outwards[:, :, None] * outwards[:, None, :]
+    rows["covariance"] = spread.reshape(-1, 4)[:, [0, 1, 3]]
+    tracks = group_tracks(rows)
+    plain, weighted = (
+        compare_rates(rotation_rates(tracks, tracks.uv, weighted=flag), gyroscope) for flag in (False, True)
+    )
+    assert weighted.rms < 0.4 * plain.rms
+    assert weighted.correlation > 0.995
+
+
 def test_rotation_needs_tracks_and_a_gyroscope(rng: np.random.Generator) -> None:
     rows, gyroscope = rotating(rng, 0.0)
     few = group_tracks(rows[rows["id"] < 4])
     with pytest.raises(EvaluationError, match="spanned by 5 tracks"):
-        rotation_rates(few, few.uv)
+        rotation_rates(few, few.uv, weighted=True)
     tracks = group_tracks(rows)
-    rates = rotation_rates(tracks, tracks.uv)
+    rates = rotation_rates(tracks, tracks.uv, weighted=True)
     with pytest.raises(EvaluationError, match="lie within"):
         compare_rates(rates, gyroscope[:100])

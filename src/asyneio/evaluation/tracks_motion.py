@@ -93,16 +93,21 @@ def line_deviation(
     return LineDeviation(float(np.sqrt(squares / freedom)), used, count)
 
 
-def rotation_rates(tracks: Tracks, position: FloatArray, interval_s: float = 0.05) -> RotationRates:
+def rotation_rates(
+    tracks: Tracks, position: FloatArray, weighted: bool, interval_s: float = 0.05
+) -> RotationRates:
     """Rotation about the optical axis from the tracks alone.
 
     In each interval the positions of all tracks that span it, interpolated at its two ends, are brought to
-    each other by a rotation and a shift in the image (least squares, outliers dropped once). The shift takes
+    each other by a rotation and a shift in the image (least squares, outliers dropped twice). The shift takes
     up rotations about the other two axes to first order.
 
     Args:
         tracks: T tracks with N observations.
-        position: undistorted positions (N,2), pixels square.
+        position: undistorted positions (N,2) [px], pixels square.
+        weighted: by the covariance that each observation brings. A track on a straight edge knows its place
+            across it only; False takes it at its word in both directions, as it does those without a
+            covariance.
         interval_s: length of the intervals [s].
 
     Raises:
@@ -111,12 +116,14 @@ def rotation_rates(tracks: Tracks, position: FloatArray, interval_s: float = 0.0
     t_ns = tracks.observations["t_ns"]
     interval_ns = round(interval_s * NS_PER_S)
     edges = np.arange(t_ns.min(), t_ns.max() + 1, interval_ns) if t_ns.size else np.empty(0, dtype=np.int64)
-    at_edges = _interpolate(tracks, position, edges)
+    at_edges = _interpolate(tracks, np.hstack([position, tracks.observations["covariance"]]), edges)
     found = []
     for k in range(edges.size - 1):
-        both = np.isfinite(at_edges[:, k]).all(axis=1) & np.isfinite(at_edges[:, k + 1]).all(axis=1)
+        both = np.isfinite(at_edges[:, k : k + 2]).all(axis=(1, 2))
         if np.count_nonzero(both) >= _MIN_FEATURES:
-            turn, used = _turn(at_edges[both, k], at_edges[both, k + 1])
+            before, after = at_edges[both, k], at_edges[both, k + 1]
+            whitener = _whitener(before[:, 2:], after[:, 2:], weighted)
+            turn, used = _turn(before[:, :2], after[:, :2], whitener)
             # The image turns against the camera.
             found.append((edges[k] + interval_ns // 2, -turn / interval_s, used))
     if not found:
@@ -157,35 +164,44 @@ def compare_rates(rates: RotationRates, gyroscope: RecordArray) -> RateCompariso
     )
 
 
-def _interpolate(tracks: Tracks, position: FloatArray, t_ns: IntArray) -> FloatArray:
-    """Positions (T,M,2) of tracks at times (M,), NaN outside their lives."""
-    found = np.full((tracks.first.size, t_ns.size, 2), np.nan)
+def _interpolate(tracks: Tracks, values: FloatArray, t_ns: IntArray) -> FloatArray:
+    """Values (N,D) of observations at times (M,) for each track (T,M,D), NaN outside their lives."""
+    found = np.full((tracks.first.size, t_ns.size, values.shape[1]), np.nan)
     stamps = tracks.observations["t_ns"]
     for k, (start, end) in enumerate(pairwise(tracks.start)):
-        span = slice(
-            int(np.searchsorted(t_ns, stamps[start])),
-            int(np.searchsorted(t_ns, stamps[end - 1], side="right")),
-        )
+        low, high = np.searchsorted(t_ns, stamps[start]), np.searchsorted(t_ns, stamps[end - 1], side="right")
         # Relative to the birth: nanoseconds of an epoch do not fit a double.
         since = stamps[start:end] - stamps[start]
-        for axis in range(2):
-            found[k, span, axis] = np.interp(t_ns[span] - stamps[start], since, position[start:end, axis])
+        for d in range(values.shape[1]):
+            found[k, low:high, d] = np.interp(t_ns[low:high] - stamps[start], since, values[start:end, d])
     return found
 
 
-def _turn(before: FloatArray, after: FloatArray) -> tuple[float, int]:
+def _whitener(before: FloatArray, after: FloatArray, weighted: bool) -> FloatArray:
+    """Matrices (N,2,2) that make displacements between observations of covariances (N,3) white."""
+    uu, uv, vv = (before + after).T
+    covariance = np.stack([uu, uv, uv, vv], axis=1).reshape(-1, 2, 2)
+    known = weighted & (uu * vv - uv * uv > 0.0)
+    covariance[~known] = np.eye(2)
+    return np.linalg.inv(np.linalg.cholesky(covariance))
+
+
+def _turn(before: FloatArray, after: FloatArray, whitener: FloatArray) -> tuple[float, int]:
     """Angle [rad] that with a shift brings points (N,2) to points (N,2), and of how many it was found."""
-    kept = np.ones(len(before), dtype=bool)
-    for _ in range(2):
-        a, b = (points - points[kept].mean(axis=0) for points in (before, after))
-        dot = float((a[kept] * b[kept]).sum())
-        cross = float((a[kept, 0] * b[kept, 1] - a[kept, 1] * b[kept, 0]).sum())
-        angle = float(np.arctan2(cross, dot))
-        turned = a @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        miss = np.linalg.norm(b - turned, axis=1)
+    middle = 0.5 * (before + after)
+    # Exact for any angle: a turn moves points across their middle by twice the tangent of half the angle.
+    design = np.zeros((len(middle), 2, 3))
+    design[:, 0, 0], design[:, 1, 0] = -middle[:, 1], middle[:, 0]
+    design[:, 0, 1] = design[:, 1, 2] = 1.0
+    A = whitener @ design
+    b = np.einsum("nij,nj->ni", whitener, after - before)
+    kept = np.ones(len(middle), dtype=bool)
+    for _ in range(3):
         used = int(np.count_nonzero(kept))
+        solution = np.linalg.lstsq(A[kept].reshape(-1, 3), b[kept].ravel(), rcond=None)[0]
+        miss = np.linalg.norm(b - A @ solution, axis=1)
         kept = miss <= _OUTLIER_MEDIANS * np.median(miss)
-    return angle, used
+    return 2.0 * float(np.arctan(0.5 * solution[0])), used
 
 
 def _mean_rate(gyroscope: RecordArray, start_ns: IntArray, end_ns: IntArray) -> FloatArray:
