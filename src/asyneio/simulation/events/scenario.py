@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from asyneio.errors import SimulationError
 from asyneio.simulation.events.sensor import SensorSpec
@@ -18,13 +19,16 @@ class EventScenario(RigScenario):
     """One simulated run of an event camera with an IMU.
 
     `world` names a `WorldKind`; `photographs`: textures are photographs instead of the built-in ones.
-    `motion_scale` multiplies the positions of the motion (a small world needs small ones). `illumination`:
+    `motion_scale` multiplies the positions of the motion (a small world needs small ones). A `motion_file`
+    (see `load_motion`), from `motion_offset_s` on, replaces `motion`; it is never scaled. `illumination`:
     intensity of light, 1 in an office; `sunlit`: how many times brighter patches of sun are. The image moves
     at most `largest_step_px` between two renderings, which are at most `longest_step_s` apart.
     """
 
     name: str = "event_slow"
     motion: str = "gentle"
+    motion_file: Path | None = None
+    motion_offset_s: float = 0.0
     world: str = "room"
     photographs: bool = False
     motion_scale: float = 1.0
@@ -48,6 +52,11 @@ class EventScenario(RigScenario):
         wrong = [f"{name} = {value}" for name, value in positive.items() if not value > 0.0]
         if wrong:
             raise SimulationError(f"{', '.join(wrong)}; expected a positive value")
+        if self.motion_file is not None and self.motion_scale != 1.0:
+            raise SimulationError(
+                f"motion_scale = {self.motion_scale} with motion_file = {self.motion_file}; a recorded "
+                "motion keeps its size: use motion_scale = 1 and a larger world, such as 'hall'"
+            )
 
 
 _SLOW = EventScenario()

@@ -24,6 +24,7 @@ from asyneio.simulation.events.sensor import MOST_PER_STEP, EventBuffer, Pixels,
 from asyneio.simulation.events.view import TILE, View, view_of
 from asyneio.simulation.events.worlds import World, build_world
 from asyneio.simulation.motion import Motion
+from asyneio.simulation.motion_file import load_motion
 from asyneio.simulation.presets import draw_motion
 from asyneio.simulation.rig import C_F_C
 from asyneio.types import EVENT_DTYPE, FloatArray, IntArray, RecordArray
@@ -53,8 +54,13 @@ def set_stage(scenario: EventScenario, seeds: list[np.random.SeedSequence]) -> S
     Raises:
         SimulationError: something is unknown, or the camera would leave the free space of the world.
     """
-    C_f_b = C_F_C @ scenario.T_b_c[:3, :3].T
-    motion = draw_motion(scenario.motion, np.random.default_rng(seeds[0]), C_f_b, scenario.motion_scale)
+    C_c_b = scenario.T_b_c[:3, :3].T
+    motion: Motion
+    if scenario.motion_file is None:
+        rng = np.random.default_rng(seeds[0])
+        motion = draw_motion(scenario.motion, rng, C_F_C @ C_c_b, scenario.motion_scale)
+    else:
+        motion = load_motion(scenario.motion_file, scenario.motion_offset_s, scenario.duration_s, C_c_b)
     world = build_world(
         scenario.world, scenario.photographs, scenario.sunlit, np.random.default_rng(seeds[1])
     )

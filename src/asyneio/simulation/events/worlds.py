@@ -181,9 +181,9 @@ def _room(rng: np.random.Generator) -> _Plan:
 
 
 def _hall(rng: np.random.Generator) -> _Plan:
-    low, high = np.array([-14.0, -14.0, -4.0]), np.array([14.0, 14.0, 5.0])
-    faces = _furnished(low, high, 14, (1.5, 3.5), rng)
-    return _Plan(faces, 0.016, (-9.0, -9.0, -3.5), (9.0, 9.0, 4.5))
+    low, high = np.array([-18.0, -16.0, -3.5]), np.array([18.0, 16.0, 5.0])
+    faces = _furnished(low, high, 16, (1.5, 3.5), rng)
+    return _Plan(faces, 0.02, (-11.0, -10.0, -3.0), (11.0, 10.0, 4.0))
 
 
 def _boxes(rng: np.random.Generator) -> _Plan:
