@@ -112,10 +112,14 @@ def test_json_and_no_gyroscope(asyneio: Asyneio, simulated: Path, tmp_path: Path
     assert printed["life_s"]["quartile"] <= printed["life_s"]["median"] <= printed["life_s"]["longest"]
 
 
+@pytest.mark.xfail(reason="the front end does not yet choose its tracker by the configuration")
 def test_the_other_tracker(asyneio: Asyneio, simulated: Path, tmp_path: Path) -> None:
-    status, out, err = asyneio("track", simulated, "-o", tmp_path / "out", "--tracker", "haste")
-    assert status == 0, err
-    assert "haste" in out
+    for name in ("gradient", "haste"):
+        status, out, err = asyneio("track", simulated, "-o", tmp_path / name, "--tracker", name)
+        assert status == 0, err
+        assert name in out
+    ours, other = ((tmp_path / name / "tracks.csv").read_bytes() for name in ("gradient", "haste"))
+    assert ours != other
 
 
 def test_nothing_to_follow_is_an_error_and_leaves_no_tracks(
