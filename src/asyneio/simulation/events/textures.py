@@ -15,6 +15,8 @@ from numba import njit
 from asyneio.errors import SimulationError
 from asyneio.types import FloatArray, IntArray
 
+#: Sides of the patch of mottle that is repeated, in texels; a power of two, as all sides are.
+_PATCH = 512
 _DARKEST, _BRIGHTEST = 0.07, 0.9
 #: Radius of the smallest shapes, in rows of the texture.
 _SMALLEST_SHAPE = 5.0
@@ -27,12 +29,13 @@ _CORNERS = (0.0, 3.0, 4.0, 4.0, 4.0, 5.0)
 def procedural_texture(height: int, width: int, aspect: float, rng: np.random.Generator) -> FloatArray:
     """Reflectance (height, width) in 0..1 of overlapping ellipses and polygons over mottled ground.
 
-    `aspect`: height of a texel divided by its width, on the wall.
+    Sides are powers of two. `aspect`: height of a texel divided by its width, on the wall.
     """
-    ground = np.exp(rng.uniform(np.log(0.2), np.log(0.6)) + 0.15 * _mottle(height, width, rng))
-    picture = np.ascontiguousarray(ground)
+    mottle = _mottle(height, width, rng)
+    picture = np.exp(rng.uniform(np.log(0.2), np.log(0.6)) + 0.12 * mottle)
     _paint(picture, _draw_shapes(height, width, aspect, rng), aspect)
-    return np.clip(picture * np.exp(0.04 * _mottle(height, width, rng)), 0.02, 1.0)
+    # The shapes are mottled too, if less.
+    return np.clip(picture * (1.0 + 0.04 * mottle), 0.02, 1.0)
 
 
 def load_photographs() -> list[FloatArray]:
@@ -84,12 +87,16 @@ def _reflectance(picture: FloatArray) -> FloatArray:
 
 
 def _mottle(height: int, width: int, rng: np.random.Generator) -> FloatArray:
-    """Noise (height, width) with equal power in every octave, mean 0, standard deviation 1."""
-    fy, fx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)
-    spectrum = np.fft.rfft2(rng.normal(size=(height, width))) / np.maximum(np.hypot(fy, fx), 1.0 / height)
+    """Noise (height, width) with equal power in every octave, mean 0, standard deviation 1.
+
+    It is periodic, so that large textures can repeat a patch without a seam.
+    """
+    rows, columns = min(height, _PATCH), min(width, _PATCH)
+    fy, fx = np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)
+    spectrum = np.fft.rfft2(rng.normal(size=(rows, columns))) / np.maximum(np.hypot(fy, fx), 1.0 / rows)
     spectrum[0, 0] = 0.0
-    noise = np.fft.irfft2(spectrum, s=(height, width))
-    return np.asarray(noise / noise.std())
+    noise = np.fft.irfft2(spectrum, s=(rows, columns))
+    return np.tile(noise / noise.std(), (height // rows, width // columns))
 
 
 def _draw_shapes(height: int, width: int, aspect: float, rng: np.random.Generator) -> FloatArray:
@@ -129,6 +136,8 @@ def _paint(picture: FloatArray, shapes: FloatArray, aspect: float) -> None:
     for row in range(shapes.shape[0]):
         cx, cy, a, b, angle, corners, value = shapes[row]
         c, s = np.cos(angle), np.sin(angle)
+        turns = 2.0 * np.pi * np.arange(corners) / max(corners, 1.0)
+        across, along = np.cos(turns), np.sin(turns)
         reach = 1.5 * a + 1.0
         left, right = int((cx - reach) * aspect), int((cx + reach) * aspect)
         for i in range(max(0, int(cy - reach)), min(height, int(cy + reach) + 1)):
@@ -139,8 +148,7 @@ def _paint(picture: FloatArray, shapes: FloatArray, aspect: float) -> None:
                     outside = np.sqrt(p * p + q * q) - 1.0
                 else:
                     outside = -1.0
-                    for side in range(int(corners)):
-                        turn = 2.0 * np.pi * side / corners
-                        outside = max(outside, p * np.cos(turn) + q * np.sin(turn) - 0.75)
+                    for side in range(turns.size):
+                        outside = max(outside, p * across[side] + q * along[side] - 0.75)
                 cover = min(1.0, max(0.0, 0.5 - outside * b))
                 picture[i, j] += cover * (value - picture[i, j])
