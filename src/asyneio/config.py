@@ -38,7 +38,7 @@ class FrontendConfig(_Section):
 class WindowConfig(_Section):
     """Sliding window."""
 
-    knot_interval_s: float = Field(0.05, gt=0.0, le=1.0, description="time between knots")
+    knot_interval_s: float = Field(0.1, gt=0.0, le=1.0, description="time between knots")
     length_s: float = Field(1.5, gt=0.0, le=20.0, description="time spanned by the knots in the window")
     frozen_linearization: bool = Field(
         False, description="first-estimates Jacobians for every pose that the marginal prior touches"

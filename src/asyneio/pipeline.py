@@ -164,7 +164,9 @@ def run_recording(
         tracked = _track(recording, config, ends_ns)
         compiled_s, started = compilation.seconds, time.perf_counter()
         try:
-            for index, packet in enumerate(packets(recording, start_ns, interval_ns, total, tracked), start=1):
+            for index, packet in enumerate(
+                packets(recording, start_ns, interval_ns, total, tracked), start=1
+            ):
                 _step(estimator, packet, run, compilation)
                 progress.advance(
                     index * interval_ns / NS_PER_S, total * interval_ns / NS_PER_S, run.reports[-1].health

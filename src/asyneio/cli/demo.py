@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-_SCENARIO = "moderate"
+_SCENARIO = "event_room"
 _EVIDENCE = (
-    "A simulation: hand-held motion in a room, feature tracks of a 240 x 180 event camera with pixel noise, "
-    "an inexpensive IMU. Each estimate uses only what was measured before it."
+    "A simulation: hand-held motion in a textured room, events of a 240 x 180 camera with unequal thresholds, noise "
+    "and hot pixels, an inexpensive IMU. Each estimate uses only what was measured before it; observations of features "
+    "become known up to frontend.max_delay_s after their stamp."
 )
 
 
@@ -19,24 +20,28 @@ def demo(
         "results/demo"
     ),
     seed: Annotated[int, typer.Option(help="Seed of the simulation.", min=0)] = 0,
-    duration: Annotated[float, typer.Option(help="Seconds to simulate.")] = 20.0,
+    duration: Annotated[float, typer.Option(help="Seconds to simulate.")] = 15.0,
 ) -> None:
     """Simulate a recording, run it, compare with the truth and write a report page."""
     from asyneio.cli import console
     from asyneio.cli.execute import REPORT_FILE, Job, execute
-    from asyneio.cli.simulate import named_scenario
+    from asyneio.cli.progress import share_progress
+    from asyneio.cli.simulate import HDF5_FILE, named_event_scenario
     from asyneio.config import Config
-    from asyneio.io import read_tracks_folder, write_tracks_folder
+    from asyneio.io import open_recording, write_events_hdf5
     from asyneio.io.atomic import make_folder
-    from asyneio.simulation import simulate
+    from asyneio.simulation import simulate_events
 
     folder = output / "recording"
     make_folder(folder)
-    console.say(f"Simulating {duration:g} s ({_SCENARIO}, seed {seed}) ...")
-    simulation = simulate(named_scenario(_SCENARIO, seed, duration))
-    write_tracks_folder(simulation.recording, folder)
+    console.say(
+        f"Simulating {duration:g} s of events ({_SCENARIO}, seed {seed}), about as long as that takes ..."
+    )
+    simulation = simulate_events(named_event_scenario(_SCENARIO, seed, duration))
+    write_events_hdf5(simulation.recording, folder / HDF5_FILE)
     # Read back, so that the demonstration takes the same way as a recording of one's own.
-    recording = read_tracks_folder(folder)
+    with share_progress("reading") as progress:
+        recording = open_recording(folder, progress=progress)
     execute(Job(recording, Config(), output, _EVIDENCE, simulation.truth.at))
     if (output / REPORT_FILE).exists():
         console.say(f"Open {(output / REPORT_FILE).resolve().as_uri()}")

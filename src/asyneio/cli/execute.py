@@ -15,7 +15,7 @@ from asyneio.evaluation import Evaluation, evaluate, protocol_named
 from asyneio.io import to_trajectory
 from asyneio.io.atomic import atomic_file, make_folder, write_text
 from asyneio.pipeline import RunResult, run_recording, write_outputs
-from asyneio.types import Recording
+from asyneio.types import EventRecording, Recording
 from asyneio.viz import available, render_overview, render_report
 
 REPORT_FILE = "report.html"
@@ -30,7 +30,7 @@ class Job:
     at chosen times, where a simulation knows them.
     """
 
-    recording: Recording
+    recording: Recording | EventRecording
     config: Config
     folder: Path
     evidence: str
@@ -59,7 +59,7 @@ def execute(job: Job) -> RunResult:
     return result
 
 
-def _score(result: RunResult, recording: Recording) -> Evaluation | None:
+def _score(result: RunResult, recording: Recording | EventRecording) -> Evaluation | None:
     """The estimate against the recording's ground truth, where there are both."""
     if recording.ground_truth is None or not result.run.estimates:
         return None

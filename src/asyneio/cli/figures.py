@@ -19,6 +19,9 @@ def run_figures(summary: Summary, score: Evaluation | None) -> Rows:
     ]
     if summary.compile_s > 0.0:
         rows.append(("compilation (first run only)", f"{summary.compile_s:.1f} s"))
+    if summary.events:
+        rate = summary.events / max(summary.frontend_s, 1e-9) / 1e6
+        rows.append(("events", f"{summary.events / 1e6:.2f} million, tracked at {rate:.2f} Mev/s"))
     rows += [
         ("first estimate after", _seconds(summary.first_estimate_s)),
         ("knots", f"{summary.knots}"),

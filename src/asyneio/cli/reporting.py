@@ -12,7 +12,15 @@ from asyneio.evaluation import AlignmentKind, Association, Evaluation, Similarit
 from asyneio.io import to_trajectory
 from asyneio.io.estimates_file import stack_estimates
 from asyneio.pipeline import RunResult, usable_span
-from asyneio.types import NS_PER_S, STATE_BLOCKS, FloatArray, IntArray, RecordArray, Recording
+from asyneio.types import (
+    NS_PER_S,
+    STATE_BLOCKS,
+    EventRecording,
+    FloatArray,
+    IntArray,
+    RecordArray,
+    Recording,
+)
 from asyneio.viz import Comparison, Features, ReportData, Series, Timing
 
 
@@ -37,7 +45,7 @@ KnownStates = Callable[[IntArray], KnownState]
 
 def report_data(
     result: RunResult,
-    recording: Recording,
+    recording: Recording | EventRecording,
     interval_s: float,
     score: Evaluation | None,
     known: KnownStates | None = None,
@@ -69,7 +77,7 @@ def report_data(
         bias_accelerometer=_bias(
             states, "bias_accelerometer", t_s, truth.bias_accelerometer if truth else None
         ),
-        features=count_features(recording.observations, t_ns, start_ns),
+        features=count_features(result.observations, t_ns, start_ns),
         timing=Timing(
             np.array([(report.t_ns - start_ns) / NS_PER_S for report in result.run.reports]),
             np.array([report.seconds for report in result.run.reports]),
@@ -97,7 +105,7 @@ def count_features(observations: RecordArray, t_ns: IntArray, start_ns: int) -> 
 
 
 def _compare(
-    result: RunResult, recording: Recording, score: Evaluation | None, start_ns: int
+    result: RunResult, recording: Recording | EventRecording, score: Evaluation | None, start_ns: int
 ) -> tuple[Comparison | None, FloatArray]:
     """The comparison, and the rotation (3,3) from the estimator's world to the truth's.
 

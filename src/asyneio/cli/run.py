@@ -7,27 +7,37 @@ from typing import Annotated
 
 import typer
 
-_EVIDENCE = "A recording, processed causally: each estimate uses only what was measured before it."
+from asyneio.cli.options import TrackerName, with_tracker
+
+_EVIDENCE = (
+    "A recording, processed causally: each estimate uses only what was measured before it; observations of "
+    "features become known up to frontend.max_delay_s after their stamp."
+)
 
 
 def run(
-    recording: Annotated[Path, typer.Argument(help="Tracks folder: tracks.csv, imu.csv and calibration.")],
+    recording: Annotated[
+        Path, typer.Argument(help="Events with an IMU (UZH folder, HDF5, AEDAT), or a tracks folder.")
+    ],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder for the results.", show_default="results/NAME"),
     ] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Kalibr camera file.", show_default="RECORDING/camchain-imucam.yaml"),
+        typer.Option(help="Kalibr camera file.", show_default="beside the data"),
     ] = None,
-    imu: Annotated[
-        Path | None, typer.Option(help="Kalibr IMU file.", show_default="RECORDING/imu.yaml")
-    ] = None,
+    imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
     config: Annotated[
         Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
     ] = None,
+    tracker: Annotated[
+        TrackerName | None,
+        typer.Option(help="How features are followed in events.", show_default="the configuration's"),
+    ] = None,
     max_track_seconds: Annotated[
-        float | None, typer.Option(help="Cut tracks into pieces shorter than this, with new ids.")
+        float | None,
+        typer.Option(help="Of a tracks folder: cut tracks into pieces shorter than this, with new ids."),
     ] = None,
 ) -> None:
     """Estimate the trajectory of a recording.
@@ -37,11 +47,13 @@ def run(
     """
     from asyneio.cli import console
     from asyneio.cli.execute import Job, execute
+    from asyneio.cli.progress import share_progress
     from asyneio.config import load_config
-    from asyneio.io import read_tracks_folder
+    from asyneio.io import open_recording
 
-    settings = load_config(config)
-    loaded = read_tracks_folder(recording, calibration, imu, max_track_seconds)
+    settings = with_tracker(load_config(config), tracker)
+    with share_progress("reading") as progress:
+        loaded = open_recording(recording, calibration, imu, progress, max_track_seconds)
     for note in loaded.notes:
         console.say(f"note: {note}")
     execute(Job(loaded, settings, output or Path("results") / loaded.name, _EVIDENCE))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from asyneio.cli.options import TrackerName, with_tracker
 
 if TYPE_CHECKING:
     from asyneio.cli.track_run import TrackRun
@@ -14,13 +15,6 @@ if TYPE_CHECKING:
 
 TRACKS_FILE, SUMMARY_FILE = "tracks.csv", "tracks_summary.json"
 PICTURE_FILE, ANIMATION_FILE = "tracks.png", "tracks.gif"
-
-
-class TrackerName(StrEnum):
-    """How features are followed."""
-
-    GRADIENT = "gradient"
-    HASTE = "haste"
 
 
 def track(
@@ -63,9 +57,7 @@ def track(
     from asyneio.errors import RecordingError
     from asyneio.io.atomic import make_folder, write_text
 
-    settings = load_config(config).frontend
-    if tracker is not None:
-        settings = settings.model_copy(update={"tracker": tracker.value})
+    settings = with_tracker(load_config(config), tracker).frontend
     loaded = _open(recording, calibration, imu)
     folder = output or Path("results") / f"{loaded.name}-tracks"
     make_folder(folder)

@@ -31,7 +31,10 @@ class Intake:
         xy, d_xy_d_uv, valid = self._camera.undistort(np.column_stack([raw["u"], raw["v"]]))
         self.invalid += int(np.count_nonzero(~valid))
         new = TrackObservations(
-            raw["t_ns"][valid], raw["id"][valid], xy[valid], self._root_information(d_xy_d_uv[valid], raw["covariance"][valid])
+            raw["t_ns"][valid],
+            raw["id"][valid],
+            xy[valid],
+            self._root_information(d_xy_d_uv[valid], raw["covariance"][valid]),
         )
         old = self.observations
         self.observations = TrackObservations(

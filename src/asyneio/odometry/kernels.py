@@ -1,18 +1,19 @@
 """Compile the numerical kernels ahead of use, on two cores: a cold start is mostly compilation.
 
 Numba keeps compiled kernels on disk, so this matters for the first run after installation alone. Each group
-below takes about half of the time; one is compiled by a child process, the other here, and everything else
-finds its parts in the cache.
+below is compiled by a process of its own, one of them here, and everything else finds its parts in the cache.
 """
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
+from asyneio.config import FrontendConfig
 from asyneio.estimation import interval_terms, visual_terms
 from asyneio.estimation.landmarks import born_landmark, camera_poses
 from asyneio.estimation.linear_system import LinearSystem, eliminate_landmarks, linearize
@@ -26,27 +27,42 @@ from asyneio.estimation.problem import (
     Visual,
     bearing_tangent,
 )
+from asyneio.frontend import Frontend, gradient_kernel
 from asyneio.geometry.camera import CameraModel
 from asyneio.odometry.propagation import predict_knot
-from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics
+from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, CameraIntrinsics
 
-_CHILD = "from asyneio.odometry.kernels import compile_visual; compile_visual()"
+_CHILDREN = tuple(
+    f"from asyneio.odometry.kernels import {name}; {name}()"
+    for name in ("compile_visual", "compile_frontend")
+)
 
 
 def are_compiled() -> bool:
     """Whether the kernel cache on disk holds the largest kernels."""
-    kernels = (visual_terms.visual_terms, interval_terms.accelerometer_terms)
+    kernels = (
+        visual_terms.visual_terms,
+        interval_terms.accelerometer_terms,
+        gradient_kernel.process_events,
+    )
     return all(
         any(Path(kernel.stats.cache_path).glob(f"*{kernel.py_func.__name__}*.nbi")) for kernel in kernels
     )
 
 
 def compile_kernels() -> None:
-    """Compile the kernels of the linearisation, half of them in a child process."""
-    with subprocess.Popen([sys.executable, "-c", _CHILD]) as child:
+    """Compile the kernels of the linearisation and of the front end, most of them in child processes."""
+    with ExitStack() as stack:
+        children = [stack.enter_context(subprocess.Popen([sys.executable, "-c", code])) for code in _CHILDREN]
         compile_intervals()
-        child.wait()
+        for child in children:
+            child.wait()
     linearize(_tiny_problem())
+
+
+def compile_frontend() -> None:
+    """The event loop and all it calls."""
+    Frontend(FrontendConfig(), 32, 32).process(np.zeros(1, dtype=EVENT_DTYPE))
 
 
 def compile_visual() -> None:

@@ -66,10 +66,11 @@ EVENT_SCENARIOS: dict[str, EventScenario] = {
     scenario.name: scenario
     for scenario in (
         _SLOW,
+        replace(_SLOW, name="event_room", motion="moderate"),
         replace(_SLOW, name="event_fast", motion="aggressive"),
         replace(_SLOW, name="event_rotation", motion="rotation"),
         replace(_SLOW, name="event_low_light", motion="moderate", sensor=_DIM, illumination=0.03),
-        replace(_SLOW, name="event_near", world="near", motion="moderate", motion_scale=0.4),
+        replace(_SLOW, name="event_near", world="near", motion="moderate", motion_scale=0.3),
         replace(_SLOW, name="event_far", world="far", motion="moderate", motion_scale=2.0),
         replace(_SLOW, name="event_hdr", motion="moderate", illumination=0.1, sunlit=200.0),
         replace(_SLOW, name="event_poster", world="poster", motion="moderate", motion_scale=0.8),
