@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.conftest import SEED
 
-from asyneio.frontend.haste import ALIVE, SILENT, TRACKS, HasteSettings, HasteTracker
+from asyneio.config import FrontendConfig
+from asyneio.frontend.haste import ALIVE, SILENT, TRACKS, HasteTracker
 from asyneio.frontend.haste_kernel import (
     FREE,
     GROWING,
@@ -158,9 +159,11 @@ def texture() -> RecordArray:
     return np.concatenate(packets)
 
 
-def run(events: RecordArray, packet: int = 100_000, **changes: int) -> tuple[HasteTracker, RecordArray]:
-    capacity = changes.pop("max_features", 30)
-    tracker = HasteTracker(WIDTH, HEIGHT, HasteSettings()._replace(**changes), capacity)
+def run(
+    events: RecordArray, packet: int = 100_000, max_features: int = 30
+) -> tuple[HasteTracker, RecordArray]:
+    config = FrontendConfig(tracker="haste", max_features=max_features, min_interval_s=0.005)
+    tracker = HasteTracker(config, WIDTH, HEIGHT)
     pieces = [tracker.process(events[i : i + packet]) for i in range(0, events.size, packet)]
     return tracker, np.concatenate(pieces)
 
@@ -180,12 +183,13 @@ def test_features_move_with_the_texture(texture: RecordArray) -> None:
 
 
 def test_capacity_and_border_are_respected(texture: RecordArray) -> None:
-    tracker, observations = run(texture, packet=500, max_features=7, border_px=9)
-    assert tracker.counters[ALIVE] == np.count_nonzero(tracker.features["state"]) == 7
-    assert observations["u"].min() >= 9
-    assert observations["v"].min() >= 9
-    assert observations["u"].max() <= WIDTH - 10
-    assert observations["v"].max() <= HEIGHT - 10
+    tracker, observations = run(texture, packet=500, max_features=8)
+    border = tracker.settings.border_px
+    assert tracker.counters[ALIVE] == np.count_nonzero(tracker.features["state"]) == 8
+    assert observations["u"].min() >= border
+    assert observations["v"].min() >= border
+    assert observations["u"].max() <= WIDTH - 1 - border
+    assert observations["v"].max() <= HEIGHT - 1 - border
 
 
 def test_silent_features_are_removed(texture: RecordArray) -> None:

@@ -1,7 +1,7 @@
 """FA-Harris corners on the surface of active events (Li et al., IROS 2019).
 
-An arc test on two circles keeps the few events that can be corners; the Harris score of the latest events in a
-9x9 patch decides.
+An arc test on two circles keeps the few events that can be corners; the Harris score of the latest events in
+a 9x9 patch decides.
 """
 
 from __future__ import annotations
@@ -12,15 +12,19 @@ import numpy as np
 from asyneio.types import FloatArray, IntArray
 
 #: Circles of radius 3 and 4 in order around the centre (dx, dy), as in eFAST.
-INNER = np.array(
-    [(0, 3), (1, 3), (2, 2), (3, 1), (3, 0), (3, -1), (2, -2), (1, -3)]
-    + [(0, -3), (-1, -3), (-2, -2), (-3, -1), (-3, 0), (-3, 1), (-2, 2), (-1, 3)],
-    dtype=np.int64,
+INNER = np.stack(
+    [
+        [0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1],
+        [3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1, 0, 1, 2, 3],
+    ],
+    axis=1,
 )
-OUTER = np.array(
-    [(0, 4), (1, 4), (2, 3), (3, 2), (4, 1), (4, 0), (4, -1), (3, -2), (2, -3), (1, -4)]
-    + [(0, -4), (-1, -4), (-2, -3), (-3, -2), (-4, -1), (-4, 0), (-4, 1), (-3, 2), (-2, 3), (-1, 4)],
-    dtype=np.int64,
+OUTER = np.stack(
+    [
+        [0, 1, 2, 3, 4, 4, 4, 3, 2, 1, 0, -1, -2, -3, -4, -4, -4, -3, -2, -1],
+        [4, 4, 3, 2, 1, 0, -1, -2, -3, -4, -4, -4, -3, -2, -1, 0, 1, 2, 3, 4],
+    ],
+    axis=1,
 )
 
 #: Half the side of the patch of the Harris score, and how many of its latest pixels are set.
@@ -48,35 +52,43 @@ _GAUSSIAN = gaussian_5x5()
 
 
 @nb.njit(cache=True)
-def is_corner(latest_ns: IntArray, x: int, y: int, scratch: IntArray) -> bool:
-    """FA-Harris test at the newest event (x, y) of one polarity's surface `latest_ns` (H,W).
+def is_corner(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) -> bool:
+    """FA-Harris test at the newest event (x, y) of polarity p on the surface `latest_ns` (H,W,2).
 
     `scratch` (SCRATCH,) int64 saves an allocation a call.
     """
-    height, width = latest_ns.shape
+    height, width = latest_ns.shape[:2]
     if x < MARGIN or y < MARGIN or x >= width - MARGIN or y >= height - MARGIN:
         return False
-    if not _has_arc(latest_ns, x, y, INNER, 3, 6, scratch):
+    if not _has_arc(latest_ns, p, x, y, INNER, 3, 6, scratch):
         return False
-    if not _has_arc(latest_ns, x, y, OUTER, 4, 8, scratch):
+    if not _has_arc(latest_ns, p, x, y, OUTER, 4, 8, scratch):
         return False
-    return harris_score(latest_ns, x, y, scratch) > HARRIS_THRESHOLD
+    return harris_score(latest_ns, p, x, y, scratch) > HARRIS_THRESHOLD
 
 
 @nb.njit(cache=True)
 def _has_arc(
-    latest_ns: IntArray, x: int, y: int, circle: IntArray, shortest: int, longest: int, scratch: IntArray
+    latest_ns: IntArray,
+    p: int,
+    x: int,
+    y: int,
+    circle: IntArray,
+    shortest: int,
+    longest: int,
+    scratch: IntArray,
 ) -> bool:
     """Whether the newest pixels of a circle form one arc of `shortest`..`longest`, or its complement does.
 
-    An arc grows from the newest pixel towards the newer of its two neighbours until it has swallowed the circle; the
-    arc of a length holds the newest pixels when none swallowed later is newer than one swallowed before.
+    An arc grows from the newest pixel towards the newer of its two neighbours until it has swallowed the
+    circle; the arc of a length holds the newest pixels when none swallowed later is newer than one swallowed
+    before.
     """
     n = circle.shape[0]
     newest = 0
-    newest_ns = latest_ns[y + circle[0, 1], x + circle[0, 0]]
+    newest_ns = latest_ns[y + circle[0, 1], x + circle[0, 0], p]
     for i in range(n):
-        t_ns = latest_ns[y + circle[i, 1], x + circle[i, 0]]
+        t_ns = latest_ns[y + circle[i, 1], x + circle[i, 0], p]
         scratch[i] = t_ns
         if t_ns > newest_ns:
             newest = i
@@ -107,17 +119,17 @@ def _has_arc(
 
 
 @nb.njit(cache=True)
-def harris_score(latest_ns: IntArray, x: int, y: int, scratch: IntArray) -> float:
+def harris_score(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) -> float:
     """Harris score of the binary 9x9 patch in which the latest 25 pixels are set.
 
-    The 5x5 derivative is smoothing (1 4 6 4 1) times slope (-1 -2 0 2 1), its largest entry scaled to one as in
-    eHarris (Vasco et al. 2016), computed one axis after the other.
+    The 5x5 derivative is smoothing (1 4 6 4 1) times slope (-1 -2 0 2 1), its largest entry scaled to one as
+    in eHarris (Vasco et al. 2016), computed one axis after the other.
     """
     side = 2 * HARRIS_RADIUS + 1
     stamps, order = scratch[: side * side], scratch[side * side :]
     for v in range(side):
         for u in range(side):
-            t_ns = latest_ns[y + v - HARRIS_RADIUS, x + u - HARRIS_RADIUS]
+            t_ns = latest_ns[y + v - HARRIS_RADIUS, x + u - HARRIS_RADIUS, p]
             stamps[v * side + u] = t_ns
             order[v * side + u] = t_ns
     threshold = _nth_largest(order, HARRIS_EVENTS)

@@ -5,71 +5,83 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from asyneio.frontend.features import PATCH_HALF, PATCH_SIDE, RING, Features
-from asyneio.frontend.patch import Workspace, blur, contrast, draw_patch
-from asyneio.types import FloatArray
+from asyneio.frontend.features import PATCH_HALF, PATCH_SIDE, PATCH_SIZE, RING, ROW
+from asyneio.frontend.patch import SKETCH, blur, contrast, draw_patch
+from asyneio.frontend.record import Record
+from asyneio.types import RecordArray
 
 
 @nb.njit(cache=True)
-def rough_contrast(
-    features: Features, slot: int, count: int, every: int, x: float, y: float, vx: float, vy: float, t_ref: int,
-    grid: np.ndarray,
-) -> float:
-    """Sum of squares of the patch with each event in its nearest pixel only: quick, for a coarse search."""
-    grid[:] = 0.0
-    ring = features.ring[slot]
-    newest = features.written[slot] - 1
-    total = np.float32(0.0)
+def make_sketch(rings: RecordArray, slot: int, newest: int, count: int, work: Record) -> int:
+    """Copy some of the newest `count` events, relative to the frame, to where they are read quickly; how
+    many."""
+    every = count // SKETCH + 1
+    n = 0
     for i in range(0, count, every):
-        k = (newest - i) % RING
-        dt = (ring[k]["t_ns"] - t_ref) * 1e-9
-        u = int(ring[k]["x"] - x - vx * dt + (PATCH_HALF + 0.5))
-        v = int(ring[k]["y"] - y - vy * dt + (PATCH_HALF + 0.5))
-        if u < 0 or v < 0 or u >= PATCH_SIDE or v >= PATCH_SIDE:
+        event = rings[slot, (newest - i) & (RING - 1)]
+        work.sketch[0, n] = event.x - work.x + (PATCH_HALF + 0.5)
+        work.sketch[1, n] = event.y - work.y + (PATCH_HALF + 0.5)
+        work.sketch[2, n] = (event.t_ns - work.t_ns) * 1e-9
+        work.sketch[3, n] = event.w
+        n += 1
+    return n
+
+
+@nb.njit(cache=True)
+def rough_contrast(work: Record, n: int, vx: float, vy: float) -> float:
+    """Sum of squares of the patch with each sketched event in its nearest pixel only: quick, for a coarse
+    search."""
+    patch, sketch = work.patch, work.sketch
+    for k in range(PATCH_SIZE):
+        patch[k] = 0.0
+    vx32, vy32 = np.float32(vx), np.float32(vy)
+    side, zero, total = np.float32(PATCH_SIDE), np.float32(0.0), np.float32(0.0)
+    for i in range(n):
+        u = sketch[0, i] - vx32 * sketch[2, i]
+        v = sketch[1, i] - vy32 * sketch[2, i]
+        if u < zero or v < zero or u >= side or v >= side:
             continue
-        w = ring[k]["w"]
-        old = grid[v, u]
+        j = np.uint32(v) * np.uint32(ROW) + np.uint32(u)
+        w = sketch[3, i]
+        old = patch[j]
         total += w * (old + old + w)
-        grid[v, u] = old + w
-    return total
+        patch[j] = old + w
+    return float(total)
 
 
 @nb.njit(cache=True)
 def find_flow(
-    features: Features, slot: int, count: int, at: FloatArray, span_s: float, reach_px: int, work: Workspace
+    rings: RecordArray, slot: int, newest: int, count: int, span_s: float, reach_px: int, work: Record
 ) -> float:
-    """Velocity that draws the sharpest patch, into `at[3:5]`; its contrast over that of no motion.
+    """Velocity that draws the sharpest patch, into the frame `work`; its contrast over that of no motion.
 
     Searches displacements over the window up to `reach_px` around the velocity given, coarse to fine.
     """
-    t_ref = np.int64(at[0])
-    x, y = at[1], at[2]
-    cx, cy = at[3], at[4]
-    best = np.float32(-1.0)
+    cx, cy = work.vx, work.vy
+    best = -1.0
     bx, by = cx, cy
-    every = count // 160 + 1
+    n = make_sketch(rings, slot, newest, count, work)
     for j in range(-reach_px, reach_px + 1):
         for i in range(-reach_px, reach_px + 1):
             vx, vy = cx + i / span_s, cy + j / span_s
-            c = rough_contrast(features, slot, count, every, x, y, vx, vy, t_ref, work.patch)
+            c = rough_contrast(work, n, vx, vy)
             if c > best:
                 best, bx, by = c, vx, vy
-    at[3], at[4] = 0.0, 0.0
-    draw_patch(features, slot, count, at, work)
-    blur(work)
-    still = contrast(work)
-    sharpest = -1.0
+    still = sharpest = -1.0
     step = 0.5
-    for _ in range(2):
-        cx, cy = bx, by
-        for j in range(-1, 2):
-            for i in range(-1, 2):
-                at[3], at[4] = cx + i * step / span_s, cy + j * step / span_s
-                draw_patch(features, slot, count, at, work)
-                blur(work)
-                c = contrast(work)
-                if c > sharpest:
-                    sharpest, bx, by = c, at[3], at[4]
-        step *= 0.5
-    at[3], at[4] = bx, by
+    for attempt in range(19):
+        # No motion, then two rounds of nine around the best.
+        if attempt % 9 == 1:
+            cx, cy = bx, by
+            step = 0.5 if attempt == 1 else 0.25
+        work.vx = cx + ((attempt - 1) % 3 - 1) * step / span_s if attempt else 0.0
+        work.vy = cy + ((attempt - 1) // 3 % 3 - 1) * step / span_s if attempt else 0.0
+        draw_patch(rings, slot, newest, count, work)
+        blur(work)
+        c = contrast(work)
+        if attempt == 0:
+            still = c
+        elif c > sharpest:
+            sharpest, bx, by = c, work.vx, work.vy
+    work.vx, work.vy = bx, by
     return sharpest / max(still, 1e-9)

@@ -3,16 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Protocol
 
 import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend.gradient_tracker import GradientTracker
+from asyneio.frontend.haste import HasteTracker
 from asyneio.frontend.statistics import FrontendStatistics
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, EventRecording, RecordArray
 
 #: The rate of roll is taken as constant over this long.
 _ROLL_STEP_NS = 4_000_000
+
+
+class Tracker(Protocol):
+    """What follows features through packets of events."""
+
+    def process(self, events: RecordArray, roll_rate: float = 0.0) -> RecordArray:
+        """Observations (OBSERVATION_DTYPE) that a packet (EVENT_DTYPE, ascending) leads to; `roll_rate` of
+        the image in it [rad/s], x towards y."""
+        ...
+
+    def statistics(self) -> FrontendStatistics:
+        """Counts since the start."""
+        ...
+
+
+_TRACKERS: dict[str, type[GradientTracker] | type[HasteTracker]] = {
+    "gradient": GradientTracker,
+    "haste": HasteTracker,
+}
 
 
 class Frontend:
@@ -24,7 +45,7 @@ class Frontend:
     """
 
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
-        self._tracker = GradientTracker(config, width, height)
+        self._tracker: Tracker = _TRACKERS[config.tracker](config, width, height)
         self._roll_rate = 0.0
 
     def process(self, events: RecordArray, gyroscope: RecordArray | None = None) -> RecordArray:
@@ -33,11 +54,12 @@ class Frontend:
         Args:
             events: EVENT_DTYPE, ascending, later than all before, inside the sensor.
             gyroscope: INERTIAL_DTYPE of the same time, **in the camera frame and the camera clock** (see
-                `gyroscope_in_camera`); turns the patches along with the camera's roll. None: patches are not turned.
+                `gyroscope_in_camera`); turns the patches along with the camera's roll. None: patches are not
+                turned.
 
         Returns:
-            OBSERVATION_DTYPE in the clock of the events. A stamp is that of its position, somewhat earlier than the
-            event that led to it.
+            OBSERVATION_DTYPE in the clock of the events. A stamp is that of its position, somewhat earlier
+            than the event that led to it.
         """
         if events.size == 0:
             return np.empty(0, dtype=OBSERVATION_DTYPE)

@@ -1,7 +1,7 @@
 """One feature of the default tracker: its birth, its update, and when it is no longer trusted.
 
-Windows and steps are tied to displacement: a feature learns how many events one pixel of its motion brings, so the
-same settings serve slow and fast motion, rich and poor texture, bright and dim light.
+Windows and steps are tied to displacement: a feature learns how many events one pixel of its motion brings,
+so the same settings serve slow and fast motion, rich and poor texture, bright and dim light.
 """
 
 from __future__ import annotations
@@ -13,17 +13,18 @@ import numpy as np
 
 from asyneio.frontend.features import (
     RING,
+    ROW,
     TEMPLATE_HALF,
-    TEMPLATE_SIDE,
-    Features,
+    TEMPLATE_SIZE,
+    TRACKING,
     newest_events,
-    shrink_valid,
     thin_out,
 )
 from asyneio.frontend.flow import find_flow
 from asyneio.frontend.gradient_template import learn, match, synthesise
-from asyneio.frontend.patch import Workspace, activate_mask, blur, draw_patch, shift_patch
-from asyneio.types import FloatArray
+from asyneio.frontend.patch import ALL, blur, draw_patch, restrict, shift_patch, weigh
+from asyneio.frontend.record import Record
+from asyneio.types import RecordArray
 
 ENDED, REFUSED, MOVED = -1, 0, 1
 
@@ -60,150 +61,176 @@ class GradientSettings(NamedTuple):
 
 @nb.njit(cache=True)
 def try_birth(
-    features: Features,
+    feature: Record,
+    rings: RecordArray,
+    evidence: np.ndarray,
     slot: int,
     roll: float,
     roll_rate: float,
-    guess: FloatArray,
     reach_px: int,
     settings: GradientSettings,
-    work: Workspace,
+    work: Record,
 ) -> bool:
     """Cut the template once the collected events span enough motion. False while they do not.
 
-    `guess` (2,) px/s is where the search for the velocity starts, `reach_px` how far it goes.
+    The search for the velocity starts at that of the frame `work` and goes `reach_px` far.
     """
-    count, first, mean, last = newest_events(features, slot, RING, settings.max_window_ns)
+    newest = feature.written - 1
+    count, first, mean, last = newest_events(feature, rings, slot, RING, settings.max_window_ns)
     span_s = (last - first) * 1e-9
-    centre, velocity = features.centre[slot], features.velocity[slot]
-    at = np.array([mean, centre[0], centre[1], guess[0], guess[1], 0.0, roll_rate])
-    enough = count >= settings.birth_events and span_s > 1e-4
-    sharpening = find_flow(features, slot, count, at, span_s, reach_px, work) if enough else 0.0
-    moved = np.hypot(at[3], at[4]) * span_s
+    work.t_ns, work.x, work.y, work.roll, work.roll_rate = mean, feature.x, feature.y, 0.0, roll_rate
+    sharpening = 0.0
+    if count >= settings.birth_events and span_s > 1e-4:
+        sharpening = find_flow(rings, slot, newest, count, span_s, reach_px, work)
+    moved = np.hypot(work.vx, work.vy) * span_s
     if moved < settings.birth_px or sharpening < _SHARPENING:
-        if features.written[slot] >= RING:
-            thin_out(features, slot)
-        # Look again when there is half as much more to see.
-        features.fresh[slot] = settings.birth_events - min(features.written[slot], RING) // 2
+        _wait(feature, rings, slot)
         return False
-    velocity[0], velocity[1] = at[3], at[4]
-    features.density[slot] = count * features.stride[slot] / moved
+    feature.vx, feature.vy = work.vx, work.vy
+    feature.density = count * feature.stride / moved
     wanted = int(max(count * settings.window_px / moved, settings.min_window_events))
-    count, first, mean, last = newest_events(features, slot, wanted, settings.max_window_ns)
+    count, first, mean, last = newest_events(feature, rings, slot, wanted, settings.max_window_ns)
     # The corner was where it was seen at the founding event.
-    dt = (mean - features.t_ns[slot]) * 1e-9
-    centre[0] += velocity[0] * dt
-    centre[1] += velocity[1] * dt
-    features.t_ns[slot] = mean
-    at[0], at[1], at[2] = mean, centre[0], centre[1]
-    draw_patch(features, slot, count, at, work)
+    dt = (mean - feature.t_ns) * 1e-9
+    feature.x += feature.vx * dt
+    feature.y += feature.vy * dt
+    feature.t_ns = mean
+    work.t_ns, work.x, work.y = mean, feature.x, feature.y
+    draw_patch(rings, slot, newest, count, work)
     blur(work)
     shift_patch(work, 0.0, 0.0)
-    features.birth_roll[slot] = roll + roll_rate * (mean - last) * 1e-9
-    features.evidence[slot] = 0.0
-    features.information[slot] = 0.0
+    feature.birth_roll = roll + roll_rate * (mean - last) * 1e-9
+    for k in range(TEMPLATE_SIZE):
+        evidence[slot, 0, k] = 0.0
+        evidence[slot, 1, k] = 0.0
+    feature.xx = feature.xy = feature.yy = 0.0
     span_s = (last - first) * 1e-9
-    learn(features, slot, velocity[0] * span_s, velocity[1] * span_s, 1.0, work)
-    activate_mask(features, slot, work)
-    _place_offset(features, slot, work)
-    features.refusals[slot] = 0
-    features.fresh[slot] = 0
-    features.disagreement[slot] = 0.0
-    features.sigma[slot] = 0.0
+    learn(feature, evidence, slot, feature.vx * span_s, feature.vy * span_s, 1.0, work)
+    weigh(feature, work)
+    _place_offset(feature, work)
+    feature.state = TRACKING
+    feature.refusals = 0
+    feature.sigma = 0.0
+    for i in range(2):
+        feature.apart_h[i] = 0.0
+        feature.apart_v[i] = 0.0
+    _schedule(feature, settings)
     return True
 
 
 @nb.njit(cache=True)
-def _place_offset(features: Features, slot: int, work: Workspace) -> None:
-    """Report the centroid of the patch's own edges: at a depth edge, what stands out most is what is followed."""
+def _wait(feature: Record, rings: RecordArray, slot: int) -> None:
+    """Look again when there is half as much more to see, and at a full ring in any case before it is
+    thinned."""
+    if feature.written >= RING:
+        thin_out(feature, rings, slot)
+    due, room = feature.written // 2, RING - feature.written
+    feature.due = due if room >= due + due // 2 else room
+    feature.fresh = 0
+
+
+@nb.njit(cache=True)
+def _schedule(feature: Record, settings: GradientSettings) -> None:
+    """Set after how many kept events the next update is due."""
+    need = feature.density * settings.step_px / feature.stride
+    feature.due = int(np.ceil(max(need, settings.min_step_events)))
+    feature.fresh = 0
+
+
+@nb.njit(cache=True)
+def _place_offset(feature: Record, work: Record) -> None:
+    """Report the centroid of the patch's own edges: at a depth edge, what stands out most is what is
+    followed."""
     weight = u_sum = v_sum = 0.0
-    for v in range(TEMPLATE_SIDE):
-        for u in range(TEMPLATE_SIDE):
-            w = work.active[v, u] * work.shifted[v, u] ** 2
-            weight += w
-            u_sum += w * (u - TEMPLATE_HALF)
-            v_sum += w * (v - TEMPLATE_HALF)
-    features.offset[slot, 0] = u_sum / max(weight, 1e-9)
-    features.offset[slot, 1] = v_sum / max(weight, 1e-9)
+    for k in range(TEMPLATE_SIZE):
+        w = work.weight[ALL, k] * work.shifted[k] ** 2
+        weight += w
+        u_sum += w * (k % ROW - TEMPLATE_HALF)
+        v_sum += w * (k // ROW - TEMPLATE_HALF)
+    feature.offset_x = u_sum / max(weight, 1e-9)
+    feature.offset_y = v_sum / max(weight, 1e-9)
 
 
 @nb.njit(cache=True)
 def update(
-    features: Features,
+    feature: Record,
+    rings: RecordArray,
+    evidence: np.ndarray,
     slot: int,
     roll: float,
     roll_rate: float,
     settings: GradientSettings,
     width: int,
     height: int,
-    work: Workspace,
-    out: FloatArray,
+    work: Record,
+    out: Record,
 ) -> int:
     """Register the newest window of events: MOVED, REFUSED or ENDED.
 
-    `roll` [rad] is the camera's at the newest event. `out` (MATCH,) is `match`'s.
+    `roll` [rad] is the camera's at the newest event. `out` is `match`'s.
     """
-    stride, density = features.stride[slot], features.density[slot]
+    stride, density = feature.stride, feature.density
     wanted = int(max(density * settings.window_px / stride, settings.min_window_events))
-    count, first, mean, last = newest_events(features, slot, wanted, settings.max_window_ns)
-    features.fresh[slot] = 0
+    count, first, mean, last = newest_events(feature, rings, slot, wanted, settings.max_window_ns)
+    feature.fresh = 0
     span_s = max((last - first) * 1e-9, 1e-6)
-    dt = max((mean - features.t_ns[slot]) * 1e-9, 1e-6)
-    centre, velocity = features.centre[slot], features.velocity[slot]
-    x, y = centre[0] + velocity[0] * dt, centre[1] + velocity[1] * dt
-    angle = roll + roll_rate * (mean - last) * 1e-9 - features.birth_roll[slot]
+    dt = max((mean - feature.t_ns) * 1e-9, 1e-6)
+    x, y = feature.x + feature.vx * dt, feature.y + feature.vy * dt
+    angle = roll + roll_rate * (mean - last) * 1e-9 - feature.birth_roll
     cos, sin = np.cos(angle), np.sin(angle)
 
-    shrink_valid(features, slot, x, y, width, height)
-    if activate_mask(features, slot, work) < 0.5:
+    restrict(feature, x, y, width, height)
+    if weigh(feature, work) < 0.5:
         return ENDED
-    draw_patch(
-        features, slot, count, np.array([mean, x, y, velocity[0], velocity[1], angle, roll_rate]), work
-    )
+    work.t_ns, work.x, work.y, work.vx, work.vy = mean, x, y, feature.vx, feature.vy
+    work.roll, work.roll_rate = angle, roll_rate
+    draw_patch(rings, slot, feature.written - 1, count, work)
     blur(work)
-    sx = (cos * velocity[0] + sin * velocity[1]) * span_s
-    sy = (cos * velocity[1] - sin * velocity[0]) * span_s
-    synthesise(features, slot, sx, sy, settings.ridge_px2, work)
-    if not match(work, settings.max_jump_px, _ITERATIONS, out) or out[2] < settings.min_ncc:
-        features.refusals[slot] += 1
-        return ENDED if features.refusals[slot] >= settings.max_refusals else REFUSED
-    if not _is_trusted(features, slot, settings, out):
+    sx = (cos * feature.vx + sin * feature.vy) * span_s
+    sy = (cos * feature.vy - sin * feature.vx) * span_s
+    synthesise(feature, evidence, slot, sx, sy, settings.ridge_px2, work)
+    if not match(work, settings.max_jump_px, _ITERATIONS, out) or out.ncc < settings.min_ncc:
+        feature.refusals += 1
+        return ENDED if feature.refusals >= settings.max_refusals else REFUSED
+    if not _is_trusted(feature, settings, out):
         return ENDED
-    features.refusals[slot] = 0
+    feature.refusals = 0
 
     # Shifts are in the patch frame.
-    shift_x, shift_y = cos * out[0] - sin * out[1], sin * out[0] + cos * out[1]
-    centre[0], centre[1] = x + shift_x, y + shift_y
-    features.t_ns[slot] = mean
-    velocity[0] += settings.velocity_gain * shift_x / dt
-    velocity[1] += settings.velocity_gain * shift_y / dt
-    speed = np.hypot(velocity[0], velocity[1])
+    shift_x, shift_y = cos * out.u - sin * out.v, sin * out.u + cos * out.v
+    feature.x, feature.y = x + shift_x, y + shift_y
+    feature.t_ns = mean
+    feature.vx += settings.velocity_gain * shift_x / dt
+    feature.vy += settings.velocity_gain * shift_y / dt
+    speed = np.hypot(feature.vx, feature.vy)
     if speed * span_s > 0.05:
         seen = min(max(count * stride / (speed * span_s), 0.5 * density), 2.0 * density)
-        features.density[slot] += 0.3 * (seen - density)
-    features.stride[slot] = max(1, int(features.density[slot] / settings.kept_per_px + 0.5))
-    sx = (cos * velocity[0] + sin * velocity[1]) * span_s
-    sy = (cos * velocity[1] - sin * velocity[0]) * span_s
+        feature.density += 0.3 * (seen - density)
+    feature.stride = max(1, int(feature.density / settings.kept_per_px + 0.5))
+    sx = (cos * feature.vx + sin * feature.vy) * span_s
+    sy = (cos * feature.vy - sin * feature.vx) * span_s
     keep = np.exp(-min(speed * dt, 4.0) / settings.memory_px)
-    learn(features, slot, sx, sy, keep, work)
+    learn(feature, evidence, slot, sx, sy, keep, work)
+    _schedule(feature, settings)
     return MOVED
 
 
 @nb.njit(cache=True)
-def _is_trusted(features: Features, slot: int, settings: GradientSettings, out: FloatArray) -> bool:
+def _is_trusted(feature: Record, settings: GradientSettings, out: Record) -> bool:
     """Whether the patch still moves as one and is still matched sharply.
 
     Where a patch spans two depths, or its template has crept away, its halves pull apart long before the
-    correlation falls. Both measures are running means; noise raises the first, so its bound grows with the second.
+    correlation falls. Both measures are running means; noise raises the first, so its bound grows with the
+    second.
     """
-    residual = out[10] * max(1.0 - out[2] * out[2], 0.0)
-    trace, det = out[3] + out[5], out[3] * out[5] - out[4] * out[4]
+    trace, det = out.xx + out.yy, out.xx * out.yy - out.xy * out.xy
     smallest = 0.5 * trace - np.sqrt(max(0.25 * trace * trace - det, 0.0))
-    sigma = np.sqrt(residual / max(smallest, 1e-9))
-    features.sigma[slot] += settings.trust_gain * (sigma - features.sigma[slot])
-    d = features.disagreement[slot]
-    for i in range(4):
-        d[i] += settings.trust_gain * (out[11 + i] - d[i])
-    apart = np.sqrt(max(d[0] * d[0] + d[1] * d[1], d[2] * d[2] + d[3] * d[3]))
-    allowed = settings.max_disagreement_px + settings.noise_share * features.sigma[slot]
-    return apart <= allowed and features.sigma[slot] <= settings.max_sigma
+    sigma = np.sqrt(out.residual / max(smallest, 1e-9))
+    feature.sigma += settings.trust_gain * (sigma - feature.sigma)
+    h, v = feature.apart_h, feature.apart_v
+    for i in range(2):
+        h[i] += settings.trust_gain * (out.apart_h[i] - h[i])
+        v[i] += settings.trust_gain * (out.apart_v[i] - v[i])
+    apart = max(np.hypot(h[0], h[1]), np.hypot(v[0], v[1]))
+    allowed = settings.max_disagreement_px + settings.noise_share * feature.sigma
+    return apart <= allowed and feature.sigma <= settings.max_sigma

@@ -1,10 +1,10 @@
 """The template of a feature: the gradient of the log brightness around it, learned from its own events.
 
-Events that a patch collects while it moves by `s` add up, to first order, to `W = s . G`, where `G` is the gradient of
-the log brightness there (Gehrig et al., EKLT 2018). `G` is estimated from all past windows by recursive least
-squares (two images and one 2x2 matrix a feature) and gives the template for whatever direction the motion now
-has, so that a turn does not age it. Patches are registered against it by efficient second-order minimisation
-(Benhimane and Malis 2004) with a free gain.
+Events that a patch collects while it moves by `s` add up, to first order, to `W = s . G`, where `G` is the
+gradient of the log brightness there (Gehrig et al., EKLT 2018). `G` is estimated from all past windows by
+recursive least squares (two images and one 2x2 matrix a feature) and gives the template for whatever
+direction the motion now has, so that a turn does not age it. Patches are registered against it by efficient
+second-order minimisation (Benhimane and Malis 2004) with a free gain.
 """
 
 from __future__ import annotations
@@ -12,146 +12,139 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from asyneio.frontend.features import PATCH_HALF, TEMPLATE_HALF, TEMPLATE_SIDE, Features
-from asyneio.frontend.patch import Workspace, shift_patch
-from asyneio.types import FloatArray
+from asyneio.frontend.features import PATCH_HALF, ROW, TEMPLATE_HALF, TEMPLATE_SIDE, TEMPLATE_SIZE
+from asyneio.frontend.patch import ALL, LEFT, REORDER, RIGHT, shift_patch
+from asyneio.frontend.record import Record
 
-#: Number of sums that `sums` makes, and of values that `match` gives out.
-SUMS = 8
-MATCH = 3 + SUMS + 4
-
-
-@nb.njit(cache=True, fastmath=True)
-def synthesise(features: Features, slot: int, sx: float, sy: float, ridge: float, work: Workspace) -> float:
-    """Template for a displacement (sx, sy) in the patch frame; its relative predicted variance.
-
-    `T = s^T (A + ridge)^-1 B`. The second value, `s^T (A + ridge)^-1 s`, is large for a direction not seen yet.
-    """
-    xx = features.information[slot, 0] + ridge
-    xy = features.information[slot, 1]
-    yy = features.information[slot, 2] + ridge
-    det = xx * yy - xy * xy
-    a = np.float32((yy * sx - xy * sy) / det)
-    b = np.float32((xx * sy - xy * sx) / det)
-    B, T = features.evidence[slot], work.template
-    for v in range(TEMPLATE_SIDE):
-        for u in range(TEMPLATE_SIDE):
-            T[v, u] = a * B[0, v, u] + b * B[1, v, u]
-    return a * sx + b * sy
-
-
-@nb.njit(cache=True, fastmath=True)
-def sums(
-    work: Workspace, gain: float, u0: int, u1: int, v0: int, v1: int, out: FloatArray
-) -> None:
-    """Add to `out` (8,), over a region of the mask, for `r = W - g T` and `J = (grad W + g grad T) / 2`:
-
-    J J^T (xx, xy, yy), J r (x, y), T W, T T, W W.
-    """
-    W, T, m = work.shifted, work.template, work.active
-    g = np.float32(gain)
-    quarter = np.float32(0.25)
-    hxx = hxy = hyy = bx = by = tw = tt = ww = np.float32(0.0)
-    for v in range(v0, v1):
-        for u in range(u0, u1):
-            weight = m[v, u]
-            w, t = W[v, u], T[v, u]
-            jx = quarter * (W[v, u + 1] - W[v, u - 1] + g * (T[v, u + 1] - T[v, u - 1]))
-            jy = quarter * (W[v + 1, u] - W[v - 1, u] + g * (T[v + 1, u] - T[v - 1, u]))
-            r = w - g * t
-            wx, wy = weight * jx, weight * jy
-            hxx += wx * jx
-            hxy += wx * jy
-            hyy += wy * jy
-            bx += wx * r
-            by += wy * r
-            tw += weight * t * w
-            tt += weight * t * t
-            ww += weight * w * w
-    out[0] += hxx
-    out[1] += hxy
-    out[2] += hyy
-    out[3] += bx
-    out[4] += by
-    out[5] += tw
-    out[6] += tt
-    out[7] += ww
+_FIRST = ROW
+_MIDDLE = TEMPLATE_HALF * ROW
+_LAST = (TEMPLATE_SIDE - 1) * ROW
 
 
 @nb.njit(cache=True)
-def match(work: Workspace, max_jump: float, iterations: int, out: FloatArray) -> bool:
-    """Register the blurred patch against the template.
+def synthesise(
+    feature: Record, evidence: np.ndarray, slot: int, sx: float, sy: float, ridge: float, work: Record
+) -> None:
+    """Template for a displacement s = (sx, sy) in the patch frame: `T = s^T (A + ridge)^-1 B`."""
+    xx, xy, yy = feature.xx + ridge, feature.xy, feature.yy + ridge
+    det = xx * yy - xy * xy
+    a = np.float32((yy * sx - xy * sy) / det)
+    b = np.float32((xx * sy - xy * sx) / det)
+    for k in range(TEMPLATE_SIZE):
+        work.template[k] = a * evidence[slot, 0, k] + b * evidence[slot, 1, k]
 
-    `out` (MATCH,): shift du, dv and normalised correlation; the eight `sums` at the solution; by how much the right
-    half's own shift differs from the left half's (u, v), and the lower's from the upper's. False when it leaves
-    the patch or has no corner to hold on to.
+
+@nb.njit(cache=True)
+def learn(
+    feature: Record, evidence: np.ndarray, slot: int, sx: float, sy: float, keep: float, work: Record
+) -> None:
+    """Add the registered patch, seen under displacement (sx, sy), to the evidence; older evidence fades."""
+    a, b, kept = np.float32(sx), np.float32(sy), np.float32(keep)
+    for k in range(TEMPLATE_SIZE):
+        w = work.shifted[k]
+        evidence[slot, 0, k] = kept * evidence[slot, 0, k] + a * w
+        evidence[slot, 1, k] = kept * evidence[slot, 1, k] + b * w
+    feature.xx = keep * feature.xx + sx * sx
+    feature.xy = keep * feature.xy + sx * sy
+    feature.yy = keep * feature.yy + sy * sy
+
+
+@nb.njit(cache=True, fastmath=REORDER)
+def correlate(work: Record) -> tuple[float, float, float]:
+    """Weighted sums T W, T T and W W."""
+    tw = tt = ww = np.float32(0.0)
+    for k in range(_FIRST, _LAST):
+        weight, w, t = work.weight[ALL, k], work.shifted[k], work.template[k]
+        tw += weight * t * w
+        tt += weight * t * t
+        ww += weight * w * w
+    return float(tw), float(tt), float(ww)
+
+
+@nb.njit(cache=True, fastmath=REORDER)
+def normal_equations(
+    work: Record, part: int, gain: float, start: int, end: int
+) -> tuple[float, float, float, float, float, float]:
+    """Weighted sums of J J^T (xx, xy, yy), J r (x, y) and T W over the pixels start..end-1 of a part of the
+    patch.
+
+    `r = W - g T` and `J = (grad W + g grad T) / 2`.
+    """
+    g = np.float32(gain)
+    # The bounds tell the compiler that no index is negative; without them it does not vectorise.
+    start, end = max(start, _FIRST), min(end, _LAST)
+    xx = xy = yy = x = y = tw = np.float32(0.0)
+    W, T = work.shifted, work.template
+    for k in range(start, end):
+        jx = W[k + 1] - W[k - 1] + g * (T[k + 1] - T[k - 1])
+        jy = W[k + ROW] - W[k - ROW] + g * (T[k + ROW] - T[k - ROW])
+        w, t, weight = W[k], T[k], work.weight[part, k]
+        r = w - g * t
+        wx, wy = weight * jx, weight * jy
+        xx += wx * jx
+        xy += wx * jy
+        yy += wy * jy
+        x += wx * r
+        y += wy * r
+        tw += weight * t * w
+    # Central differences, and the mean of two: a quarter each.
+    return float(xx) / 16.0, float(xy) / 16.0, float(yy) / 16.0, float(x) / 4.0, float(y) / 4.0, float(tw)
+
+
+@nb.njit(cache=True)
+def match(work: Record, max_jump: float, iterations: int, out: Record) -> bool:
+    """Register the blurred patch against the template; `out` MATCH_DTYPE.
+
+    False when it leaves the patch or has no corner to hold on to.
     """
     limit = min(max_jump, PATCH_HALF - TEMPLATE_HALF - 0.01)
-    first, last, middle = 1, TEMPLATE_SIDE - 1, TEMPLATE_HALF
     du = dv = 0.0
-    gain = 1.0
-    acc = np.zeros(SUMS)
     shift_patch(work, du, dv)
-    sums(work, gain, first, last, first, last, acc)
+    gain = 1.0
+    tw, tt, ww = correlate(work)
     for _ in range(iterations):
-        if acc[6] <= 0.0 or acc[5] <= 0.0:
+        if tw <= 0.0 or tt <= 0.0:
             return False
-        gain = acc[5] / acc[6]
-        acc[:] = 0.0
-        sums(work, gain, first, last, first, last, acc)
-        det = acc[0] * acc[2] - acc[1] * acc[1]
-        if det <= 1e-4 * (acc[0] + acc[2]) ** 2:
+        gain = tw / tt
+        xx, xy, yy, x, y, tw = normal_equations(work, ALL, gain, _FIRST, _LAST)
+        det = xx * yy - xy * xy
+        if det <= 1e-4 * (xx + yy) ** 2:
             return False
-        du -= (acc[2] * acc[3] - acc[1] * acc[4]) / det
-        dv -= (acc[0] * acc[4] - acc[1] * acc[3]) / det
+        du -= (yy * x - xy * y) / det
+        dv -= (xx * y - xy * x) / det
         if not (abs(du) < limit and abs(dv) < limit):
             return False
         shift_patch(work, du, dv)
-    quadrants = np.zeros((4, SUMS))
-    sums(work, gain, first, middle, first, middle, quadrants[0])
-    sums(work, gain, middle, last, first, middle, quadrants[1])
-    sums(work, gain, first, middle, middle, last, quadrants[2])
-    sums(work, gain, middle, last, middle, last, quadrants[3])
-    for i in range(SUMS):
-        out[3 + i] = quadrants[0, i] + quadrants[1, i] + quadrants[2, i] + quadrants[3, i]
-    if out[9] <= 0.0 or out[10] <= 0.0:
+    tw, tt, ww = correlate(work)
+    if tt <= 0.0 or ww <= 0.0:
         return False
-    out[0], out[1] = du, dv
-    out[2] = out[8] / np.sqrt(out[9] * out[10])
-    left_u, left_v = _shift_of(quadrants, 0, 2)
-    right_u, right_v = _shift_of(quadrants, 1, 3)
-    upper_u, upper_v = _shift_of(quadrants, 0, 1)
-    lower_u, lower_v = _shift_of(quadrants, 2, 3)
-    out[11], out[12] = right_u - left_u, right_v - left_v
-    out[13], out[14] = lower_u - upper_u, lower_v - upper_v
+    a = normal_equations(work, LEFT, gain, _FIRST, _MIDDLE)
+    b = normal_equations(work, RIGHT, gain, _FIRST, _MIDDLE)
+    c = normal_equations(work, LEFT, gain, _MIDDLE, _LAST)
+    d = normal_equations(work, RIGHT, gain, _MIDDLE, _LAST)
+    out.u, out.v = du, dv
+    out.ncc = tw / np.sqrt(tt * ww)
+    out.residual = ww * max(1.0 - out.ncc * out.ncc, 0.0)
+    out.xx = a[0] + b[0] + c[0] + d[0]
+    out.xy = a[1] + b[1] + c[1] + d[1]
+    out.yy = a[2] + b[2] + c[2] + d[2]
+    left_u, left_v = _shift_of(a, c)
+    right_u, right_v = _shift_of(b, d)
+    upper_u, upper_v = _shift_of(a, b)
+    lower_u, lower_v = _shift_of(c, d)
+    out.apart_h[0], out.apart_h[1] = right_u - left_u, right_v - left_v
+    out.apart_v[0], out.apart_v[1] = lower_u - upper_u, lower_v - upper_v
     return True
 
 
 @nb.njit(cache=True)
-def _shift_of(quadrants: FloatArray, a: int, b: int) -> tuple[float, float]:
+def _shift_of(
+    a: tuple[float, float, float, float, float, float], b: tuple[float, float, float, float, float, float]
+) -> tuple[float, float]:
     """Shift that two quadrants together still ask for; damped, since half a patch may be one edge."""
-    xx = quadrants[a, 0] + quadrants[b, 0]
-    xy = quadrants[a, 1] + quadrants[b, 1]
-    yy = quadrants[a, 2] + quadrants[b, 2]
-    x = quadrants[a, 3] + quadrants[b, 3]
-    y = quadrants[a, 4] + quadrants[b, 4]
+    xx, xy, yy, x, y = a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4]
     damping = 0.02 * (xx + yy) + 1e-9
     xx += damping
     yy += damping
     det = xx * yy - xy * xy
     return -(yy * x - xy * y) / det, -(xx * y - xy * x) / det
-
-
-@nb.njit(cache=True, fastmath=True)
-def learn(features: Features, slot: int, sx: float, sy: float, keep: float, work: Workspace) -> None:
-    """Add the registered patch, seen under displacement (sx, sy), to the evidence; older evidence fades."""
-    B, W = features.evidence[slot], work.shifted
-    a, b, k = np.float32(sx), np.float32(sy), np.float32(keep)
-    for v in range(TEMPLATE_SIDE):
-        for u in range(TEMPLATE_SIDE):
-            B[0, v, u] = k * B[0, v, u] + a * W[v, u]
-            B[1, v, u] = k * B[1, v, u] + b * W[v, u]
-    A = features.information[slot]
-    A[0] = keep * A[0] + sx * sx
-    A[1] = keep * A[1] + sx * sy
-    A[2] = keep * A[2] + sy * sy

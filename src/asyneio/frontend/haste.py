@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
+from asyneio.config import FrontendConfig
 from asyneio.frontend.detection import SCRATCH, is_corner
-from asyneio.frontend.haste_kernel import FREE, GROWING, HASTE_DTYPE, RADIUS, feed
+from asyneio.frontend.haste_kernel import FREE, GROWING, HASTE_DTYPE, RADIUS, TRACKING, feed
 from asyneio.frontend.registration import (
     BUCKET,
     BUCKET_FEATURES,
@@ -22,19 +23,22 @@ from asyneio.frontend.registration import (
     register,
     unregister,
 )
-from asyneio.frontend.surface import NEVER_NS, Surface, make_surface, record_event, refresh_hot_pixels
-from asyneio.types import OBSERVATION_DTYPE, IntArray, RecordArray
+from asyneio.frontend.statistics import FrontendStatistics
+from asyneio.frontend.surface import HOT_NS, NEVER_NS, Surface, make_surface, record_event, refresh_hot_pixels
+from asyneio.types import EVENT_DTYPE, NS_PER_S, OBSERVATION_DTYPE, IntArray, RecordArray
 
-#: What `HasteTracker.counters` counts, and where.
-COUNTERS = ("alive", "births", "tracks", "state_changes", "fed", "silent", "at_border", "hot", "corner_tests")
-ALIVE, BIRTHS, TRACKS, STATE_CHANGES, FED, SILENT, AT_BORDER, HOT, CORNER_TESTS = range(9)
+#: Indices of the counters: features alive, founded, tracked; ended by silence, at the border; events of hot
+#: pixels, and how many pixels are hot.
+COUNTERS = 7
+ALIVE, BIRTHS, TRACKS, SILENT, AT_BORDER, HOT_EVENTS, HOT_PIXELS = range(COUNTERS)
 
-#: How often silent features are looked for, and hot pixels.
+#: How often silent features are looked for.
 CHECK_NS = 10_000_000
-HOT_NS = 1_000_000_000
 
+_SILENCE_NS = 50_000_000
+_BORDER_PX = 6
 #: Observations that one pass of the kernel can return.
-BUFFER = 65_536
+_BUFFER = 16_384
 
 
 class HasteSettings(NamedTuple):
@@ -42,17 +46,14 @@ class HasteSettings(NamedTuple):
 
     `t_min_ns` between two observations of a feature; `t_max_ns` that the middle of its window of events may
     lie back, or that the window may take to fill; a corner needs `spacing_px` to the nearest feature and its
-    pixel `silence_ns` without event of its polarity; features end `border_px` before the image does. A pixel
-    is hot if it fires `hot_factor` times as often as its neighbours and above `hot_floor_hz`.
+    pixel `silence_ns` without event of its polarity; features end `border_px` before the image does.
     """
 
-    t_min_ns: int = 5_000_000
-    t_max_ns: int = 300_000_000
-    spacing_px: float = 10.0
-    border_px: int = 6
-    silence_ns: int = 50_000_000
-    hot_factor: float = 5.0
-    hot_floor_hz: float = 25.0
+    t_min_ns: int
+    t_max_ns: int
+    spacing_px: float
+    border_px: int
+    silence_ns: int
 
 
 @nb.njit(cache=True)
@@ -111,7 +112,8 @@ def process_events(
     `clock` (2,) ns: when silent features were last looked for, and hot pixels; by event time, so that the
     result does not depend on how the stream is cut into packets.
     """
-    height, width = surface.hot.shape
+    latest_ns, fired, hot, buckets = surface.latest_ns, surface.fired, surface.hot, registration.buckets
+    height, width = hot.shape
     border = settings.border_px
     spacing2 = settings.spacing_px**2
     scratch = np.zeros(SCRATCH, dtype=np.int64)
@@ -119,39 +121,35 @@ def process_events(
     for i in range(start, events.size):
         if written + BUCKET_FEATURES > observations.size:
             return i, written
-        t_ns = events[i]["t_ns"]
-        x, y, p = np.int64(events[i]["x"]), np.int64(events[i]["y"]), np.int64(events[i]["p"])
+        event = events[i]
+        t_ns, x, y, p = event.t_ns, np.int64(event.x), np.int64(event.y), np.int64(event.p)
         if t_ns - clock[0] > CHECK_NS:
             clock[0] = t_ns
             remove_silent(features, registration, t_ns, settings.t_max_ns, counters)
             if t_ns - clock[1] > HOT_NS:
-                elapsed_s = (t_ns - clock[1]) * 1e-9
-                refresh_hot_pixels(surface, elapsed_s, settings.hot_factor, settings.hot_floor_hz)
+                counters[HOT_PIXELS] = refresh_hot_pixels(surface, (t_ns - clock[1]) * 1e-9)
                 clock[1] = t_ns
-        first_of_edge = record_event(surface, t_ns, x, y, p, settings.silence_ns)
-        if surface.hot[y, x]:
-            counters[HOT] += 1
+        first_of_edge = record_event(latest_ns, fired, t_ns, x, y, p, settings.silence_ns)
+        if hot[y, x]:
+            counters[HOT_EVENTS] += 1
             continue
-        row, column = y // BUCKET, x // BUCKET
+        bucket = buckets[y // BUCKET, x // BUCKET]
         near = False
         # Backwards: a feature that leaves the bucket or comes anew trades places only with those served.
-        for k in range(registration.count[row, column] - 1, -1, -1):
-            slot = registration.slots[row, column, k]
+        for k in range(bucket.count - 1, -1, -1):
+            slot = np.int64(bucket.slots[k])
             feature = features[slot]
             dx, dy = x - feature.x, y - feature.y
             r2 = dx * dx + dy * dy
             near = near or r2 < spacing2
             if r2 >= RADIUS * RADIUS:
                 continue
-            counters[FED] += 1
             fresh = feature.state == GROWING
             if not feed(feature, t_ns, x, y):
                 continue
             if fresh:
                 feature.id = counters[TRACKS]
                 counters[TRACKS] += 1
-            else:
-                counters[STATE_CHANGES] += 1
             u, v = feature.x, feature.y
             if u < border or v < border or u > width - 1 - border or v > height - 1 - border:
                 release(features, registration, slot, counters)
@@ -160,46 +158,57 @@ def process_events(
             move(registration, slot, u, v, RADIUS)
             if feature.t_ns - feature.reported_ns >= settings.t_min_ns:
                 feature.reported_ns = feature.t_ns
-                observations[written]["t_ns"] = feature.t_ns
-                observations[written]["id"] = feature.id
-                observations[written]["u"] = u
-                observations[written]["v"] = v
+                observation = observations[written]
+                observation.t_ns, observation.id, observation.u, observation.v = (
+                    feature.t_ns,
+                    feature.id,
+                    u,
+                    v,
+                )
                 written += 1
         if near or not first_of_edge or counters[ALIVE] >= features.size:
             continue
         if x < border or y < border or x > width - 1 - border or y > height - 1 - border:
             continue
-        counters[CORNER_TESTS] += 1
-        if is_corner(surface.latest_ns[p], x, y, scratch):
+        if is_corner(latest_ns, p, x, y, scratch):
             give_birth(features, registration, t_ns, x, y, counters)
     return events.size, written
 
 
 class HasteTracker:
-    """Event-driven front end with HASTE trackers: packets of events in, observations out.
+    """HASTE trackers on the corners of a stream of events.
 
-    `counters` (9,) int64, in the order of COUNTERS.
+    Args:
+        config: the section `frontend`.
+        width, height: of the sensor [px].
     """
 
-    def __init__(
-        self, width: int, height: int, settings: HasteSettings | None = None, max_features: int = 100
-    ) -> None:
-        self.settings = settings or HasteSettings()
-        self.features = np.zeros(max_features, dtype=HASTE_DTYPE)
-        self.counters = np.zeros(len(COUNTERS), dtype=np.int64)
+    def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
+        self.settings = HasteSettings(
+            t_min_ns=round(config.min_interval_s * NS_PER_S),
+            t_max_ns=round(config.max_silence_s * NS_PER_S),
+            spacing_px=config.spacing_px,
+            border_px=_BORDER_PX,
+            silence_ns=_SILENCE_NS,
+        )
+        self.features = np.zeros(config.max_features, dtype=HASTE_DTYPE)
+        self.counters = np.zeros(COUNTERS, dtype=np.int64)
         self._surface = make_surface(width, height)
-        self._registration = make_registration(width, height, max_features)
+        self._registration = make_registration(width, height, config.max_features)
         self._clock = np.full(2, NEVER_NS, dtype=np.int64)
-        self._buffer = np.zeros(BUFFER, dtype=OBSERVATION_DTYPE)
+        self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
+        self._events = 0
 
-    def process(self, events: RecordArray) -> RecordArray:
+    def process(self, events: RecordArray, roll_rate: float = 0.0) -> RecordArray:
         """Observations (OBSERVATION_DTYPE) that a packet of events (EVENT_DTYPE, ascending) gives rise to.
 
         They come in the order of their making. Each is stamped with the middle of its feature's window, so
-        times ascend for a feature but not from one feature to the next.
+        times ascend for a feature but not from one feature to the next. The trackers find turns on their own
+        and do not ask for the `roll_rate`.
         """
-        pieces = [self._buffer[:0].copy()]
-        start = 0
+        # The kernel is compiled for writable arrays only; a recording may be a read-only memory map.
+        events = np.require(events, EVENT_DTYPE, ["C", "W"])
+        pieces, start = [self._buffer[:0].copy()], 0
         while start < events.size:
             start, written = process_events(
                 events,
@@ -213,4 +222,20 @@ class HasteTracker:
                 self._buffer,
             )
             pieces.append(self._buffer[:written].copy())
+        self._events += events.size
         return np.concatenate(pieces)
+
+    def statistics(self) -> FrontendStatistics:
+        """Counts since the start."""
+        c = self.counters
+        return FrontendStatistics(
+            events=self._events,
+            hot_pixels=int(c[HOT_PIXELS]),
+            hot_events=int(c[HOT_EVENTS]),
+            corners=int(c[BIRTHS]),
+            tracks=int(c[TRACKS]),
+            alive=int(np.count_nonzero(self.features["state"] == TRACKING)),
+            ended_untrusted=0,
+            ended_silent=int(c[SILENT]),
+            ended_border=int(c[AT_BORDER]),
+        )

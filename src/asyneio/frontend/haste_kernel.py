@@ -13,6 +13,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from asyneio.frontend.record import Record
 from asyneio.types import FloatArray
 
 FREE = 0
@@ -66,7 +67,7 @@ HASTE_DTYPE = np.dtype(
 
 
 @nb.njit(cache=True)
-def correlate(feature: np.void, k: int, end: int, sign: float) -> None:
+def correlate(feature: Record, k: int, end: int, sign: float) -> None:
     """Add (`sign` 1) or take away (-1) what events k..end-1 of the window contribute to each score.
 
     The reference is read bilinearly, and as zero outside.
@@ -90,7 +91,7 @@ def correlate(feature: np.void, k: int, end: int, sign: float) -> None:
 
 
 @nb.njit(cache=True)
-def learn(feature: np.void, k: int, weight: float) -> None:
+def learn(feature: Record, k: int, weight: float) -> None:
     """Share event k of the window among the template's four pixels around where the present pose sees it."""
     dx, dy = feature.window_xy[k, 0] - feature.x, feature.window_xy[k, 1] - feature.y
     c, s = feature.hypotheses[0, 2], feature.hypotheses[0, 3]
@@ -106,7 +107,7 @@ def learn(feature: np.void, k: int, weight: float) -> None:
 
 
 @nb.njit(cache=True)
-def spread_hypotheses(feature: np.void) -> None:
+def spread_hypotheses(feature: Record) -> None:
     """Put the hypotheses around the present pose."""
     for i in range(HYPOTHESES):
         turn = feature.turn + STEPS[i, 2]
@@ -117,7 +118,7 @@ def spread_hypotheses(feature: np.void) -> None:
 
 
 @nb.njit(cache=True)
-def score_window(feature: np.void) -> None:
+def score_window(feature: Record) -> None:
     """Take the template of now as reference and score all hypotheses over the whole window.
 
     The published scores are divided by the sums of template and weights; that changes none of the ratios on
@@ -144,7 +145,7 @@ def best_hypothesis(score: FloatArray) -> int:
 
 
 @nb.njit(cache=True)
-def feed(feature: np.void, t_ns: int, x: int, y: int) -> bool:
+def feed(feature: Record, t_ns: int, x: int, y: int) -> bool:
     """Give a feature an event of its disc; whether its state has changed, or is known for the first time."""
     k = feature.written % WINDOW
     feature.written += 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numba as nb
 import numpy as np
 
@@ -11,94 +9,132 @@ from asyneio.frontend.features import (
     MATCH_HALF,
     PATCH_HALF,
     PATCH_SIDE,
+    PATCH_SIZE,
     RING,
+    ROW,
+    ROW_BITS,
     TEMPLATE_HALF,
     TEMPLATE_SIDE,
-    Features,
+    TEMPLATE_SIZE,
 )
-from asyneio.types import FloatArray
+from asyneio.frontend.record import Record
+from asyneio.types import RecordArray
+
+#: Which part of a patch counts: all that is valid, its left half without and its right half with the middle
+#: column.
+ALL, LEFT, RIGHT = range(3)
+
+#: Sums over pixels may be taken in any order, or they would not vectorise; nothing else is left to the
+#: compiler, so that results repeat.
+REORDER = {"reassoc"}
+
+#: Most events that the coarse search for a birth's velocity looks at.
+SKETCH = 160
+
+#: What a registration tells.
+MATCH_DTYPE = np.dtype(
+    [
+        ("u", "<f8"),  # shift of the patch [px]
+        ("v", "<f8"),
+        ("ncc", "<f8"),  # normalised correlation there
+        ("xx", "<f8"),  # Hessian there
+        ("xy", "<f8"),
+        ("yy", "<f8"),
+        ("residual", "<f8"),  # weighted sum of squares that the best gain leaves of the patch
+        (
+            "apart_h",
+            "<f8",
+            (2,),
+        ),  # by how much the right half's own shift differs from the left half's (u, v) [px]
+        ("apart_v", "<f8", (2,)),  # the lower half's from the upper's
+    ]
+)
+
+#: Buffers of one update, and the frame into which its events are drawn.
+WORK_DTYPE = np.dtype(
+    [
+        ("patch", "<f4", (PATCH_SIZE,)),
+        ("rows", "<f4", (PATCH_SIZE,)),
+        ("blurred", "<f4", (PATCH_SIZE,)),
+        ("shifted", "<f4", (TEMPLATE_SIZE,)),
+        ("template", "<f4", (TEMPLATE_SIZE,)),
+        ("mask", "<f4", (TEMPLATE_SIZE,)),  # Gaussian, zero outside the region that is matched
+        ("weight", "<f4", (3, TEMPLATE_SIZE)),  # the mask where it is valid: ALL, LEFT, RIGHT
+        ("sketch", "<f4", (4, SKETCH)),  # of a few events: dx, dy, dt, w
+        ("t_ns", "<i8"),  # frame: when its centre is at x, y [px], moving with vx, vy [px/s]
+        ("x", "<f8"),
+        ("y", "<f8"),
+        ("vx", "<f8"),
+        ("vy", "<f8"),
+        ("roll", "<f8"),  # rad, turns the patch frame into the image frame at `t_ns`
+        ("roll_rate", "<f8"),  # rad/s
+        ("region", "<i4", (4,)),  # u0, u1, v0, v1 of the feature for which `weight` was filled
+        ("share", "<f4"),  # of the mask in that region
+        ("match", MATCH_DTYPE),
+    ],
+    align=True,
+)
 
 
-class Workspace(NamedTuple):
-    """Buffers of one update, float32."""
-
-    patch: np.ndarray  # (PATCH_SIDE, PATCH_SIDE)
-    blurred: np.ndarray
-    rows: np.ndarray
-    shifted: np.ndarray  # (TEMPLATE_SIDE, TEMPLATE_SIDE)
-    template: np.ndarray
-    mask: np.ndarray
-    active: np.ndarray
-
-
-def make_workspace(mask_sigma_px: float) -> Workspace:
-    """Buffers, and the Gaussian mask within the region that is matched."""
-    patch = np.zeros((PATCH_SIDE, PATCH_SIDE), dtype=np.float32)
-    template = np.zeros((TEMPLATE_SIDE, TEMPLATE_SIDE), dtype=np.float32)
+def make_workspace(mask_sigma_px: float) -> RecordArray:
+    """Buffers (1,) WORK_DTYPE with the mask filled in."""
+    work = np.zeros(1, dtype=WORK_DTYPE)
     axis = np.arange(-TEMPLATE_HALF, TEMPLATE_HALF + 1)
     weight = np.exp(-0.5 * (axis / mask_sigma_px) ** 2) * (np.abs(axis) <= MATCH_HALF)
-    mask = np.outer(weight, weight).astype(np.float32)
-    return Workspace(
-        patch, patch.copy(), patch.copy(), template, template.copy(), mask, template.copy()
-    )
+    mask = np.zeros((TEMPLATE_SIDE, ROW))
+    mask[:, :TEMPLATE_SIDE] = np.outer(weight, weight)
+    work["mask"][0] = mask.ravel()[:TEMPLATE_SIZE]
+    work["region"] = -1
+    return work
 
 
 @nb.njit(cache=True)
-def draw_patch(features: Features, slot: int, count: int, at: FloatArray, work: Workspace) -> None:
-    """Draw the newest `count` events, compensated to `at` = [t_ns, x, y, vx, vy, roll, roll_rate].
-
-    `roll` turns the patch frame into the image frame at that time.
-    """
+def draw_patch(rings: RecordArray, slot: int, newest: int, count: int, work: Record) -> None:
+    """Draw `count` events of a ring up to the `newest` as they would lie at the frame's time."""
     patch = work.patch
-    patch[:] = 0.0
-    ring = features.ring[slot]
-    newest = features.written[slot] - 1
-    cos, sin = np.cos(at[5]), np.sin(at[5])
-    t_ref = np.int64(at[0])
+    for k in range(PATCH_SIZE):
+        patch[k] = 0.0
+    cos, sin = np.cos(work.roll), np.sin(work.roll)
+    t_ns, x, y, vx, vy, roll_rate = work.t_ns, work.x, work.y, work.vx, work.vy, work.roll_rate
     for i in range(count):
-        k = (newest - i) % RING
-        dt = (ring[k]["t_ns"] - t_ref) * 1e-9
-        dx = ring[k]["x"] - at[1] - at[3] * dt
-        dy = ring[k]["y"] - at[2] - at[4] * dt
-        turn = at[6] * dt
+        event = rings[slot, (newest - i) & (RING - 1)]
+        dt = (event.t_ns - t_ns) * 1e-9
+        dx = event.x - x - vx * dt
+        dy = event.y - y - vy * dt
+        turn = roll_rate * dt
         # R(-roll - turn): the turn within a window is small.
         c, s = cos - sin * turn, sin + cos * turn
         u = c * dx + s * dy + PATCH_HALF
         v = c * dy - s * dx + PATCH_HALF
         if u < 0.0 or v < 0.0 or u >= PATCH_SIDE - 1 or v >= PATCH_SIDE - 1:
             continue
-        iu, iv = int(u), int(v)
+        iu, iv = np.uint32(u), np.uint32(v)
         fu, fv = np.float32(u - iu), np.float32(v - iv)
-        w = ring[k]["w"]
-        one = np.float32(1.0)
-        patch[iv, iu] += w * (one - fu) * (one - fv)
-        patch[iv, iu + 1] += w * fu * (one - fv)
-        patch[iv + 1, iu] += w * (one - fu) * fv
-        patch[iv + 1, iu + 1] += w * fu * fv
+        j = iv * np.uint32(ROW) + iu
+        lower = event.w * fv
+        upper = event.w - lower
+        a, b = upper * fu, lower * fu
+        patch[j] += upper - a
+        patch[j + np.uint32(1)] += a
+        patch[j + np.uint32(ROW)] += lower - b
+        patch[j + np.uint32(ROW + 1)] += b
 
 
-@nb.njit(cache=True, fastmath=True)
-def blur(work: Workspace) -> None:
-    """Binomial 1-4-6-4-1 along both axes, from `patch` into `blurred`; the rim of two pixels is zero."""
-    n = PATCH_SIDE
+@nb.njit(cache=True)
+def blur(work: Record) -> None:
+    """Binomial 1-4-6-4-1 along both axes, from `patch` into `blurred`; the rim of two pixels stays zero."""
     a, b, c = np.float32(1.0 / 16.0), np.float32(4.0 / 16.0), np.float32(6.0 / 16.0)
     source, rows, out = work.patch, work.rows, work.blurred
-    for v in range(n):
-        for u in range(2, n - 2):
-            rows[v, u] = (
-                a * (source[v, u - 2] + source[v, u + 2])
-                + b * (source[v, u - 1] + source[v, u + 1])
-                + c * source[v, u]
-            )
-    for v in range(2, n - 2):
-        for u in range(2, n - 2):
-            out[v, u] = (
-                a * (rows[v - 2, u] + rows[v + 2, u]) + b * (rows[v - 1, u] + rows[v + 1, u]) + c * rows[v, u]
-            )
+    for k in range(2, PATCH_SIZE - 2):
+        rows[k] = a * (source[k - 2] + source[k + 2]) + b * (source[k - 1] + source[k + 1]) + c * source[k]
+    one, two = ROW, 2 * ROW
+    for v in range(2, PATCH_SIDE - 2):
+        for k in range(v * ROW + 2, v * ROW + PATCH_SIDE - 2):
+            out[k] = a * (rows[k - two] + rows[k + two]) + b * (rows[k - one] + rows[k + one]) + c * rows[k]
 
 
-@nb.njit(cache=True, fastmath=True)
-def shift_patch(work: Workspace, du: float, dv: float) -> None:
+@nb.njit(cache=True)
+def shift_patch(work: Record, du: float, dv: float) -> None:
     """`shifted(X) = blurred(X + d)` over the template's region; |d| < PATCH_HALF - TEMPLATE_HALF."""
     iu, iv = int(np.floor(du)), int(np.floor(dv))
     fu, fv = np.float32(du - iu), np.float32(dv - iv)
@@ -106,38 +142,53 @@ def shift_patch(work: Workspace, du: float, dv: float) -> None:
     w00, w01, w10, w11 = (one - fu) * (one - fv), fu * (one - fv), (one - fu) * fv, fu * fv
     margin = PATCH_HALF - TEMPLATE_HALF
     source, out = work.blurred, work.shifted
-    for v in range(TEMPLATE_SIDE):
-        y = v + margin + iv
-        for u in range(TEMPLATE_SIDE):
-            x = u + margin + iu
-            out[v, u] = (
-                w00 * source[y, x] + w01 * source[y, x + 1] + w10 * source[y + 1, x] + w11 * source[y + 1, x + 1]
-            )
+    # The bounds tell the compiler that no index is negative.
+    first = min(max((margin + iv) * ROW + margin + iu, 0), 2 * margin * ROW)
+    for k in range(TEMPLATE_SIZE):
+        j = first + k
+        out[k] = w00 * source[j] + w01 * source[j + 1] + w10 * source[j + ROW] + w11 * source[j + ROW + 1]
 
 
-@nb.njit(cache=True)
-def contrast(work: Workspace) -> float:
+@nb.njit(cache=True, fastmath=REORDER)
+def contrast(work: Record) -> float:
     """Sum of squares of the blurred patch over the mask."""
-    margin = PATCH_HALF - TEMPLATE_HALF
-    total = 0.0
-    for v in range(TEMPLATE_SIDE):
-        for u in range(TEMPLATE_SIDE):
-            w = work.blurred[v + margin, u + margin]
-            total += work.mask[v, u] * w * w
-    return total
+    first = (PATCH_HALF - TEMPLATE_HALF) * (ROW + 1)
+    total = np.float32(0.0)
+    for k in range(TEMPLATE_SIZE):
+        w = work.blurred[first + k]
+        total += work.mask[k] * w * w
+    return float(total)
 
 
 @nb.njit(cache=True)
-def activate_mask(features: Features, slot: int, work: Workspace) -> float:
-    """Mask restricted to the region that always lay inside the image; the share of the weight left."""
-    u0, u1, v0, v1 = features.valid[slot]
-    total = left = 0.0
-    for v in range(TEMPLATE_SIDE):
-        for u in range(TEMPLATE_SIDE):
-            w = work.mask[v, u]
-            total += w
-            inside = u0 <= u <= u1 and v0 <= v <= v1
-            work.active[v, u] = w if inside else np.float32(0.0)
-            if inside:
-                left += w
-    return left / total
+def restrict(feature: Record, x: float, y: float, width: int, height: int) -> None:
+    """Restrict a feature's valid region to what lies inside the image with the patch's centre at (x, y)."""
+    feature.u0 = max(feature.u0, int(np.ceil(TEMPLATE_HALF - x)) + 1)
+    feature.u1 = min(feature.u1, int(np.floor(TEMPLATE_HALF + width - 1 - x)) - 1)
+    feature.v0 = max(feature.v0, int(np.ceil(TEMPLATE_HALF - y)) + 1)
+    feature.v1 = min(feature.v1, int(np.floor(TEMPLATE_HALF + height - 1 - y)) - 1)
+
+
+@nb.njit(cache=True, fastmath=REORDER)
+def weigh(feature: Record, work: Record) -> float:
+    """Fill `weight`: the mask within the feature's valid region, and its halves; the share that is left of
+    it."""
+    u0, u1, v0, v1 = feature.u0, feature.u1, feature.v0, feature.v1
+    region = work.region
+    # Most features lie well inside the image and share their weights.
+    if region[0] == u0 and region[1] == u1 and region[2] == v0 and region[3] == v1:
+        return work.share
+    region[0], region[1], region[2], region[3] = u0, u1, v0, v1
+    zero = np.float32(0.0)
+    total = left = zero
+    for k in range(TEMPLATE_SIZE):
+        u, v = k & (ROW - 1), k >> ROW_BITS
+        w = work.mask[k]
+        valid = w if (u >= u0) & (u <= u1) & (v >= v0) & (v <= v1) else zero
+        work.weight[ALL, k] = valid
+        work.weight[LEFT, k] = valid if u < TEMPLATE_HALF else zero
+        work.weight[RIGHT, k] = valid if u >= TEMPLATE_HALF else zero
+        total += w
+        left += valid
+    work.share = left / total
+    return work.share

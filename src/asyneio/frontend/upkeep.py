@@ -1,0 +1,153 @@
+"""What the event loop of the default tracker keeps in order besides the features themselves."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba as nb
+import numpy as np
+
+from asyneio.frontend.features import FREE, GROWING, TRACKING
+from asyneio.frontend.record import Record
+from asyneio.frontend.registration import Registration, unregister
+from asyneio.frontend.surface import NEVER_NS
+from asyneio.types import RecordArray
+
+#: Sample of events over which the thresholds for on and off are balanced.
+_BALANCE_EVENTS = 20_000
+
+#: What the loop carries from packet to packet, and counts.
+STATE_DTYPE = np.dtype(
+    [
+        ("checked_ns", "<i8"),  # when silent features were last looked for
+        ("hot_ns", "<i8"),  # ... and hot pixels
+        ("roll_ns", "<i8"),
+        ("roll", "<f8"),  # rad, of the camera at `roll_ns`
+        ("roll_rate", "<f8"),  # rad/s
+        ("seen", "<f8", (2,)),  # off and on events
+        ("worth", "<f8", (2,)),  # signed weight of an off and of an on event
+        ("alive", "<i8"),  # features, growing or tracked
+        ("hot_pixels", "<i8"),
+        ("hot_events", "<i8"),
+        ("corners", "<i8"),
+        ("tracks", "<i8"),
+        (
+            "untrusted",
+            "<i8",
+        ),  # ended by distrust, beside an older feature, silent, at the border; never tracked
+        ("crowded", "<i8"),
+        ("silent", "<i8"),
+        ("border", "<i8"),
+        ("abandoned", "<i8"),
+    ]
+)
+
+
+class LoopSettings(NamedTuple):
+    """Of Algorithm 1; times in nanoseconds."""
+
+    silence_ns: int
+    spacing_px: float
+    crowding_px: float
+    border_px: int
+    t_min_ns: int
+    t_max_ns: int
+    birth_max_ns: int
+
+
+def make_state() -> RecordArray:
+    """State (1,) STATE_DTYPE before the first event."""
+    state = np.zeros(1, dtype=STATE_DTYPE)
+    state["checked_ns"] = state["hot_ns"] = NEVER_NS
+    state["worth"] = -1.0, 1.0
+    return state
+
+
+@nb.njit(cache=True)
+def release(feature: Record, registration: Registration, slot: int, state: Record) -> None:
+    """End a feature."""
+    unregister(registration, slot)
+    feature.state = FREE
+    state.alive -= 1
+
+
+@nb.njit(cache=True)
+def remove_idle(
+    records: RecordArray, registration: Registration, t_ns: int, loop: LoopSettings, state: Record
+) -> None:
+    """Release features that are silent, that never began to move, or that ran into an older one."""
+    for slot in range(records.size):
+        feature = records[slot]
+        if feature.state == GROWING and t_ns - feature.born_ns > loop.birth_max_ns:
+            release(feature, registration, slot, state)
+            state.abandoned += 1
+        if feature.state != TRACKING:
+            continue
+        if t_ns - feature.t_ns > loop.t_max_ns:
+            release(feature, registration, slot, state)
+            state.silent += 1
+            continue
+        for k in range(records.size):
+            other = records[k]
+            dx, dy = feature.x - other.x, feature.y - other.y
+            beside = dx * dx + dy * dy < loop.crowding_px**2
+            if beside and other.state == TRACKING and other.born_ns < feature.born_ns:
+                release(feature, registration, slot, state)
+                state.crowded += 1
+                break
+
+
+@nb.njit(cache=True)
+def balance(state: Record) -> None:
+    """On and off thresholds of a sensor differ; over time both polarities carry the same change of
+    brightness."""
+    off, on = state.seen[0], state.seen[1]
+    if off + on > _BALANCE_EVENTS:
+        ratio = min(max(np.sqrt(max(off, 1.0) / max(on, 1.0)), 0.5), 2.0)
+        state.worth[0], state.worth[1] = -1.0 / ratio, ratio
+        state.seen[0], state.seen[1] = 0.5 * off, 0.5 * on
+
+
+@nb.njit(cache=True)
+def guess_velocity(records: RecordArray, feature: Record, work: Record) -> bool:
+    """Mean velocity of the three nearest tracked features, into the frame `work`; False, and zero, unless
+    three are within 60 px."""
+    first = second = third = 3600.0
+    a = b = c = -1
+    for k in range(records.size):
+        other = records[k]
+        if other.state != TRACKING:
+            continue
+        dx, dy = feature.x - other.x, feature.y - other.y
+        d2 = dx * dx + dy * dy
+        if d2 < first:
+            first, second, third, a, b, c = d2, first, second, k, a, b
+        elif d2 < second:
+            second, third, b, c = d2, second, k, b
+        elif d2 < third:
+            third, c = d2, k
+    work.vx = work.vy = 0.0
+    if c < 0:
+        return False
+    work.vx = (records[a].vx + records[b].vx + records[c].vx) / 3.0
+    work.vy = (records[a].vy + records[b].vy + records[c].vy) / 3.0
+    return True
+
+
+@nb.njit(cache=True)
+def emit(feature: Record, roll: float, out: Record, scale: float, observation: Record) -> None:
+    """Give out the feature's position with its covariance."""
+    angle = roll - feature.birth_roll
+    c, s = np.cos(angle), np.sin(angle)
+    ox, oy = feature.offset_x, feature.offset_y
+    observation.t_ns = feature.t_ns
+    observation.id = feature.id
+    observation.u = feature.x + c * ox - s * oy
+    observation.v = feature.y + s * ox + c * oy
+    feature.emitted_ns = feature.t_ns
+    # Inverse Hessian of the match, turned from the patch frame into the image.
+    variance = scale * out.residual / max(out.xx * out.yy - out.xy * out.xy, 1e-12)
+    a, b, d = variance * out.yy, -variance * out.xy, variance * out.xx
+    observation.covariance[0] = c * c * a - 2.0 * c * s * b + s * s * d
+    observation.covariance[1] = c * s * (a - d) + (c * c - s * s) * b
+    observation.covariance[2] = s * s * a + 2.0 * c * s * b + c * c * d
