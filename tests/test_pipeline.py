@@ -14,12 +14,13 @@ from hypothesis import strategies as st
 from numba import config, njit
 
 from asyneio import pipeline
-from asyneio.config import Config, load_config
+from asyneio.config import Config, WindowConfig, load_config
 from asyneio.errors import RecordingError
 from asyneio.io import read_estimates, read_tum
 from asyneio.pipeline import COMPILING, packets, run_recording, usable_span, write_outputs
 from asyneio.types import (
     INERTIAL_DTYPE,
+    NS_PER_S,
     OBSERVATION_DTYPE,
     Estimate,
     Health,
@@ -32,6 +33,7 @@ from tests.cli.fakes import Diverges, FakeOdometry, LosesTrack, NeverStarts, Rai
 from tests.io.recordings import START_NS, make_recording
 
 INTERVAL_NS = 50_000_000
+CONFIG = Config(window=WindowConfig(knot_interval_s=INTERVAL_NS / NS_PER_S))
 
 
 @pytest.fixture
@@ -99,7 +101,7 @@ def test_span_is_where_all_sensors_have_data(recording: Recording) -> None:
 
 def test_figures_of_a_run(recording: Recording) -> None:
     progress = Recorder()
-    result = run_recording(recording, Config(), progress)
+    result = run_recording(recording, CONFIG, progress)
     summary = result.summary
     packets_fed = (usable_span(recording)[1] - usable_span(recording)[0]) // INTERVAL_NS
     assert summary.duration_s == pytest.approx(0.05 * packets_fed)
@@ -129,18 +131,18 @@ def test_failures_are_named(
     recording: Recording, monkeypatch: pytest.MonkeyPatch, estimator: type[FakeOdometry], failure: str
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", estimator)
-    assert failure in run_recording(recording, Config()).summary.failure
+    assert failure in run_recording(recording, CONFIG).summary.failure
 
 
 def test_too_short_a_recording_is_refused(recording: Recording) -> None:
     short = replace(recording, gyroscope=recording.gyroscope[:20])
     with pytest.raises(RecordingError, match=r"at least two knot intervals of 0\.05 s"):
-        run_recording(short, Config())
+        run_recording(short, CONFIG)
 
 
 def test_outputs_are_whole_and_reproducible(recording: Recording, tmp_path: Path) -> None:
     config = load_config(None).model_copy(
-        update={"window": Config().window.model_copy(update={"length_s": 2.0})}
+        update={"window": CONFIG.window.model_copy(update={"length_s": 2.0})}
     )
     for name in ("a", "b"):
         result = run_recording(recording, config)
@@ -163,9 +165,9 @@ def test_outputs_are_whole_and_reproducible(recording: Recording, tmp_path: Path
 def test_without_estimates_no_trajectory_and_nothing_stale(
     recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_outputs(run_recording(recording, Config()), Config(), tmp_path)
+    write_outputs(run_recording(recording, CONFIG), CONFIG, tmp_path)
     monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
-    write_outputs(run_recording(recording, Config()), Config(), tmp_path)
+    write_outputs(run_recording(recording, CONFIG), CONFIG, tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.yaml", "summary.json"]
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["first_estimate_s"] is None
@@ -192,7 +194,7 @@ def test_compilation_is_announced_once_and_counted_apart(
 
     monkeypatch.setattr(pipeline, "Odometry", Compiles)
     progress = Recorder()
-    summary = run_recording(recording, Config(), progress).summary
+    summary = run_recording(recording, CONFIG, progress).summary
     assert progress.messages == [COMPILING]
     assert summary.compile_s > 0.02
     assert summary.processing_s < summary.compile_s
@@ -203,7 +205,7 @@ def test_a_cold_cache_is_filled_before_the_run(recording: Recording, monkeypatch
     monkeypatch.setattr(pipeline, "are_compiled", lambda: False)
     monkeypatch.setattr(pipeline, "compile_kernels", lambda: time.sleep(0.2))
     progress = Recorder()
-    summary = run_recording(recording, Config(), progress).summary
+    summary = run_recording(recording, CONFIG, progress).summary
     assert progress.messages == [COMPILING]
     assert summary.compile_s >= 0.2
     assert summary.processing_s < summary.compile_s
@@ -211,5 +213,5 @@ def test_a_cold_cache_is_filled_before_the_run(recording: Recording, monkeypatch
 
 def test_nothing_is_announced_when_nothing_compiles(recording: Recording) -> None:
     progress = Recorder()
-    assert run_recording(recording, Config(), progress).summary.compile_s == 0.0
+    assert run_recording(recording, CONFIG, progress).summary.compile_s == 0.0
     assert progress.messages == []

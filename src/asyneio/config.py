@@ -66,7 +66,9 @@ class VisualConfig(_Section):
     """Feature observations and landmarks."""
 
     pixel_sigma: float = Field(0.5, gt=0.0, description="standard deviation of an observation, pixels")
-    robust_scale: float = Field(2.5, gt=0.0, description="Huber threshold in standard deviations")
+    robust_scale: float = Field(
+        0.6, gt=0.0, description="scale of the Cauchy cost in standard deviations; large: least squares"
+    )
     gate_sigma: float = Field(8.0, gt=0.0, description="observations further off than this are ignored")
     min_observations: int = Field(3, ge=2, description="observations a landmark needs before it is used")
     estimate_bearing: bool = Field(

@@ -170,7 +170,7 @@ def test_settings_are_read_and_checked(asyneio: Asyneio, folder: Path, tmp_path:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("run", "absent"), "asyneio: absent is not a folder"),
+        (("run", "absent"), "asyneio: absent does not exist"),
         (("evaluate", "absent.tum", "absent.tum"), "asyneio: cannot read absent.tum"),
         (("evaluate", "absent.npz", "absent.tum"), "asyneio: cannot read absent.npz"),
         (
@@ -295,7 +295,7 @@ def test_demo_names_the_report(asyneio: Asyneio, tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("asyneio.cli.execute.render_overview", lambda *_: b"picture")
     status, out, err = asyneio("demo", "-o", tmp_path / "a folder", "--duration", "2")
     assert status == 0, err
-    assert "moderate, seed 0" in err
+    assert "event_room, seed 0" in err
     assert err.splitlines()[-1].endswith("/a%20folder/report.html")
     assert "position error, RMSE" in out
     assert (tmp_path / "a folder" / "recording" / "tracks.csv").exists()

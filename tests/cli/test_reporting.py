@@ -26,7 +26,9 @@ from asyneio.types import (
 )
 from tests.io.recordings import START_NS, make_estimate, make_recording
 
-_SUMMARY = Summary("r", "0", 1.0, 1.0, 0.0, 1.0, 0.1, 1, 1, 1, 1.0, 1.0, 0, 0.1, Health.TRACKING, 0, "", ())
+_SUMMARY = Summary(
+    "r", "0", 1.0, 1.0, 0.0, 1.0, 0.0, 0.1, 1, 0, 1, 1, 1.0, 1.0, 0, 0.1, Health.TRACKING, 0, "", ()
+)
 
 
 def curve(s: np.ndarray) -> tuple[np.ndarray, Rotation]:
@@ -65,7 +67,7 @@ def recording(rng: np.random.Generator) -> Recording:
 def test_a_perfect_estimate_has_no_error(recording: Recording, covariance: np.ndarray) -> None:
     estimates, truth = run_along(np.arange(0.2, 4.0, 0.05), 0.7, covariance)
     reports = [StepReport(estimate.t_ns, Health.TRACKING, seconds=0.01) for estimate in estimates]
-    result = RunResult(Run(estimates, reports), _SUMMARY, origin=estimates[0])
+    result = RunResult(Run(estimates, reports), _SUMMARY, recording.observations, origin=estimates[0])
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates), truth, protocol_named("posyaw"))
     data = report_data(result, recording, 0.05, score)
@@ -84,7 +86,7 @@ def test_errors_start_at_the_origin_knot(recording: Recording, covariance: np.nd
     estimates, truth = run_along(np.arange(0.2, 4.0, 0.05), 0.0, covariance)
     for estimate in estimates[1:]:
         estimate.T_w_b[:3, 3] += [0.1, 0.0, 0.0]
-    result = RunResult(Run(estimates[1:], []), _SUMMARY, origin=estimates[0])
+    result = RunResult(Run(estimates[1:], []), _SUMMARY, recording.observations, origin=estimates[0])
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates[1:]), truth, protocol_named("posyaw"))
     data = report_data(result, recording, 0.05, score)
@@ -96,7 +98,7 @@ def test_errors_start_at_the_origin_knot(recording: Recording, covariance: np.nd
 
 def test_bounds_match_samples(recording: Recording, covariance: np.ndarray, rng: np.random.Generator) -> None:
     estimates, truth = run_along(np.array([0.5, 0.7, 0.9]), 0.4, covariance)
-    result = RunResult(Run(estimates, []), _SUMMARY)
+    result = RunResult(Run(estimates, []), _SUMMARY, recording.observations)
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates), truth, protocol_named("posyaw"))
     data = report_data(result, recording, 0.05, score)

@@ -105,18 +105,18 @@ def test_robust_weights_scale_rows() -> None:
     point = naive.at(problem.states, problem.landmarks, 3)
     r = naive.reprojection_residuals(problem, naive.local_variables(point), point)
     norm = np.linalg.norm(r, axis=1)
-    weights = np.where(norm < gate, np.minimum(1.0, scale / norm), 0.0)
-    beyond, linear = norm >= gate, (norm > scale) & (norm < gate)
-    assert min(np.count_nonzero(beyond), np.count_nonzero(linear), np.count_nonzero(norm <= scale)) > 3
+    weights = np.where(norm < gate, 1.0 / (1.0 + (norm / scale) ** 2), 0.0)
+    beyond, heavy = norm >= gate, (norm > scale) & (norm < gate)
+    assert min(np.count_nonzero(beyond), np.count_nonzero(heavy), np.count_nonzero(norm <= scale)) > 3
     normal = naive.normal_equations(problem, weights=weights)
     system = linearize(problem)
     n = 24 * normal.knots
     assert_same(system.H, system.b, normal.H[:n, :n], normal.b[:n])
     assert system.rejected == np.count_nonzero(beyond)
-    huber = np.where(norm <= scale, 0.5 * norm**2, scale * np.minimum(norm, gate) - 0.5 * scale**2)
-    assert system.visual_cost == pytest.approx(huber.sum(), rel=1e-9)
+    cauchy = 0.5 * scale**2 * np.log1p((np.minimum(norm, gate) / scale) ** 2)
+    assert system.visual_cost == pytest.approx(cauchy.sum(), rel=1e-9)
     rest = naive.residuals(problem, None, point)[: -2 * len(norm)]
-    assert system.cost == pytest.approx(0.5 * rest @ rest + huber.sum(), rel=1e-9)
+    assert system.cost == pytest.approx(0.5 * rest @ rest + cauchy.sum(), rel=1e-9)
 
 
 def without(problem: Problem, gone: NDArray[np.bool_]) -> Problem:
@@ -135,7 +135,7 @@ def assert_no_influence(problem: Problem, gone: NDArray[np.bool_]) -> None:
     for a, b in zip(system[:5], less[:5], strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-9)
     model = problem.model
-    constant = np.count_nonzero(gone) * model.robust_scale * (model.gate - 0.5 * model.robust_scale)
+    constant = np.count_nonzero(gone) * 0.5 * model.robust_scale**2 * np.log1p((model.gate / model.robust_scale) ** 2)
     assert system.cost - less.cost == pytest.approx(constant, rel=1e-6)
     assert evaluate_cost(problem) == pytest.approx(system.cost, rel=1e-12)
 

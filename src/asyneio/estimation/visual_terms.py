@@ -15,7 +15,7 @@ from numba import njit
 
 from asyneio.estimation.problem import Problem
 from asyneio.factors.reprojection import landmark_direction, reprojection_jacobian, reprojection_residual
-from asyneio.factors.robust import huber
+from asyneio.factors.robust import cauchy
 from asyneio.geometry.se3 import rows_times_adjoint_inverse, rows_times_right_jacobian
 from asyneio.trajectory.interpolation import query_pose_with_step
 from asyneio.types import BoolArray, FloatArray, IntArray
@@ -116,7 +116,7 @@ def _fill_rows(
         landmark_direction(states.C[a], states.r[a], C, r, model.C_bc, model.r_bc, kappa, rho, x_a, x_b, h)
         visible = reprojection_residual(h, visual.xy[n], root, residual)
         squared = residual[0] ** 2 + residual[1] ** 2 if visible else np.inf
-        robust_cost, robust = huber(squared, model.robust_scale, model.gate)
+        robust_cost, robust = cauchy(squared, model.robust_scale, model.gate)
         cost += robust_cost
         if robust == 0.0:
             rejected += 1

@@ -1,4 +1,4 @@
-"""Robust kernel on the norm of a whitened residual: Huber, cut off at a gate."""
+"""Robust kernel on the norm of a whitened residual: Cauchy, cut off at a gate."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from numba import njit
 
 
 @njit(cache=True)
-def huber(squared_norm: float, scale: float, gate: float) -> tuple[float, float]:
+def cauchy(squared_norm: float, scale: float, gate: float) -> tuple[float, float]:
     """Cost and weight of a residual with the given squared norm (in standard deviations squared).
 
-    Quadratic to `scale`, linear to `gate`, constant (weight 0: no influence) beyond. The cost is half the
-    squared norm in the quadratic part, so that costs of different factors add up.
+    `scale^2 / 2 log(1 + squared_norm / scale^2)`, constant (weight 0: no influence) beyond `gate`. For small residuals
+    the cost is half the squared norm, so that costs of different factors add up. The errors of feature tracks have
+    heavy tails: a track that creeps away must lose its influence, not only its growth (`docs/results.md`).
     """
-    if squared_norm <= scale * scale:
-        return 0.5 * squared_norm, 1.0
-    norm = min(np.sqrt(squared_norm), gate)
-    cost = scale * norm - 0.5 * scale * scale
-    if norm >= gate:
-        return cost, 0.0
-    return cost, scale / norm
+    square = scale * scale
+    if squared_norm >= gate * gate:
+        return 0.5 * square * np.log1p(gate * gate / square), 0.0
+    relative = squared_norm / square
+    return 0.5 * square * np.log1p(relative), 1.0 / (1.0 + relative)

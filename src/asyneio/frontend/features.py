@@ -71,6 +71,7 @@ FEATURE_DTYPE = np.dtype(
         ("v1", "<i4"),
         ("apart_h", "<f8", (2,)),  # running mean of the right minus the left half's shift [px]
         ("apart_v", "<f8", (2,)),  # lower minus upper
+        ("lag", "<f8"),  # running mean of how far the picture of events lags behind the scene [px]
         ("sigma", "<f8"),  # running mean of the matching error along the worst direction, noise units
     ],
     align=True,

@@ -31,6 +31,8 @@ ENDED, REFUSED, MOVED = -1, 0, 1
 #: Least sharpening by motion compensation that shows a patch to move as one.
 _SHARPENING = 1.05
 _ITERATIONS = 3
+#: Noise makes few events look like weak contrast.
+_MAX_LAG_PX = 1.5
 
 
 class GradientSettings(NamedTuple):
@@ -40,7 +42,9 @@ class GradientSettings(NamedTuple):
     mask_sigma_px: float = 6.0  # weight of a patch, from its centre outwards
     birth_px: float = 1.5  # motion that a patch must hold before it becomes a template
     birth_events: int = 150
-    step_px: float = 1.5  # motion between two registrations
+    step_px: float = 1.0  # motion between two registrations, at least ...
+    step_s: float = 0.005  # ... and in fast motion what it covers in this time, ...
+    max_step_px: float = 1.75  # ... at most
     window_px: float = 2.0  # motion drawn into a patch
     min_step_events: int = 30
     min_window_events: int = 100
@@ -56,6 +60,7 @@ class GradientSettings(NamedTuple):
     max_disagreement_px: float = 0.35  # between two halves of the patch ...
     noise_share: float = 0.5  # ... plus what noise explains, in units of `sigma`
     max_sigma: float = 2.5
+    lag_share: float = 0.2  # of the lag that the contrast suggests: the blur halves it, edges are steeper than their mean
     covariance_scale: float = 0.1  # of residual times inverse Hessian: blurred noise is correlated
 
 
@@ -108,6 +113,9 @@ def try_birth(
     learn(feature, evidence, slot, feature.vx * span_s, feature.vy * span_s, 1.0, work)
     weigh(feature, work)
     _place_offset(feature, work)
+    feature.lag = _seen_lag(work, np.hypot(feature.vx, feature.vy) * span_s)
+    # Nothing has been matched yet: the position is what defines the feature.
+    work.match.residual, work.match.xx, work.match.xy, work.match.yy = 0.0, 1.0, 0.0, 1.0
     feature.state = TRACKING
     feature.refusals = 0
     feature.sigma = 0.0
@@ -132,7 +140,9 @@ def _wait(feature: Record, rings: RecordArray, slot: int) -> None:
 @nb.njit(cache=True)
 def _schedule(feature: Record, settings: GradientSettings) -> None:
     """Set after how many kept events the next update is due."""
-    need = feature.density * settings.step_px / feature.stride
+    speed = np.hypot(feature.vx, feature.vy)
+    step_px = min(max(speed * settings.step_s, settings.step_px), settings.max_step_px)
+    need = feature.density * step_px / feature.stride
     feature.due = int(np.ceil(max(need, settings.min_step_events)))
     feature.fresh = 0
 
@@ -152,6 +162,22 @@ def _place_offset(feature: Record, work: Record) -> None:
 
 
 @nb.njit(cache=True)
+def _seen_lag(work: Record, moved_px: float) -> float:
+    """Motion that half a threshold takes [px], from the events that a pixel of motion brings.
+
+    An event comes when a whole threshold has been crossed, on average half a threshold after the light changed. So the
+    picture lags behind the scene along the direction of motion, and jumps when that turns: with `n` events a pixel and
+    pixel of motion, by `1 / 2n`. `n` is the mean of |W| / moved, weighted like the match by its squared contrast.
+    """
+    absolute = square = 0.0
+    for k in range(TEMPLATE_SIZE):
+        w = work.shifted[k]
+        absolute += work.weight[ALL, k] * abs(w)
+        square += work.weight[ALL, k] * w * w
+    return min(0.5 * moved_px * absolute / max(square, 1e-9), _MAX_LAG_PX)
+
+
+@nb.njit(cache=True)
 def update(
     feature: Record,
     rings: RecordArray,
@@ -163,12 +189,12 @@ def update(
     width: int,
     height: int,
     work: Record,
-    out: Record,
 ) -> int:
     """Register the newest window of events: MOVED, REFUSED or ENDED.
 
-    `roll` [rad] is the camera's at the newest event. `out` is `match`'s.
+    `roll` [rad] is the camera's at the newest event. What `match` found is in `work.match`.
     """
+    out = work.match
     stride, density = feature.stride, feature.density
     wanted = int(max(density * settings.window_px / stride, settings.min_window_events))
     count, first, mean, last = newest_events(feature, rings, slot, wanted, settings.max_window_ns)
@@ -195,6 +221,7 @@ def update(
     if not _is_trusted(feature, settings, out):
         return ENDED
     feature.refusals = 0
+    feature.lag += settings.trust_gain * (_seen_lag(work, np.hypot(sx, sy)) - feature.lag)
 
     # Shifts are in the patch frame.
     shift_x, shift_y = cos * out.u - sin * out.v, sin * out.u + cos * out.v

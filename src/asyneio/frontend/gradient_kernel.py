@@ -44,7 +44,7 @@ def process_events(
     scratch = np.empty(SCRATCH, dtype=np.int64)
     state = states[0]
     written = 0
-    reach = settings.feed_radius_px + _SLACK_PX
+    reach = max(settings.feed_radius_px, loop.spacing_px) + _SLACK_PX
     feed2 = settings.feed_radius_px**2
     spacing2 = loop.spacing_px**2
     nearest_edge = loop.border_px + 3
@@ -146,9 +146,11 @@ def _act(
             feature.id = state.tracks
             state.tracks += 1
             move(registration, slot, feature.x, feature.y, reach)
+            return emit(
+                feature, work, settings.lag_share, settings.covariance_scale, width, height, observation
+            )
         return False
-    out = work.match
-    status = update(feature, rings, evidence, slot, roll, rate, settings, width, height, work, out)
+    status = update(feature, rings, evidence, slot, roll, rate, settings, width, height, work)
     u, v, b = feature.x, feature.y, loop.border_px
     outside = u < b or v < b or u > width - 1 - b or v > height - 1 - b
     if status < 0 or outside:
@@ -163,5 +165,4 @@ def _act(
     move(registration, slot, u, v, reach)
     if feature.t_ns - feature.emitted_ns < loop.t_min_ns:
         return False
-    emit(feature, roll, out, settings.covariance_scale, observation)
-    return True
+    return emit(feature, work, settings.lag_share, settings.covariance_scale, width, height, observation)

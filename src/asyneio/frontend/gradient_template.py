@@ -16,6 +16,9 @@ from asyneio.frontend.features import PATCH_HALF, ROW, TEMPLATE_HALF, TEMPLATE_S
 from asyneio.frontend.patch import ALL, LEFT, REORDER, RIGHT, shift_patch
 from asyneio.frontend.record import Record
 
+#: Least determinant of the Hessian over its squared trace (a quarter at best): less is a straight edge, along which
+#: a patch slides.
+_LEAST_CORNER = 0.03
 _FIRST = ROW
 _MIDDLE = TEMPLATE_HALF * ROW
 _LAST = (TEMPLATE_SIDE - 1) * ROW
@@ -108,7 +111,7 @@ def match(work: Record, max_jump: float, iterations: int, out: Record) -> bool:
         gain = tw / tt
         xx, xy, yy, x, y, tw = normal_equations(work, ALL, gain, _FIRST, _LAST)
         det = xx * yy - xy * xy
-        if det <= 1e-4 * (xx + yy) ** 2:
+        if det <= _LEAST_CORNER * (xx + yy) ** 2:
             return False
         du -= (yy * x - xy * y) / det
         dv -= (xx * y - xy * x) / det

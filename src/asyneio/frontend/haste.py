@@ -77,7 +77,13 @@ def remove_silent(
 
 @nb.njit(cache=True)
 def give_birth(
-    features: RecordArray, registration: Registration, t_ns: int, x: int, y: int, counters: IntArray
+    features: RecordArray,
+    registration: Registration,
+    t_ns: int,
+    x: int,
+    y: int,
+    reach: float,
+    counters: IntArray,
 ) -> None:
     """Found a feature on a corner event, in the first free slot; there must be one."""
     slot = 0
@@ -91,7 +97,7 @@ def give_birth(
     feature.written = 0
     counters[ALIVE] += 1
     counters[BIRTHS] += 1
-    register(registration, slot, x, y, RADIUS)
+    register(registration, slot, x, y, reach)
     feed(feature, t_ns, x, y)
 
 
@@ -116,6 +122,7 @@ def process_events(
     height, width = hot.shape
     border = settings.border_px
     spacing2 = settings.spacing_px**2
+    reach = max(float(RADIUS), settings.spacing_px)
     scratch = np.zeros(SCRATCH, dtype=np.int64)
     written = 0
     for i in range(start, events.size):
@@ -155,7 +162,7 @@ def process_events(
                 release(features, registration, slot, counters)
                 counters[AT_BORDER] += 1
                 continue
-            move(registration, slot, u, v, RADIUS)
+            move(registration, slot, u, v, reach)
             if feature.t_ns - feature.reported_ns >= settings.t_min_ns:
                 feature.reported_ns = feature.t_ns
                 observation = observations[written]
@@ -171,7 +178,7 @@ def process_events(
         if x < border or y < border or x > width - 1 - border or y > height - 1 - border:
             continue
         if is_corner(latest_ns, p, x, y, scratch):
-            give_birth(features, registration, t_ns, x, y, counters)
+            give_birth(features, registration, t_ns, x, y, reach, counters)
     return events.size, written
 
 

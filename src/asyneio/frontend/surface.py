@@ -17,8 +17,8 @@ from asyneio.types import NS_PER_S, BoolArray, IntArray
 #: Stamp of a pixel that never fired: far in the past, and safe to subtract.
 NEVER_NS = -(1 << 60)
 
-#: How often hot pixels are looked for. One fires so many times as often as its busiest neighbour, and so
-#: often at least.
+#: How often hot pixels are looked for. One fires so many times as often as all its neighbours but one, and
+#: so often at least.
 HOT_NS = NS_PER_S
 HOT_FACTOR = 5.0
 HOT_FLOOR_HZ = 25.0
@@ -56,23 +56,29 @@ def record_event(
 
 @nb.njit(cache=True)
 def refresh_hot_pixels(surface: Surface, elapsed_s: float) -> int:
-    """Mask pixels whose rate is far above all eight neighbours'; clear the counts; how many are masked.
+    """Mask pixels whose rate is far above their neighbours'; clear the counts; how many are masked.
 
-    An edge crosses neighbouring pixels alike, so a pixel that alone fires that often is defective. It is let
-    back once it calms down.
+    An edge crosses neighbouring pixels alike, so a pixel that fires that much more often than all but one of
+    its neighbours (two defective ones must not hide each other) is defective. It is let back once it calms
+    down.
     """
     height, width = surface.fired.shape
     masked = 0
     for y in range(height):
         for x in range(width):
             own = surface.fired[y, x]
-            busiest = 0
+            surface.hot[y, x] = False
+            if own <= HOT_FLOOR_HZ * elapsed_s:
+                continue
+            busiest = second = 0
             for v in range(max(y - 1, 0), min(y + 2, height)):
                 for u in range(max(x - 1, 0), min(x + 2, width)):
-                    # Two defective neighbours must not hide each other.
-                    if (u != x or v != y) and not surface.hot[v, u]:
-                        busiest = max(busiest, surface.fired[v, u])
-            surface.hot[y, x] = own > HOT_FLOOR_HZ * elapsed_s and own > HOT_FACTOR * busiest
-            masked += surface.hot[y, x]
+                    if u != x or v != y:
+                        rate = surface.fired[v, u]
+                        second = max(second, min(busiest, rate))
+                        busiest = max(busiest, rate)
+            if own > HOT_FACTOR * second:
+                surface.hot[y, x] = True
+                masked += 1
     surface.fired.fill(0)
     return masked

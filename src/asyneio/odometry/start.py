@@ -27,6 +27,8 @@ _WARM_UP_SIGMA = np.array([10.0, 100.0])
 _SHARE_IN_FRONT = 0.8
 #: A roll or pitch error of the alignment that the joint optimisation may still correct.
 _TILT_SIGMA = 0.5
+#: Standard deviations by which observations may typically be off.
+_MAX_MISFIT = 2.5
 
 
 @dataclass(frozen=True)
@@ -78,12 +80,11 @@ def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
     used = len(solution.problem.visual.landmark)
     if solution.report.rejected > 0.2 * used:
         return f"{solution.report.rejected} of {used} observations contradict the motion found"
-    mean_square = 2.0 * solution.report.visual_cost / max(2 * used, 1)
-    if mean_square > settings.window.robust_scale**2:
-        return (
-            f"observations are off by {np.sqrt(mean_square):.1f} standard deviations: "
-            "wrong calibration or bad tracks"
-        )
+    square = settings.window.robust_scale**2
+    # The squared norm whose Cauchy cost is the mean cost, for one of its two axes.
+    typical = 0.5 * square * np.expm1(2.0 * solution.report.visual_cost / (max(used, 1) * square))
+    if typical > _MAX_MISFIT**2:
+        return f"observations are off by {np.sqrt(typical):.1f} standard deviations: wrong calibration or bad tracks"
     return ""
 
 
