@@ -1,8 +1,8 @@
 """From events to a trajectory, end to end, and what dominates the error.
 
-Evidence: simulation. Every sequence is run causally with the default configuration. Beside it the same estimator gets
-true tracks with pixel noise: of the same features over the same life spans (what the tracker's errors cost), and of
-features that live as long as they stay visible (what their short life costs).
+Evidence: simulation. Every sequence is run causally with the default configuration. Beside it the same
+estimator gets true tracks with pixel noise: of the same features over the same life spans (what the tracker's
+errors cost), and of features that live as long as they stay visible (what their short life costs).
 
     python benchmarks/event_runs.py [--scenes event_slow event_fast] [--seeds 2] [--seconds 16] [--cache DIR]
         [--noise 0.4] [--tracker gradient|haste] [--no-substitution] [--markdown FILE]
@@ -48,8 +48,8 @@ def true_tracks(
 ) -> Recording:
     """The recording with the features' true positions and white noise in place of what was tracked.
 
-    `alive` None: at the same times. Else every feature is observed as long as it is visible, and new ones begin
-    only while fewer than `alive` live.
+    `alive` None: at the same times. Else every feature is observed as long as it is visible, and new ones
+    begin only while fewer than `alive` live.
     """
     recording = simulation.recording
     assert recording.calibration is not None
@@ -126,9 +126,7 @@ def row(simulation: EventSimulation, result: RunResult) -> list[str]:
     recording, summary = simulation.recording, result.summary
     if not result.run.estimates or recording.ground_truth is None:
         return [recording.name, *["-"] * 6, "never started", f"{summary.real_time_factor:.2f}"]
-    score = evaluate(
-        to_trajectory(result.run.estimates), recording.ground_truth, protocol_named("posyaw")
-    )
+    score = evaluate(to_trajectory(result.run.estimates), recording.ground_truth, protocol_named("posyaw"))
     lost = bool(summary.failure) or summary.health is not Health.TRACKING
     return [
         recording.name,

@@ -90,9 +90,9 @@ class Summary:
     """Figures of one run; times in seconds, factors without unit.
 
     `real_time_factor` is recorded over processing time (above one: faster than the sensors); compilation is
-    counted apart. Of events, `frontend_s` is what tracking took, in its own thread beside the rest; `events` are 0
-    for a recording of tracks. `first_estimate_s` counts from the start of the recording. `failure` says why the output is
-    missing or incomplete, empty when it is whole.
+    counted apart. Of events, `frontend_s` is what tracking took, in its own thread beside the rest; `events`
+    are 0 for a recording of tracks. `first_estimate_s` counts from the start of the recording. `failure` says
+    why the output is missing or incomplete, empty when it is whole.
     """
 
     recording: str
@@ -125,8 +125,8 @@ class Summary:
 class RunResult:
     """What a run produced, and its figures.
 
-    `observations` are what the estimator was given, IMU clock. `origin` is the knot that defines the world's origin
-    and yaw, to which all covariances are relative.
+    `observations` are what the estimator was given, IMU clock. `origin` is the knot that defines the world's
+    origin and yaw, to which all covariances are relative.
     """
 
     run: Run
@@ -181,10 +181,12 @@ def run_recording(
 
 
 def usable_span(recording: Recording | EventRecording) -> tuple[int, int]:
-    """First and last instant [ns] at which both inertial sensors had data, from the first observation or event on.
+    """First and last instant [ns] at which both inertial sensors had data, from the first observation
+    or event on.
 
     Raises:
-        RecordingError: the recording lacks events, tracks or samples of an inertial sensor, or its calibration.
+        RecordingError: the recording lacks events, tracks or samples of an inertial sensor, or its
+        calibration.
     """
     for name in ("gyroscope", "accelerometer"):
         if getattr(recording, name).size == 0:
@@ -267,8 +269,8 @@ def _track(
 def _calibration(recording: Recording | EventRecording) -> Calibration:
     if recording.calibration is None:
         raise RecordingError(
-            f"{recording.name} comes without extrinsics and IMU noise; expected camchain-imucam.yaml and imu.yaml "
-            "(Kalibr) beside it, or given with --calibration and --imu"
+            f"{recording.name} comes without extrinsics and IMU noise; expected camchain-imucam.yaml and "
+            "imu.yaml (Kalibr) beside it, or given with --calibration and --imu"
         )
     return recording.calibration
 

@@ -1,7 +1,7 @@
 """The front end over a whole recording: event packets in, packets of observations and inertial samples out.
 
-Runs in a thread of its own (its kernel releases the interpreter), so that on two cores tracking and estimation go
-on at the same time. The result does not depend on how the two are scheduled.
+Runs in a thread of its own (its kernel releases the interpreter), so that on two cores tracking and
+estimation go on at the same time. The result does not depend on how the two are scheduled.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ _AHEAD = 20
 class ObservationStream:
     """Observations of an event recording, cut at given times.
 
-    An observation is known only some time after its stamp: the window of events that it is taken from lies around it.
-    So a packet is given out `max_delay_s` after its end; what comes later still is dropped and counted.
+    An observation is known only some time after its stamp: the window of events that it is taken from lies
+    around it. So a packet is given out `max_delay_s` after its end; what comes later still is dropped and
+    counted.
 
     Args:
         recording: what to track.

@@ -298,4 +298,4 @@ def test_demo_names_the_report(asyneio: Asyneio, tmp_path: Path, monkeypatch: py
     assert "event_room, seed 0" in err
     assert err.splitlines()[-1].endswith("/a%20folder/report.html")
     assert "position error, RMSE" in out
-    assert (tmp_path / "a folder" / "recording" / "tracks.csv").exists()
+    assert (tmp_path / "a folder" / "recording" / "recording.h5").exists()

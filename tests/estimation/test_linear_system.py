@@ -135,7 +135,8 @@ def assert_no_influence(problem: Problem, gone: NDArray[np.bool_]) -> None:
     for a, b in zip(system[:5], less[:5], strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-9)
     model = problem.model
-    constant = np.count_nonzero(gone) * 0.5 * model.robust_scale**2 * np.log1p((model.gate / model.robust_scale) ** 2)
+    square = model.robust_scale**2
+    constant = np.count_nonzero(gone) * 0.5 * square * np.log1p(model.gate**2 / square)
     assert system.cost - less.cost == pytest.approx(constant, rel=1e-6)
     assert evaluate_cost(problem) == pytest.approx(system.cost, rel=1e-12)
 

@@ -85,7 +85,8 @@ def test_motions_without_scale_are_refused_in_words(name: str, pixel_sigma: floa
     motion, seconds, options = REFUSED[name]
     reason = try_start(*recorded(motion, seconds, pixel_sigma, **options))  # type: ignore[arg-type]
     assert isinstance(reason, str)
-    assert any(words in reason for words in ("scale is known to", "do not agree yet", "parallax", "does not settle"))
+    words = ("scale is known to", "do not agree yet", "parallax", "does not settle")
+    assert any(some in reason for some in words)
 
 
 def test_too_little_is_said_to_be_too_little() -> None:

@@ -10,9 +10,10 @@ from numba import njit
 def cauchy(squared_norm: float, scale: float, gate: float) -> tuple[float, float]:
     """Cost and weight of a residual with the given squared norm (in standard deviations squared).
 
-    `scale^2 / 2 log(1 + squared_norm / scale^2)`, constant (weight 0: no influence) beyond `gate`. For small residuals
-    the cost is half the squared norm, so that costs of different factors add up. The errors of feature tracks have
-    heavy tails: a track that creeps away must lose its influence, not only its growth (`docs/results.md`).
+    `scale^2 / 2 log(1 + squared_norm / scale^2)`, constant (weight 0: no influence) beyond `gate`. For small
+    residuals the cost is half the squared norm, so that costs of different factors add up. The errors of
+    feature tracks have heavy tails: a track that creeps away must lose its influence, not only its growth
+    (`docs/results.md`).
     """
     square = scale * scale
     if squared_norm >= gate * gate:

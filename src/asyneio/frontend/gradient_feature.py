@@ -60,7 +60,7 @@ class GradientSettings(NamedTuple):
     max_disagreement_px: float = 0.35  # between two halves of the patch ...
     noise_share: float = 0.5  # ... plus what noise explains, in units of `sigma`
     max_sigma: float = 2.5
-    lag_share: float = 0.2  # of the lag that the contrast suggests: the blur halves it, edges are steeper than their mean
+    lag_share: float = 0.2  # of the lag that the mean contrast suggests: edges are steeper, and blurred
     covariance_scale: float = 0.1  # of residual times inverse Hessian: blurred noise is correlated
 
 
@@ -165,9 +165,10 @@ def _place_offset(feature: Record, work: Record) -> None:
 def _seen_lag(work: Record, moved_px: float) -> float:
     """Motion that half a threshold takes [px], from the events that a pixel of motion brings.
 
-    An event comes when a whole threshold has been crossed, on average half a threshold after the light changed. So the
-    picture lags behind the scene along the direction of motion, and jumps when that turns: with `n` events a pixel and
-    pixel of motion, by `1 / 2n`. `n` is the mean of |W| / moved, weighted like the match by its squared contrast.
+    An event comes when a whole threshold has been crossed, on average half a threshold after the light
+    changed. So the picture lags behind the scene along the direction of motion, and jumps when that turns:
+    with `n` events a pixel and pixel of motion, by `1 / 2n`. `n` is the mean of |W| / moved, weighted like
+    the match by its squared contrast.
     """
     absolute = square = 0.0
     for k in range(TEMPLATE_SIZE):

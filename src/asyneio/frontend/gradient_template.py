@@ -16,8 +16,8 @@ from asyneio.frontend.features import PATCH_HALF, ROW, TEMPLATE_HALF, TEMPLATE_S
 from asyneio.frontend.patch import ALL, LEFT, REORDER, RIGHT, shift_patch
 from asyneio.frontend.record import Record
 
-#: Least determinant of the Hessian over its squared trace (a quarter at best): less is a straight edge, along which
-#: a patch slides.
+#: Least determinant of the Hessian over its squared trace (a quarter at best): less is a straight edge, along
+#: which a patch slides.
 _LEAST_CORNER = 0.03
 _FIRST = ROW
 _MIDDLE = TEMPLATE_HALF * ROW

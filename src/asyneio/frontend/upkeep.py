@@ -144,8 +144,8 @@ def emit(
     height: int,
     observation: Record,
 ) -> bool:
-    """Give out the position of a feature just founded or updated, ahead of its picture by the lag of events, with
-    its covariance; not if it lies outside the image."""
+    """Give out the position of a feature just founded or updated, ahead of its picture by the lag of events,
+    with its covariance; not if it lies outside the image."""
     c, s = np.cos(work.roll), np.sin(work.roll)
     ahead = lag_share * feature.lag / max(np.hypot(feature.vx, feature.vy), 1e-3)
     u = feature.x + c * feature.offset_x - s * feature.offset_y + ahead * feature.vx

@@ -47,7 +47,8 @@ class Intake:
     def _root_information(self, d_xy_d_uv: FloatArray, covariance_uv: FloatArray) -> FloatArray:
         """(N,2,2): whitens normalised coordinates with the pixel noise they come from.
 
-        The front end's covariance (N,3), where it gives one, is added to the noise that all observations share.
+        The front end's covariance (N,3), where it gives one, is added to the noise that all observations
+        share.
         """
         uu, uv, vv = covariance_uv.astype(np.float64).T
         noise = np.stack([uu, uv, uv, vv], axis=1).reshape(-1, 2, 2) + self._pixel_sigma**2 * np.eye(2)

@@ -84,7 +84,10 @@ def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
     # The squared norm whose Cauchy cost is the mean cost, for one of its two axes.
     typical = 0.5 * square * np.expm1(2.0 * solution.report.visual_cost / (max(used, 1) * square))
     if typical > _MAX_MISFIT**2:
-        return f"observations are off by {np.sqrt(typical):.1f} standard deviations: wrong calibration or bad tracks"
+        return (
+            f"observations are off by {np.sqrt(typical):.1f} standard deviations: "
+            "wrong calibration or bad tracks"
+        )
     return ""
 
 
