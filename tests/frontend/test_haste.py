@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.conftest import SEED
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend.haste import ALIVE, SILENT, TRACKS, HasteTracker
@@ -25,6 +24,7 @@ from asyneio.frontend.haste_kernel import (
     feed,
 )
 from asyneio.types import EVENT_DTYPE, FloatArray, RecordArray
+from tests.conftest import SEED
 
 WIDTH, HEIGHT = 120, 90
 
