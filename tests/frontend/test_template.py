@@ -85,7 +85,7 @@ def test_hessian_and_residual_are_those_of_the_weighted_patch() -> None:
     good, work = registered(flatten(patch), flatten(template))
     assert good
     W, T = unflatten(work["shifted"][0]), template
-    weight = unflatten(work["weight"][0, 0])
+    weight = unflatten(work["weight"][0])
     gain = np.sum(weight * W * T) / np.sum(weight * T * T)
     gy, gx = ((a + gain * b) / 2 for a, b in zip(np.gradient(W), np.gradient(T), strict=True))
     found = work["match"][0]
@@ -106,7 +106,7 @@ def test_scatter_under_noise_follows_the_inverse_hessian() -> None:
         assert good
         shifts.append([work["match"]["u"][0], work["match"]["v"][0]])
     gy, gx = np.gradient(unflatten(template))
-    weight = unflatten(work["weight"][0, 0])
+    weight = unflatten(work["weight"][0])
     J = np.stack([gx, gy])
     H = np.einsum("yx,iyx,jyx->ij", weight, J, J)
     expected = np.linalg.inv(H) @ np.einsum("yx,iyx,jyx->ij", weight**2, J, J) @ np.linalg.inv(H) * sigma**2

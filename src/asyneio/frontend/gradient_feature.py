@@ -22,7 +22,7 @@ from asyneio.frontend.features import (
 )
 from asyneio.frontend.flow import find_flow
 from asyneio.frontend.gradient_template import learn, match, synthesise
-from asyneio.frontend.patch import ALL, blur, draw_patch, restrict, shift_patch, weigh
+from asyneio.frontend.patch import blur, draw_patch, restrict, shift_patch, weigh
 from asyneio.frontend.record import Record
 from asyneio.types import RecordArray
 
@@ -153,7 +153,7 @@ def _place_offset(feature: Record, work: Record) -> None:
     followed."""
     weight = u_sum = v_sum = 0.0
     for k in range(TEMPLATE_SIZE):
-        w = work.weight[ALL, k] * work.shifted[k] ** 2
+        w = work.weight[k] * work.shifted[k] ** 2
         weight += w
         u_sum += w * (k % ROW - TEMPLATE_HALF)
         v_sum += w * (k // ROW - TEMPLATE_HALF)
@@ -173,8 +173,8 @@ def _seen_lag(work: Record, moved_px: float) -> float:
     absolute = square = 0.0
     for k in range(TEMPLATE_SIZE):
         w = work.shifted[k]
-        absolute += work.weight[ALL, k] * abs(w)
-        square += work.weight[ALL, k] * w * w
+        absolute += work.weight[k] * abs(w)
+        square += work.weight[k] * w * w
     return min(0.5 * moved_px * absolute / max(square, 1e-9), _MAX_LAG_PX)
 
 

@@ -13,15 +13,13 @@ import numba as nb
 import numpy as np
 
 from asyneio.frontend.features import PATCH_HALF, ROW, TEMPLATE_HALF, TEMPLATE_SIDE, TEMPLATE_SIZE
-from asyneio.frontend.patch import ALL, LEFT, REORDER, RIGHT, shift_patch
+from asyneio.frontend.patch import COLUMNS, clear_sums, shift_patch, total_of
 from asyneio.frontend.record import Record
 
 #: Least determinant of the Hessian over its squared trace (a quarter at best): less is a straight edge, along
 #: which a patch slides.
 _LEAST_CORNER = 0.03
-_FIRST = ROW
-_MIDDLE = TEMPLATE_HALF * ROW
-_LAST = (TEMPLATE_SIDE - 1) * ROW
+_FIRST, _MIDDLE, _LAST = 1, TEMPLATE_HALF, TEMPLATE_SIDE - 1
 
 
 @nb.njit(cache=True)
@@ -52,46 +50,60 @@ def learn(
     feature.yy = keep * feature.yy + sy * sy
 
 
-@nb.njit(cache=True, fastmath=REORDER)
+@nb.njit(cache=True)
 def correlate(work: Record) -> tuple[float, float, float]:
     """Weighted sums T W, T T and W W."""
-    tw = tt = ww = np.float32(0.0)
-    for k in range(_FIRST, _LAST):
-        weight, w, t = work.weight[ALL, k], work.shifted[k], work.template[k]
-        tw += weight * t * w
-        tt += weight * t * t
-        ww += weight * w * w
-    return float(tw), float(tt), float(ww)
+    weight, W, T, sums = work.weight, work.shifted, work.template, work.sums
+    clear_sums(work, 3)
+    for v in range(TEMPLATE_SIDE):
+        for u in range(COLUMNS):
+            k = v * ROW + u
+            m, w, t = weight[k], W[k], T[k]
+            sums[u] += m * t * w
+            sums[COLUMNS + u] += m * t * t
+            sums[2 * COLUMNS + u] += m * w * w
+    n = COLUMNS
+    return total_of(work, 0, 0, n), total_of(work, 1, 0, n), total_of(work, 2, 0, n)
 
 
-@nb.njit(cache=True, fastmath=REORDER)
-def normal_equations(
-    work: Record, part: int, gain: float, start: int, end: int
-) -> tuple[float, float, float, float, float, float]:
-    """Weighted sums of J J^T (xx, xy, yy), J r (x, y) and T W over the pixels start..end-1 of a part of the
-    patch.
+@nb.njit(cache=True)
+def normal_equations(work: Record, gain: float, top: int, bottom: int) -> None:
+    """Sum J J^T, J r and T W, weighted, over the rows top..bottom-1, column by column; see `read_sums`.
 
-    `r = W - g T` and `J = (grad W + g grad T) / 2`.
+    `r = W - g T` and `J = (grad W + g grad T) / 2`. No gradient at the rim: 1 <= top, bottom < TEMPLATE_SIDE.
     """
     g = np.float32(gain)
+    weight, W, T, sums = work.weight, work.shifted, work.template, work.sums
+    clear_sums(work, 6)
     # The bounds tell the compiler that no index is negative; without them it does not vectorise.
-    start, end = max(start, _FIRST), min(end, _LAST)
-    xx = xy = yy = x = y = tw = np.float32(0.0)
-    W, T = work.shifted, work.template
-    for k in range(start, end):
-        jx = W[k + 1] - W[k - 1] + g * (T[k + 1] - T[k - 1])
-        jy = W[k + ROW] - W[k - ROW] + g * (T[k + ROW] - T[k - ROW])
-        w, t, weight = W[k], T[k], work.weight[part, k]
-        r = w - g * t
-        wx, wy = weight * jx, weight * jy
-        xx += wx * jx
-        xy += wx * jy
-        yy += wy * jy
-        x += wx * r
-        y += wy * r
-        tw += weight * t * w
+    for v in range(max(top, 1), min(bottom, TEMPLATE_SIDE - 1)):
+        for u in range(COLUMNS):
+            k = v * ROW + u
+            m, w, t = weight[k], W[k], T[k]
+            jx = W[k + 1] - W[k - 1] + g * (T[k + 1] - T[k - 1])
+            jy = W[k + ROW] - W[k - ROW] + g * (T[k + ROW] - T[k - ROW])
+            r = w - g * t
+            mx, my = m * jx, m * jy
+            sums[u] += mx * jx
+            sums[COLUMNS + u] += mx * jy
+            sums[2 * COLUMNS + u] += my * jy
+            sums[3 * COLUMNS + u] += mx * r
+            sums[4 * COLUMNS + u] += my * r
+            sums[5 * COLUMNS + u] += m * t * w
+
+
+@nb.njit(cache=True)
+def read_sums(work: Record, start: int, end: int) -> tuple[float, float, float, float, float, float]:
+    """J J^T (xx, xy, yy), J r (x, y) and T W over the columns start..end-1."""
     # Central differences, and the mean of two: a quarter each.
-    return float(xx) / 16.0, float(xy) / 16.0, float(yy) / 16.0, float(x) / 4.0, float(y) / 4.0, float(tw)
+    return (
+        total_of(work, 0, start, end) / 16.0,
+        total_of(work, 1, start, end) / 16.0,
+        total_of(work, 2, start, end) / 16.0,
+        total_of(work, 3, start, end) / 4.0,
+        total_of(work, 4, start, end) / 4.0,
+        total_of(work, 5, start, end),
+    )
 
 
 @nb.njit(cache=True)
@@ -109,7 +121,8 @@ def match(work: Record, max_jump: float, iterations: int, out: Record) -> bool:
         if tw <= 0.0 or tt <= 0.0:
             return False
         gain = tw / tt
-        xx, xy, yy, x, y, tw = normal_equations(work, ALL, gain, _FIRST, _LAST)
+        normal_equations(work, gain, _FIRST, _LAST)
+        xx, xy, yy, x, y, tw = read_sums(work, 0, COLUMNS)
         det = xx * yy - xy * xy
         if det <= _LEAST_CORNER * (xx + yy) ** 2:
             return False
@@ -121,10 +134,10 @@ def match(work: Record, max_jump: float, iterations: int, out: Record) -> bool:
     tw, tt, ww = correlate(work)
     if tt <= 0.0 or ww <= 0.0:
         return False
-    a = normal_equations(work, LEFT, gain, _FIRST, _MIDDLE)
-    b = normal_equations(work, RIGHT, gain, _FIRST, _MIDDLE)
-    c = normal_equations(work, LEFT, gain, _MIDDLE, _LAST)
-    d = normal_equations(work, RIGHT, gain, _MIDDLE, _LAST)
+    normal_equations(work, gain, _FIRST, _MIDDLE)
+    a, b = read_sums(work, 0, _MIDDLE), read_sums(work, _MIDDLE, COLUMNS)
+    normal_equations(work, gain, _MIDDLE, _LAST)
+    c, d = read_sums(work, 0, _MIDDLE), read_sums(work, _MIDDLE, COLUMNS)
     out.u, out.v = du, dv
     out.ncc = tw / np.sqrt(tt * ww)
     out.residual = ww * max(1.0 - out.ncc * out.ncc, 0.0)

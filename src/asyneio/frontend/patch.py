@@ -20,13 +20,11 @@ from asyneio.frontend.features import (
 from asyneio.frontend.record import Record
 from asyneio.types import RecordArray
 
-#: Which part of a patch counts: all that is valid, its left half without and its right half with the middle
-#: column.
-ALL, LEFT, RIGHT = range(3)
-
-#: Sums over pixels may be taken in any order, or they would not vectorise; nothing else is left to the
-#: compiler, so that results repeat.
-REORDER = {"reassoc"}
+#: Sums over pixels are kept apart by column, and the columns added up last. So they vectorise without leave
+#: to reorder them, of which the compiler makes another use in every compilation: results repeat to the last
+#: bit. So many columns, and so many sums at a time.
+COLUMNS = 24
+SUMS = 6
 
 #: Most events that the coarse search for a birth's velocity looks at.
 SKETCH = 160
@@ -59,7 +57,7 @@ WORK_DTYPE = np.dtype(
         ("shifted", "<f4", (TEMPLATE_SIZE,)),
         ("template", "<f4", (TEMPLATE_SIZE,)),
         ("mask", "<f4", (TEMPLATE_SIZE,)),  # Gaussian, zero outside the region that is matched
-        ("weight", "<f4", (3, TEMPLATE_SIZE)),  # the mask where it is valid: ALL, LEFT, RIGHT
+        ("weight", "<f4", (TEMPLATE_SIZE,)),  # the mask where it is valid
         ("sketch", "<f4", (4, SKETCH)),  # of a few events: dx, dy, dt, w
         ("t_ns", "<i8"),  # frame: when its centre is at x, y [px], moving with vx, vy [px/s]
         ("x", "<f8"),
@@ -68,6 +66,7 @@ WORK_DTYPE = np.dtype(
         ("vy", "<f8"),
         ("roll", "<f8"),  # rad, turns the patch frame into the image frame at `t_ns`
         ("roll_rate", "<f8"),  # rad/s
+        ("sums", "<f4", (SUMS * COLUMNS,)),
         ("region", "<i4", (4,)),  # u0, u1, v0, v1 of the feature for which `weight` was filled
         ("share", "<f4"),  # of the mask in that region
         ("match", MATCH_DTYPE),
@@ -149,15 +148,34 @@ def shift_patch(work: Record, du: float, dv: float) -> None:
         out[k] = w00 * source[j] + w01 * source[j + 1] + w10 * source[j + ROW] + w11 * source[j + ROW + 1]
 
 
-@nb.njit(cache=True, fastmath=REORDER)
+@nb.njit(cache=True)
 def contrast(work: Record) -> float:
     """Sum of squares of the blurred patch over the mask."""
     first = (PATCH_HALF - TEMPLATE_HALF) * (ROW + 1)
-    total = np.float32(0.0)
-    for k in range(TEMPLATE_SIZE):
-        w = work.blurred[first + k]
-        total += work.mask[k] * w * w
-    return float(total)
+    mask, blurred, sums = work.mask, work.blurred, work.sums
+    clear_sums(work, 1)
+    for v in range(TEMPLATE_SIDE):
+        for u in range(COLUMNS):
+            k = v * ROW + u
+            w = blurred[first + k]
+            sums[u] += mask[k] * w * w
+    return total_of(work, 0, 0, COLUMNS)
+
+
+@nb.njit(cache=True)
+def clear_sums(work: Record, count: int) -> None:
+    """Begin so many sums."""
+    for k in range(count * COLUMNS):
+        work.sums[k] = 0.0
+
+
+@nb.njit(cache=True)
+def total_of(work: Record, which: int, start: int, end: int) -> float:
+    """One of the sums over the columns start..end-1."""
+    total = 0.0
+    for u in range(start, end):
+        total += work.sums[which * COLUMNS + u]
+    return total
 
 
 @nb.njit(cache=True)
@@ -169,7 +187,7 @@ def restrict(feature: Record, x: float, y: float, width: int, height: int) -> No
     feature.v1 = min(feature.v1, int(np.floor(TEMPLATE_HALF + height - 1 - y)) - 1)
 
 
-@nb.njit(cache=True, fastmath=REORDER)
+@nb.njit(cache=True)
 def weigh(feature: Record, work: Record) -> float:
     """Fill `weight`: the mask within the feature's valid region, and its halves; the share that is left of
     it."""
@@ -185,9 +203,7 @@ def weigh(feature: Record, work: Record) -> float:
         u, v = k & (ROW - 1), k >> ROW_BITS
         w = work.mask[k]
         valid = w if (u >= u0) & (u <= u1) & (v >= v0) & (v <= v1) else zero
-        work.weight[ALL, k] = valid
-        work.weight[LEFT, k] = valid if u < TEMPLATE_HALF else zero
-        work.weight[RIGHT, k] = valid if u >= TEMPLATE_HALF else zero
+        work.weight[k] = valid
         total += w
         left += valid
     work.share = left / total
