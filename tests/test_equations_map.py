@@ -1,4 +1,4 @@
-"""`docs/equations.md` against the package: what it names exists, and every equation has its place there."""
+"""`docs/equations.md` against the package: what it names exists; equations and lines have their place."""
 
 from __future__ import annotations
 
@@ -16,9 +16,19 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "equations.md"
-ROOMS = ("trajectory", "inertial", "factors", "geometry", "initialization", "estimation", "odometry")
-#: The paper's equations, appendix included.
+ROOMS = (
+    "trajectory",
+    "inertial",
+    "factors",
+    "geometry",
+    "frontend",
+    "initialization",
+    "estimation",
+    "odometry",
+)
+#: The paper's equations, appendix included, and the lines of its Algorithm 1.
 EQUATIONS = frozenset(range(1, 93))
+LINES = frozenset(range(1, 25))
 
 #: `(16)` or `(45)-(53)`, not the argument of a call and not a shape such as `(3,)`.
 TAG = re.compile(r"(?<![\w\])])\((\d{1,2})\)(?:\s?-\s?\((\d{1,2})\))?")
@@ -64,6 +74,34 @@ def rows() -> tuple[Row, ...]:
     )
 
 
+def plain_table(title: str) -> list[list[str]]:
+    """Cells of all rows below the head of a table that has no equations of the paper."""
+    lines = [line for line in section(title).splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
+@cache
+def front_end_rows() -> tuple[Row, ...]:
+    """Lines of Algorithm 1 (as `equations`) and the relations of the tracker (which have no number)."""
+    lines = [
+        Row(
+            tags(f"({cells[0].replace('-', ')-(')})"),
+            tuple(CODE.findall(cells[2])),
+            tuple(CODE.findall(cells[3])),
+        )
+        for cells in plain_table("Algorithm 1")
+    ]
+    relations = [
+        Row(frozenset(), tuple(CODE.findall(cells[1])), tuple(CODE.findall(cells[2])))
+        for cells in plain_table("The default tracker")
+    ]
+    return (*lines, *relations)
+
+
+def everything() -> tuple[Row, ...]:
+    return (*rows(), *front_end_rows())
+
+
 def mapped() -> frozenset[int]:
     return frozenset().union(*(row.equations for row in rows()))
 
@@ -102,12 +140,12 @@ def functions_in(path: str) -> frozenset[str]:
     return frozenset(node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
 
 
-@pytest.mark.parametrize("name", sorted({name for row in rows() for name in row.functions}))
+@pytest.mark.parametrize("name", sorted({name for row in everything() for name in row.functions}))
 def test_every_named_function_exists(name: str) -> None:
     assert resolve(name) is not None
 
 
-@pytest.mark.parametrize("name", sorted({name for row in rows() for name in row.tests}))
+@pytest.mark.parametrize("name", sorted({name for row in everything() for name in row.tests}))
 def test_every_named_test_exists(name: str) -> None:
     path, function = name.split("::")
     assert (ROOT / path).is_file(), f"{path} does not exist"
@@ -124,9 +162,15 @@ def test_functions_of_the_last_section_exist() -> None:
 
 def test_every_row_names_functions_and_tests() -> None:
     assert len(rows()) > 30
-    for row in rows():
-        assert row.functions, f"{sorted(row.equations)} names no function"
-        assert row.tests, f"{sorted(row.equations)} names no test"
+    assert len(front_end_rows()) > 15
+    for row in everything():
+        assert row.functions, f"{row} names no function"
+        assert row.tests, f"{row} names no test"
+
+
+def test_every_line_of_the_algorithm_has_one_place() -> None:
+    lines = [line for row in front_end_rows() for line in row.equations]
+    assert sorted(lines) == sorted(LINES)
 
 
 def test_every_equation_of_the_paper_has_one_place() -> None:

@@ -5,43 +5,61 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from asyneio import pipeline
+from asyneio.cli import simulate
 from asyneio.cli.main import main
-from asyneio.io import write_tracks_folder
+from asyneio.io import write_tum, write_uzh_folder
+from asyneio.simulation import EVENT_SCENARIOS, EventScenario, simulate_events
+from asyneio.types import EventRecording
 from tests.cli.fakes import FakeOdometry
-from tests.io.recordings import make_recording
 
 _REPOSITORY = Path(__file__).resolve().parents[2]
 _README = (_REPOSITORY / "README.md").read_text()
+_SECONDS = 0.8
+
+
+@pytest.fixture(scope="module")
+def recording() -> EventRecording:
+    """Events of a moment in a room."""
+    return simulate_events(replace(EVENT_SCENARIOS["event_room"], duration_s=_SECONDS)).recording
 
 
 @pytest.fixture(autouse=True)
-def _workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
-    """A folder with a recording where the examples expect it, and a fast estimator."""
-    write_tracks_folder(make_recording(rng, seconds=3.0), tmp_path / "recordings" / "desk")
-    (tmp_path / "groundtruth.tum").write_text((tmp_path / "recordings/desk/groundtruth.tum").read_text())
+def _workplace(recording: EventRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder with a recording where the examples expect it, short simulations, and a fast estimator."""
+    write_uzh_folder(recording, tmp_path / "recordings" / "desk")
+    assert recording.ground_truth is not None
+    write_tum(tmp_path / "groundtruth.tum", recording.ground_truth)
     (tmp_path / "RECORDING").symlink_to(tmp_path / "recordings" / "desk")
+    whole = simulate.named_event_scenario
+
+    def short(name: str, seed: int, duration_s: float | None) -> EventScenario:
+        return replace(whole(name, seed, duration_s), duration_s=_SECONDS)
+
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(simulate, "named_event_scenario", short)
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
     monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
-    monkeypatch.setattr("asyneio.cli.execute.available", lambda: False)
+    for module in ("asyneio.cli.execute", "asyneio.viz"):
+        monkeypatch.setattr(f"{module}.available", lambda: False)
 
 
 def test_commands(monkeypatch: pytest.MonkeyPatch) -> None:
     commands = re.findall(r"^    (asyneio .*)$", _README, re.MULTILINE)
-    assert len(commands) == 5
+    assert len(commands) == 6
     for command in commands:
         monkeypatch.setattr(sys, "argv", shlex.split(command.replace("COMMAND", "run")))
         with pytest.raises(SystemExit) as stop:
             main()
         assert stop.value.code in (0, None), command
-    assert Path("results/desk/trajectory.tum").exists()
-    assert Path("recordings/aggressive/tracks.csv").exists()
+    for written in ("demo/trajectory.tum", "desk/trajectory.tum", "desk-tracks/tracks.csv"):
+        assert Path("results", written).exists()
+    assert Path("recordings/fast/events.txt").exists()
 
 
 def test_python(capsys: pytest.CaptureFixture[str]) -> None:
