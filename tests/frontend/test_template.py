@@ -24,12 +24,13 @@ from tests.frontend.patches import (
 
 ITERATIONS = 6
 MAX_JUMP = 2.9
+MIN_CORNER = 0.01
 
 
 def registered(picture_patch: FloatArray, template: FloatArray) -> tuple[bool, RecordArray]:
     work = make_work()
     work["blurred"], work["template"] = picture_patch, template
-    good = match(work[0], MAX_JUMP, ITERATIONS, work[0]["match"])
+    good = match(work[0], MAX_JUMP, MIN_CORNER, ITERATIONS, work[0]["match"])
     return good, work
 
 

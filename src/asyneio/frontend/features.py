@@ -58,6 +58,9 @@ FEATURE_DTYPE = np.dtype(
         ("id", "<i8"),
         ("born_ns", "<i8"),
         ("emitted_ns", "<i8"),  # last observation given out
+        ("founded_ns", "<i8"),  # the founding observation, until a first match confirms it; 0 after that
+        ("founded_u", "<f8"),
+        ("founded_v", "<f8"),
         ("birth_roll", "<f8"),  # rad, roll of the camera when the patch was cut
         ("offset_x", "<f8"),  # of the reported point from the centre, patch frame
         ("offset_y", "<f8"),

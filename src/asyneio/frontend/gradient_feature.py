@@ -24,6 +24,7 @@ from asyneio.frontend.flow import find_flow
 from asyneio.frontend.gradient_template import learn, match, synthesise
 from asyneio.frontend.patch import blur, draw_patch, restrict, shift_patch, weigh
 from asyneio.frontend.record import Record
+from asyneio.frontend.upkeep import place
 from asyneio.types import RecordArray
 
 ENDED, REFUSED, MOVED = -1, 0, 1
@@ -31,8 +32,6 @@ ENDED, REFUSED, MOVED = -1, 0, 1
 #: Least sharpening by motion compensation that shows a patch to move as one.
 _SHARPENING = 1.05
 _ITERATIONS = 3
-#: Noise makes few events look like weak contrast.
-_MAX_LAG_PX = 1.5
 
 
 class GradientSettings(NamedTuple):
@@ -42,7 +41,7 @@ class GradientSettings(NamedTuple):
     mask_sigma_px: float = 6.0  # weight of a patch, from its centre outwards
     birth_px: float = 1.5  # motion that a patch must hold before it becomes a template
     birth_events: int = 150
-    step_px: float = 1.0  # motion between two registrations, at least ...
+    step_px: float = 1.5  # motion between two registrations, at least ...
     step_s: float = 0.005  # ... and in fast motion what it covers in this time, ...
     max_step_px: float = 1.75  # ... at most
     window_px: float = 2.0  # motion drawn into a patch
@@ -54,12 +53,13 @@ class GradientSettings(NamedTuple):
     ridge_px2: float = 0.1  # doubt about directions in which the patch has not moved yet
     velocity_gain: float = 0.5
     max_jump_px: float = 2.9
-    min_ncc: float = 0.65
+    min_ncc: float = 0.75
+    min_corner: float = 0.01  # determinant over squared trace
     max_refusals: int = 3
-    trust_gain: float = 0.2  # running means of what follows
+    trust_gain: float = 0.3  # running means of what follows
     max_disagreement_px: float = 0.35  # between two halves of the patch ...
     noise_share: float = 0.5  # ... plus what noise explains, in units of `sigma`
-    max_sigma: float = 2.5
+    max_sigma: float = 2.0
     lag_share: float = 0.2  # of the lag that the mean contrast suggests: edges are steeper, and blurred
     covariance_scale: float = 0.1  # of residual times inverse Hessian: blurred noise is correlated
 
@@ -113,9 +113,9 @@ def try_birth(
     learn(feature, evidence, slot, feature.vx * span_s, feature.vy * span_s, 1.0, work)
     weigh(feature, work)
     _place_offset(feature, work)
-    feature.lag = _seen_lag(work, np.hypot(feature.vx, feature.vy) * span_s)
-    # Nothing has been matched yet: the position is what defines the feature.
-    work.match.residual, work.match.xx, work.match.xy, work.match.yy = 0.0, 1.0, 0.0, 1.0
+    feature.lag = seen_lag(work, np.hypot(feature.vx, feature.vy) * span_s)
+    feature.founded_ns = mean
+    feature.founded_u, feature.founded_v = place(feature, 0.0, settings.lag_share)
     feature.state = TRACKING
     feature.refusals = 0
     feature.sigma = 0.0
@@ -162,23 +162,6 @@ def _place_offset(feature: Record, work: Record) -> None:
 
 
 @nb.njit(cache=True)
-def _seen_lag(work: Record, moved_px: float) -> float:
-    """Motion that half a threshold takes [px], from the events that a pixel of motion brings.
-
-    An event comes when a whole threshold has been crossed, on average half a threshold after the light
-    changed. So the picture lags behind the scene along the direction of motion, and jumps when that turns:
-    with `n` events a pixel and pixel of motion, by `1 / 2n`. `n` is the mean of |W| / moved, weighted like
-    the match by its squared contrast.
-    """
-    absolute = square = 0.0
-    for k in range(TEMPLATE_SIZE):
-        w = work.shifted[k]
-        absolute += work.weight[k] * abs(w)
-        square += work.weight[k] * w * w
-    return min(0.5 * moved_px * absolute / max(square, 1e-9), _MAX_LAG_PX)
-
-
-@nb.njit(cache=True)
 def update(
     feature: Record,
     rings: RecordArray,
@@ -216,13 +199,16 @@ def update(
     sx = (cos * feature.vx + sin * feature.vy) * span_s
     sy = (cos * feature.vy - sin * feature.vx) * span_s
     synthesise(feature, evidence, slot, sx, sy, settings.ridge_px2, work)
-    if not match(work, settings.max_jump_px, _ITERATIONS, out) or out.ncc < settings.min_ncc:
+    if (
+        not match(work, settings.max_jump_px, settings.min_corner, _ITERATIONS, out)
+        or out.ncc < settings.min_ncc
+    ):
         feature.refusals += 1
         return ENDED if feature.refusals >= settings.max_refusals else REFUSED
     if not _is_trusted(feature, settings, out):
         return ENDED
     feature.refusals = 0
-    feature.lag += settings.trust_gain * (_seen_lag(work, np.hypot(sx, sy)) - feature.lag)
+    feature.lag += settings.trust_gain * (seen_lag(work, np.hypot(sx, sy)) - feature.lag)
 
     # Shifts are in the patch frame.
     shift_x, shift_y = cos * out.u - sin * out.v, sin * out.u + cos * out.v

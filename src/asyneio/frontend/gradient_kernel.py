@@ -11,7 +11,7 @@ from asyneio.frontend.gradient_feature import MOVED, GradientSettings, try_birth
 from asyneio.frontend.record import Record
 from asyneio.frontend.registration import BUCKET, BUCKET_FEATURES, Registration, move, register
 from asyneio.frontend.surface import HOT_NS, Surface, record_event, refresh_hot_pixels
-from asyneio.frontend.upkeep import LoopSettings, balance, emit, guess_velocity, release, remove_idle
+from asyneio.frontend.upkeep import LoopSettings, balance, emit, guess_velocity, place, release, remove_idle
 from asyneio.types import RecordArray
 
 #: How often features are looked over, by the events' own time: how a stream is cut into packets changes
@@ -51,7 +51,7 @@ def process_events(
     for i in range(start, events.size):
         event = events[i]
         t_ns, x, y, p = event.t_ns, np.int64(event.x), np.int64(event.y), np.int64(event.p)
-        if written + BUCKET_FEATURES > observations.size:
+        if written + 2 * BUCKET_FEATURES > observations.size:
             return i, written
         if t_ns - state.checked_ns > CHECK_NS:
             state.checked_ns = t_ns
@@ -91,21 +91,22 @@ def process_events(
             kept.w = state.worth[p] * feature.stride
             feature.written += 1
             feature.fresh += 1
-            if feature.fresh >= feature.due and _act(
-                features,
-                registration,
-                slot,
-                t_ns,
-                reach,
-                width,
-                height,
-                loop,
-                settings,
-                workspace,
-                state,
-                observations[written],
-            ):
-                written += 1
+            if feature.fresh >= feature.due:
+                written += _act(
+                    features,
+                    registration,
+                    slot,
+                    t_ns,
+                    reach,
+                    width,
+                    height,
+                    loop,
+                    settings,
+                    workspace,
+                    state,
+                    observations,
+                    written,
+                )
         if near or not first_of_edge or state.alive >= records.size:
             continue
         if not (nearest_edge <= x < width - nearest_edge and nearest_edge <= y < height - nearest_edge):
@@ -134,9 +135,10 @@ def _act(
     settings: GradientSettings,
     workspace: RecordArray,
     state: Record,
-    observation: Record,
-) -> bool:
-    """Found or update a feature that has collected enough events; whether an observation was written."""
+    observations: RecordArray,
+    written: int,
+) -> int:
+    """Found or update a feature that has collected enough events; how many observations were written."""
     feature, work = features.records[slot], workspace[0]
     rings, evidence, rate = features.rings, features.evidence, state.roll_rate
     roll = state.roll + rate * (t_ns - state.roll_ns) * 1e-9
@@ -146,10 +148,7 @@ def _act(
             feature.id = state.tracks
             state.tracks += 1
             move(registration, slot, feature.x, feature.y, reach)
-            return emit(
-                feature, work, settings.lag_share, settings.covariance_scale, width, height, observation
-            )
-        return False
+        return 0
     status = update(feature, rings, evidence, slot, roll, rate, settings, width, height, work)
     u, v, b = feature.x, feature.y, loop.border_px
     outside = u < b or v < b or u > width - 1 - b or v > height - 1 - b
@@ -159,10 +158,18 @@ def _act(
             state.border += 1
         else:
             state.untrusted += 1
-        return False
+        return 0
     if status != MOVED:
-        return False
+        return 0
     move(registration, slot, u, v, reach)
-    if feature.t_ns - feature.emitted_ns < loop.t_min_ns:
-        return False
-    return emit(feature, work, settings.lag_share, settings.covariance_scale, width, height, observation)
+    scale, count = settings.covariance_scale, 0
+    if feature.founded_ns:
+        # Confirmed: what founded the feature is its first observation.
+        t_ns, u, v = feature.founded_ns, feature.founded_u, feature.founded_v
+        count += emit(feature, work, t_ns, u, v, scale, width, height, observations[written])
+        feature.emitted_ns, feature.founded_ns = t_ns, 0
+    if feature.t_ns - feature.emitted_ns >= loop.t_min_ns:
+        u, v = place(feature, work.roll, settings.lag_share)
+        count += emit(feature, work, feature.t_ns, u, v, scale, width, height, observations[written + count])
+        feature.emitted_ns = feature.t_ns
+    return count

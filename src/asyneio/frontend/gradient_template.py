@@ -16,9 +16,6 @@ from asyneio.frontend.features import PATCH_HALF, ROW, TEMPLATE_HALF, TEMPLATE_S
 from asyneio.frontend.patch import COLUMNS, clear_sums, shift_patch, total_of
 from asyneio.frontend.record import Record
 
-#: Least determinant of the Hessian over its squared trace (a quarter at best): less is a straight edge, along
-#: which a patch slides.
-_LEAST_CORNER = 0.03
 _FIRST, _MIDDLE, _LAST = 1, TEMPLATE_HALF, TEMPLATE_SIDE - 1
 
 
@@ -107,10 +104,11 @@ def read_sums(work: Record, start: int, end: int) -> tuple[float, float, float, 
 
 
 @nb.njit(cache=True)
-def match(work: Record, max_jump: float, iterations: int, out: Record) -> bool:
+def match(work: Record, max_jump: float, min_corner: float, iterations: int, out: Record) -> bool:
     """Register the blurred patch against the template; `out` MATCH_DTYPE.
 
-    False when it leaves the patch or has no corner to hold on to.
+    `min_corner` is the least determinant of the Hessian over its squared trace, a quarter at best: less is a
+    straight edge, along which a patch slides. False there, and when it leaves the patch.
     """
     limit = min(max_jump, PATCH_HALF - TEMPLATE_HALF - 0.01)
     du = dv = 0.0
@@ -124,7 +122,7 @@ def match(work: Record, max_jump: float, iterations: int, out: Record) -> bool:
         normal_equations(work, gain, _FIRST, _LAST)
         xx, xy, yy, x, y, tw = read_sums(work, 0, COLUMNS)
         det = xx * yy - xy * xy
-        if det <= _LEAST_CORNER * (xx + yy) ** 2:
+        if det <= min_corner * (xx + yy) ** 2:
             return False
         du -= (yy * x - xy * y) / det
         dv -= (xx * y - xy * x) / det

@@ -72,7 +72,8 @@ WORK_DTYPE = np.dtype(
         ("match", MATCH_DTYPE),
     ],
     align=True,
-)
+)  #: Noise makes few events look like weak contrast.
+_MAX_LAG_PX = 1.5
 
 
 def make_workspace(mask_sigma_px: float) -> RecordArray:
@@ -208,3 +209,20 @@ def weigh(feature: Record, work: Record) -> float:
         left += valid
     work.share = left / total
     return work.share
+
+
+@nb.njit(cache=True)
+def seen_lag(work: Record, moved_px: float) -> float:
+    """Motion that half a threshold takes [px], from the events that a pixel of motion brings.
+
+    An event comes when a whole threshold has been crossed, on average half a threshold after the light
+    changed. So the picture lags behind the scene along the direction of motion, and jumps when that turns:
+    with `n` events a pixel and pixel of motion, by `1 / 2n`. `n` is the mean of |W| / moved, weighted like
+    the match by its squared contrast.
+    """
+    absolute = square = 0.0
+    for k in range(TEMPLATE_SIZE):
+        w = work.shifted[k]
+        absolute += work.weight[k] * abs(w)
+        square += work.weight[k] * w * w
+    return min(0.5 * moved_px * absolute / max(square, 1e-9), _MAX_LAG_PX)

@@ -135,30 +135,41 @@ def guess_velocity(records: RecordArray, feature: Record, work: Record) -> bool:
 
 
 @nb.njit(cache=True)
-def emit(
-    feature: Record,
-    work: Record,
-    lag_share: float,
-    scale: float,
-    width: int,
-    height: int,
-    observation: Record,
-) -> bool:
-    """Give out the position of a feature just founded or updated, ahead of its picture by the lag of events,
-    with its covariance; not if it lies outside the image."""
-    c, s = np.cos(work.roll), np.sin(work.roll)
+def place(feature: Record, roll: float, lag_share: float) -> tuple[float, float]:
+    """Where the point that a feature reports is in the image: ahead of its picture by the lag of events.
+
+    `roll` [rad] turns the patch frame into the image frame.
+    """
+    c, s = np.cos(roll), np.sin(roll)
     ahead = lag_share * feature.lag / max(np.hypot(feature.vx, feature.vy), 1e-3)
     u = feature.x + c * feature.offset_x - s * feature.offset_y + ahead * feature.vx
     v = feature.y + s * feature.offset_x + c * feature.offset_y + ahead * feature.vy
+    return u, v
+
+
+@nb.njit(cache=True)
+def emit(
+    feature: Record,
+    work: Record,
+    t_ns: int,
+    u: float,
+    v: float,
+    scale: float,
+    width: int,
+    height: int,
+    out: Record,
+) -> int:
+    """Write an observation of a feature just matched, with the covariance of the match; how many: none
+    outside the image."""
     if u < 0.0 or v < 0.0 or u > width - 1 or v > height - 1:
-        return False
-    observation.t_ns, observation.id, observation.u, observation.v = feature.t_ns, feature.id, u, v
-    feature.emitted_ns = feature.t_ns
-    # Inverse Hessian of the match, turned from the patch frame into the image.
-    out = work.match
-    variance = scale * out.residual / max(out.xx * out.yy - out.xy * out.xy, 1e-12)
-    a, b, d = variance * out.yy, -variance * out.xy, variance * out.xx
-    observation.covariance[0] = c * c * a - 2.0 * c * s * b + s * s * d
-    observation.covariance[1] = c * s * (a - d) + (c * c - s * s) * b
-    observation.covariance[2] = s * s * a + 2.0 * c * s * b + c * c * d
-    return True
+        return 0
+    out.t_ns, out.id, out.u, out.v = t_ns, feature.id, u, v
+    # Inverse Hessian, turned from the patch frame into the image.
+    c, s = np.cos(work.roll), np.sin(work.roll)
+    found = work.match
+    variance = scale * found.residual / max(found.xx * found.yy - found.xy * found.xy, 1e-12)
+    a, b, d = variance * found.yy, -variance * found.xy, variance * found.xx
+    out.covariance[0] = c * c * a - 2.0 * c * s * b + s * s * d
+    out.covariance[1] = c * s * (a - d) + (c * c - s * s) * b
+    out.covariance[2] = s * s * a + 2.0 * c * s * b + c * c * d
+    return 1
