@@ -1,8 +1,9 @@
 """What each ingredient of the default tracker is worth: one after the other taken away or changed.
 
-Evidence: simulation (pooled over scenes) and real events (slider_depth, IMU_rotDisk). Columns: error at 0.3-0.5 s as
-median px / share under 2 px, the same over all ages above 0.1 s, median life, features alive (10th percentile); slider:
-RMS across the horizontal and median age; rotation: correlation of the tracked rate with the gyroscope.
+Evidence: simulation (pooled over scenes) and real events (slider_depth, IMU_rotDisk). Columns: error at
+0.3-0.5 s as median px / share under 2 px, the same over all ages above 0.1 s, median life, features alive
+(10th percentile); slider: RMS across the horizontal and median age; rotation: correlation of the tracked rate
+with the gyroscope.
 
     python benchmarks/ablation.py [--scenes event_low_light event_far] [--seconds 6] [--cache DIR]
         [--only NAME ...] [--change "step_px=1.5, birth_px=1.0"] [--markdown FILE]
@@ -59,7 +60,7 @@ HEADER = ["variant", "0.3-0.5 s", "over 0.1 s", "life s", "alive", "slider px", 
 
 @contextmanager
 def changed(settings: GradientSettings) -> Iterator[None]:
-    """The front end with other settings: they are no part of the configuration, for nobody should tune them."""
+    """The front end with other settings: no part of the configuration, for nobody should tune them."""
     kept = module._TRACKERS["gradient"]
 
     class Changed(GradientTracker):
@@ -110,7 +111,7 @@ def main() -> None:
     simulations = [sequence(scene, 0, options.seconds, options.cache) for scene in options.scenes]
     rows = []
     for name, (changes, gyroscope) in variants.items():
-        with changed(GradientSettings()._replace(**changes)):
+        with changed(GradientSettings(**{**GradientSettings()._asdict(), **changes})):
             results = [run_scene(simulation, FrontendConfig(), gyroscope) for simulation in simulations]
             errors = [result.errors for result in results]
             cells = age_table(errors)
