@@ -10,8 +10,8 @@ import typer
 _SCENARIO = "event_room"
 _EVIDENCE = (
     "A simulation: hand-held motion in a textured room, events of a 240 x 180 camera with unequal "
-    "thresholds, noise and hot pixels, an inexpensive IMU. Each estimate uses only what was measured before it; "
-    "observations of features become known up to frontend.max_delay_s after their stamp."
+    "thresholds, noise and hot pixels, an inexpensive IMU. Each estimate uses only what was measured before "
+    "it; observations of features become known up to frontend.max_delay_s after their stamp."
 )
 
 

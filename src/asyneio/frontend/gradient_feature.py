@@ -22,7 +22,7 @@ from asyneio.frontend.features import (
 )
 from asyneio.frontend.flow import find_flow
 from asyneio.frontend.gradient_template import learn, match, synthesise
-from asyneio.frontend.patch import ALL, blur, draw_patch, restrict, seen_lag, shift_patch, weigh
+from asyneio.frontend.patch import blur, draw_patch, restrict, seen_lag, shift_patch, weigh
 from asyneio.frontend.record import Record
 from asyneio.frontend.upkeep import place
 from asyneio.types import RecordArray
