@@ -176,7 +176,9 @@ def run_recording(
         wall_s = max(time.perf_counter() - started - (compilation.seconds - compiled_s), 0.0)
     observations = tracked.observations() if tracked else _observations(recording)
     costs = _Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
-    summary = _summarize(recording, observations, run, (start_ns, interval_ns, total), costs, error)
+    notes = (*recording.notes, *(tracked.notes() if tracked else ()))
+    grid = (start_ns, interval_ns, total)
+    summary = replace(_summarize(recording, observations, run, grid, costs, error), notes=notes)
     return RunResult(run, summary, observations, estimator.origin)
 
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from asyneio.config import FrontendConfig
-from asyneio.frontend import Frontend, FrontendStatistics, gyroscope_in_camera
+from asyneio.frontend import Frontend, gyroscope_in_camera
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: Packets that the front end may be ahead.
@@ -65,9 +65,14 @@ class ObservationStream:
         """All that was given out so far."""
         return np.concatenate([np.empty(0, dtype=OBSERVATION_DTYPE), *self._given])
 
-    def statistics(self) -> FrontendStatistics:
-        """What the front end counted."""
-        return self._frontend.statistics()
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know of what was left out."""
+        if self.late == 0:
+            return ()
+        return (
+            f"{self.late} observations came more than frontend.max_delay_s = {self._delay_ns / NS_PER_S:g} s "
+            "after their stamp and were dropped",
+        )
 
     def _work(self) -> None:
         try:

@@ -112,7 +112,6 @@ def test_json_and_no_gyroscope(asyneio: Asyneio, simulated: Path, tmp_path: Path
     assert printed["life_s"]["quartile"] <= printed["life_s"]["median"] <= printed["life_s"]["longest"]
 
 
-@pytest.mark.xfail(reason="the front end does not yet choose its tracker by the configuration")
 def test_the_other_tracker(asyneio: Asyneio, simulated: Path, tmp_path: Path) -> None:
     for name in ("gradient", "haste"):
         status, out, err = asyneio("track", simulated, "-o", tmp_path / name, "--tracker", name)

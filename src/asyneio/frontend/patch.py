@@ -72,7 +72,9 @@ WORK_DTYPE = np.dtype(
         ("match", MATCH_DTYPE),
     ],
     align=True,
-)  #: Noise makes few events look like weak contrast.
+)
+
+#: Noise makes few events look like weak contrast.
 _MAX_LAG_PX = 1.5
 
 

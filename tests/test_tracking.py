@@ -1,0 +1,83 @@
+"""The front end over a recording: nothing twice, nothing out of order, late ones counted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asyneio.config import FrontendConfig
+from asyneio.errors import RecordingError
+from asyneio.pipeline import usable_span
+from asyneio.simulation import EVENT_SCENARIOS, simulate_events
+from asyneio.tracking import ObservationStream
+from asyneio.types import INERTIAL_DTYPE, EventRecording, IntArray
+
+INTERVAL_NS = 100_000_000
+
+
+@pytest.fixture(scope="module")
+def recording() -> EventRecording:
+    return simulate_events(replace(EVENT_SCENARIOS["event_room"], duration_s=1.2)).recording
+
+
+def ends_of(recording: EventRecording) -> IntArray:
+    start_ns, end_ns = usable_span(recording)
+    return start_ns + INTERVAL_NS * np.arange((end_ns - start_ns) // INTERVAL_NS + 1)
+
+
+def test_batches_are_in_order_within_their_time(recording: EventRecording) -> None:
+    ends_ns = ends_of(recording)
+    stream = ObservationStream(recording, FrontendConfig(), ends_ns)
+    batches = list(stream)
+    assert len(batches) == ends_ns.size - 1
+    for batch, start_ns, end_ns in zip(batches, ends_ns, ends_ns[1:], strict=False):
+        assert ((batch["t_ns"] > start_ns) & (batch["t_ns"] <= end_ns)).all()
+        assert (np.diff(batch["t_ns"]) >= 0).all()
+    observations = stream.observations()
+    assert observations.size > 200
+    assert np.unique(observations[["t_ns", "id"]]).size == observations.size
+
+
+def test_two_runs_are_alike(recording: EventRecording) -> None:
+    first, second = (ObservationStream(recording, FrontendConfig(), ends_of(recording)) for _ in range(2))
+    for a, b in zip(first, second, strict=True):
+        assert a.tobytes() == b.tobytes()
+
+
+def test_what_comes_too_late_is_counted_and_noted(recording: EventRecording) -> None:
+    patient = ObservationStream(recording, FrontendConfig(), ends_of(recording))
+    hasty = ObservationStream(recording, FrontendConfig(max_delay_s=0.0), ends_of(recording))
+    list(patient)
+    list(hasty)
+    assert hasty.late > patient.late
+    assert "max_delay_s = 0 s" in hasty.notes()[0]
+    assert hasty.observations().size < patient.observations().size
+
+
+def test_stopping_early_ends_the_thread(recording: EventRecording) -> None:
+    stream = iter(ObservationStream(recording, FrontendConfig(), ends_of(recording)))
+    next(stream)
+    stream.close()  # type: ignore[attr-defined]
+
+
+def test_an_error_of_the_front_end_reaches_the_caller(
+    recording: EventRecording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise RecordingError("broken")
+
+    stream = ObservationStream(recording, FrontendConfig(), ends_of(recording))
+    monkeypatch.setattr(stream._frontend, "process", broken)
+    with pytest.raises(RecordingError, match="broken"):
+        list(stream)
+
+
+def test_events_need_an_imu_and_a_calibration(recording: EventRecording) -> None:
+    with pytest.raises(RecordingError, match="no samples of the gyroscope"):
+        usable_span(replace(recording, gyroscope=np.empty(0, dtype=INERTIAL_DTYPE)))
+    with pytest.raises(RecordingError, match="without extrinsics"):
+        usable_span(replace(recording, calibration=None))
+    with pytest.raises(RecordingError, match="no events"):
+        usable_span(replace(recording, events=recording.events[:0]))
