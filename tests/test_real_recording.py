@@ -40,6 +40,6 @@ def test_tumvi_calibration_recording(data_dir: Path) -> None:
     assert recording.ground_truth is not None
     truth = recording.ground_truth
     scored = evaluate(pose_trajectory(result.run.estimates), truth, protocol_named("posyaw"))
-    assert scored.associated > 100
+    assert scored.associated > 60
     assert scored.position_m.rmse < 0.005
     assert scored.orientation_deg.rmse < 0.6

@@ -156,7 +156,7 @@ def test_errors_are_one_paragraph(
     for arguments, message in (
         (("track", "absent"), "asyneio: absent does not exist"),
         (("track", "events", "--config", "wrong.yaml"), "asyneio: wrong.yaml: frontend.trackers"),
-        (("simulate", "event_calm", "-o", "x"), "event_slow, event_fast"),
+        (("simulate", "event_calm", "-o", "x"), "event_slow, event_room"),
         (("simulate", "event_slow", "-o", "x", "--duration", "-1"), "expected"),
     ):
         status, out, err = asyneio(*arguments)

@@ -37,7 +37,7 @@ class OptimizerSettings:
 
 @dataclass(frozen=True)
 class OptimizerReport:
-    """What an optimisation did. Costs include the prior."""
+    """What an optimisation did. Costs include the prior; `last_decrease` is relative, of the last step."""
 
     iterations: int
     initial_cost: float
@@ -45,6 +45,7 @@ class OptimizerReport:
     visual_cost: float
     rejected: int
     converged: bool
+    last_decrease: float
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,7 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
     initial_cost = cost = float("inf")
     iterations = 0
     converged = False
+    last_decrease = 0.0
     while True:
         system = linearize(problem)
         cost = system.cost + add_prior(system, prior, prior_delta)
@@ -97,11 +99,14 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
         # What the quadratic model foretold has happened: the next step would change next to nothing.
         surprise = abs(cost - accepted.cost - accepted.predicted_decrease)
         converged = min(surprise, cost - accepted.cost) <= settings.relative_decrease * cost
+        last_decrease = (cost - accepted.cost) / cost if cost > 0.0 else 0.0
         problem, prior_delta = accepted.problem, accepted.prior_delta
         cost, damping = accepted.cost, accepted.next_damping
         if converged or iterations >= settings.max_iterations:
             break
-    report = OptimizerReport(iterations, initial_cost, float(cost), visual_cost, rejected, converged)
+    report = OptimizerReport(
+        iterations, initial_cost, float(cost), visual_cost, rejected, converged, last_decrease
+    )
     return Solution(problem, system.H, system, report)
 
 

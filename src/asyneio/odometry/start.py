@@ -27,6 +27,8 @@ _WARM_UP_SIGMA = np.array([10.0, 100.0])
 _SHARE_IN_FRONT = 0.8
 #: A roll or pitch error of the alignment that the joint optimisation may still correct.
 _TILT_SIGMA = 0.5
+#: A last step that still lowers the cost by so much has not arrived: scale drifts where nothing fixes it.
+_UNSETTLED = 0.01
 #: Standard deviations by which observations may typically be off.
 _MAX_MISFIT = 2.5
 
@@ -68,7 +70,7 @@ def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
     """Why the joint optimisation cannot be trusted; empty if it can."""
     if np.mean(solution.problem.landmarks.rho < 0.0) > 1.0 - _SHARE_IN_FRONT:
         return "the tracks show no parallax: move the sensor sideways"
-    if not solution.report.converged:
+    if solution.report.last_decrease > _UNSETTLED:
         return "the joint optimisation does not settle: move the sensor sideways, with changing speed"
     scale_sigma = relative_scale_sigma(solution)
     if not scale_sigma < settings.start.max_scale_sigma:
