@@ -4,8 +4,8 @@ Evidence: simulation. Every sequence is run causally with the default configurat
 estimator gets true tracks with pixel noise: of the same features over the same life spans (what the tracker's
 errors cost), and of features that live as long as they stay visible (what their short life costs).
 
-    python benchmarks/event_runs.py [--scenes event_slow event_fast] [--seeds 0 1] [--seconds 16] [--cache DIR]
-        [--noise 0.4] [--tracker gradient|haste] [--no-substitution] [--markdown FILE]
+    python benchmarks/event_runs.py [--scenes event_slow event_fast] [--seeds 0 1] [--seconds 16]
+        [--cache DIR] [--noise 0.4] [--tracker gradient|haste] [--no-substitution] [--markdown FILE]
 """
 
 from __future__ import annotations
