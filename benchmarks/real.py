@@ -21,7 +21,7 @@ _VARIANTS: dict[str, dict[str, Any]] = {
     "defaults": {},
     "window 1 s": {"window": {"length_s": 1.0}},
     "window 2 s": {"window": {"length_s": 2.0}},
-    "knots 0.1 s": {"window": {"knot_interval_s": 0.1}},
+    "knots 0.05 s": {"window": {"knot_interval_s": 0.05}},
     "pixel sigma 0.3": {"visual": {"pixel_sigma": 0.3}},
     "pixel sigma 1.0": {"visual": {"pixel_sigma": 1.0}},
     "IMU noise x 2": {"inertial": {"noise_inflation": 2.0}},
