@@ -23,8 +23,9 @@ IDEAL = SensorSpec(
 
 
 def small_scenario(**changes: object) -> EventScenario:
-    """Half a second in the near world, seen through the small camera."""
-    scenario = dataclasses.replace(EVENT_SCENARIOS["event_near"], camera=SMALL, duration_s=0.3)
+    """A third of a second of gentle motion in the near world, seen through the small camera."""
+    near = EVENT_SCENARIOS["event_near"]
+    scenario = dataclasses.replace(near, motion="gentle", motion_scale=0.4, camera=SMALL, duration_s=0.3)
     return dataclasses.replace(scenario, **changes)
 
 

@@ -28,7 +28,7 @@ _SHARE_IN_FRONT = 0.8
 #: A roll or pitch error of the alignment that the joint optimisation may still correct.
 _TILT_SIGMA = 0.5
 #: A last step that still lowers the cost by so much has not arrived: scale drifts where nothing fixes it.
-_UNSETTLED = 0.01
+_UNSETTLED = 0.002
 #: Standard deviations by which observations may typically be off.
 _MAX_MISFIT = 2.5
 
