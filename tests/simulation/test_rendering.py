@@ -133,7 +133,7 @@ def test_no_step_moves_the_image_by_more_than_told() -> None:
             own = np.unique([*range(0, len(times), plan.stride[tile]), len(times) - 1])
             points, _, _ = truth.hit(1000 * times[own[:-1]], np.tile(centre, (len(own) - 1, 1)))
             moved, _ = truth.project(1000 * times[own[1:]], points)
-            # Of gentle motion: where a near edge enters a tile within a block, fast motion exceeds it by half.
+            # Of gentle motion: where a near edge enters a tile, fast motion exceeds it by half.
             assert np.hypot(*(moved - centre).T).max() < 0.1
             assert np.diff(times[own]).max() <= 10_000
 
