@@ -17,7 +17,8 @@ from asyneio import pipeline
 from asyneio.config import Config, WindowConfig, load_config
 from asyneio.errors import RecordingError
 from asyneio.io import read_estimates, read_tum
-from asyneio.pipeline import COMPILING, packets, run_recording, usable_span, write_outputs
+from asyneio.packets import packets, usable_span
+from asyneio.pipeline import COMPILING, run_recording, write_outputs
 from asyneio.types import (
     INERTIAL_DTYPE,
     NS_PER_S,

@@ -9,7 +9,7 @@ import pytest
 
 from asyneio.config import FrontendConfig
 from asyneio.errors import RecordingError
-from asyneio.pipeline import usable_span
+from asyneio.packets import usable_span
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.tracking import ObservationStream
 from asyneio.types import INERTIAL_DTYPE, EventRecording, IntArray

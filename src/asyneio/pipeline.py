@@ -8,10 +8,9 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -26,11 +25,10 @@ from asyneio.io import to_trajectory, write_estimates, write_tum
 from asyneio.io.atomic import write_text
 from asyneio.odometry import Odometry
 from asyneio.odometry.kernels import are_compiled, compile_kernels
+from asyneio.packets import calibration_of, observations_of, packets, usable_span
 from asyneio.tracking import ObservationStream
 from asyneio.types import (
     NS_PER_S,
-    OBSERVATION_DTYPE,
-    Calibration,
     Estimate,
     EventRecording,
     Health,
@@ -160,7 +158,7 @@ def run_recording(
     ends_ns = start_ns + interval_ns * np.arange(total + 1, dtype=np.int64)
     with _watch_compilation(progress) as compilation:
         _compile_ahead(compilation)
-        estimator: Estimator = Odometry(config, _calibration(recording))
+        estimator: Estimator = Odometry(config, calibration_of(recording))
         tracked = _track(recording, config, ends_ns)
         compiled_s, started = compilation.seconds, time.perf_counter()
         try:
@@ -174,58 +172,12 @@ def run_recording(
         except AsyneioError as caught:
             error = str(caught)
         wall_s = max(time.perf_counter() - started - (compilation.seconds - compiled_s), 0.0)
-    observations = tracked.observations() if tracked else _observations(recording)
+    observations = tracked.observations() if tracked else observations_of(recording)
     costs = _Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
     notes = (*recording.notes, *(tracked.notes() if tracked else ()))
     grid = (start_ns, interval_ns, total)
     summary = replace(_summarize(recording, observations, run, grid, costs, error), notes=notes)
     return RunResult(run, summary, observations, estimator.origin)
-
-
-def usable_span(recording: Recording | EventRecording) -> tuple[int, int]:
-    """First and last instant [ns] at which both inertial sensors had data, from the first observation
-    or event on.
-
-    Raises:
-        RecordingError: the recording lacks events, tracks or samples of an inertial sensor, or its
-        calibration.
-    """
-    for name in ("gyroscope", "accelerometer"):
-        if getattr(recording, name).size == 0:
-            raise RecordingError(
-                f"{recording.name} holds no samples of the {name}; expected both inertial sensors: "
-                "`asyneio track` follows the features of events alone"
-            )
-    streams = (recording.gyroscope["t_ns"], recording.accelerometer["t_ns"])
-    start_ns = max(int(t_ns[0]) for t_ns in streams)
-    end_ns = min(int(t_ns[-1]) for t_ns in streams)
-    if isinstance(recording, Recording):
-        return max(start_ns, int(recording.observations["t_ns"][0])), end_ns
-    if recording.events.size == 0:
-        raise RecordingError(f"{recording.name} holds no events")
-    shift_ns = _calibration(recording).timeshift_ns
-    first_ns, last_ns = (int(recording.events[i]["t_ns"]) + shift_ns for i in (0, -1))
-    return max(start_ns, first_ns), min(end_ns, last_ns)
-
-
-def packets(
-    recording: Recording | EventRecording,
-    start_ns: int,
-    interval_ns: int,
-    count: int,
-    tracked: Iterable[RecordArray] | None = None,
-) -> Iterator[Packet]:
-    """Cut a recording into `count` packets of one knot interval each, in time order.
-
-    A packet holds what was measured after the previous packet's end up to and including its own; the first
-    also holds its start. A last interval that is not complete is left out: it has no knot at its end.
-    `tracked` gives the observations of each packet where the recording holds events.
-    """
-    ends_ns = start_ns + interval_ns * np.arange(count + 1, dtype=np.int64)
-    inertial = [_batches(stream, ends_ns) for stream in (recording.gyroscope, recording.accelerometer)]
-    batches = _batches(_observations(recording), ends_ns) if tracked is None else tracked
-    for end_ns, observations, gyroscope, accelerometer in zip(ends_ns[1:], batches, *inertial, strict=True):
-        yield Packet(int(end_ns), observations, gyroscope, accelerometer)
 
 
 def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]:
@@ -249,32 +201,12 @@ def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]
     return [*written, folder / CONFIG_FILE, folder / SUMMARY_FILE]
 
 
-def _batches(stream: RecordArray, ends_ns: IntArray) -> Iterator[RecordArray]:
-    cut = np.searchsorted(stream["t_ns"], ends_ns, side="right")
-    cut[0] = np.searchsorted(stream["t_ns"], ends_ns[0], side="left")
-    for start, end in pairwise(cut):
-        yield stream[start:end]
-
-
-def _observations(recording: Recording | EventRecording) -> RecordArray:
-    return recording.observations if isinstance(recording, Recording) else np.empty(0, OBSERVATION_DTYPE)
-
-
 def _track(
     recording: Recording | EventRecording, config: Config, ends_ns: IntArray
 ) -> ObservationStream | None:
     if isinstance(recording, Recording):
         return None
     return ObservationStream(recording, config.frontend, ends_ns)
-
-
-def _calibration(recording: Recording | EventRecording) -> Calibration:
-    if recording.calibration is None:
-        raise RecordingError(
-            f"{recording.name} comes without extrinsics and IMU noise; expected camchain-imucam.yaml and "
-            "imu.yaml (Kalibr) beside it, or given with --calibration and --imu"
-        )
-    return recording.calibration
 
 
 def _step(estimator: Estimator, packet: Packet, run: Run, compilation: _Compilation) -> None:

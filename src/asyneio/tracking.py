@@ -77,21 +77,25 @@ class ObservationStream:
     def _work(self) -> None:
         try:
             for batch in self._batches():
-                while not self._stop.is_set():
-                    try:
-                        self._queue.put(batch, timeout=0.1)
-                        break
-                    except queue.Full:
-                        continue
-                if self._stop.is_set():
+                if not self._hand_over(batch):
                     return
-        except BaseException as error:  # handed to the thread that waits for it
-            self._queue.put(error)
+        except BaseException as error:  # for the thread that waits
+            self._hand_over(error)
+
+    def _hand_over(self, what: RecordArray | BaseException) -> bool:
+        """Wait until there is room for it; False where nobody wants it any more."""
+        while not self._stop.is_set():
+            try:
+                self._queue.put(what, timeout=0.1)
+            except queue.Full:
+                continue
+            return True
+        return False
 
     def _batches(self) -> Iterator[RecordArray]:
         shift_ns = self._recording.calibration.timeshift_ns if self._recording.calibration else 0
         events = self._recording.events
-        # Searching a field of a memory map of records would read all of it; a few probes per packet do not.
+        # A few probes a packet: of a memory map, only what is tracked is ever read.
         begin = np.searchsorted(events["t_ns"], int(self._ends_ns[0]) - shift_ns)
         waiting = np.empty(0, dtype=OBSERVATION_DTYPE)
         from_ns = int(self._ends_ns[0])

@@ -5,42 +5,27 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from asyneio import __version__, pipeline
-from asyneio.cli.main import main
 from asyneio.io import read_tracks_folder, write_tracks_folder, write_tum
 from asyneio.types import PoseTrajectory
+from tests.cli.conftest import Asyneio
 from tests.cli.fakes import FakeOdometry, LosesTrack, NeverStarts
 from tests.io.recordings import make_recording, straight_path
 
-Asyneio = Callable[..., tuple[int, str, str]]
-
 
 @pytest.fixture
-def asyneio(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Asyneio:
-    """Call the command line: exit status, standard output, standard error."""
+def asyneio(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> Asyneio:
+    """With an estimator that knows the answer, and without plots."""
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
     monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
-    monkeypatch.setenv("COLUMNS", "100")
     # Plots take seconds; tests that look at the report ask for it.
     monkeypatch.setattr("asyneio.cli.execute.available", lambda: False)
-
-    def call(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["asyneio", *map(str, arguments)])
-        try:
-            main()
-            status = 0
-        except SystemExit as stop:
-            status = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
+    return asyneio
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,28 +14,9 @@ from asyneio.cli.main import main
 from asyneio.io import open_recording, write_uzh_folder
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.types import EVENT_DTYPE, EventRecording, Recording
+from tests.cli.conftest import Asyneio
 from tests.io.event_recordings import make_event_recording
 from tests.io.recordings import START_NS
-
-Asyneio = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def asyneio(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Asyneio:
-    """Call the command line: exit status, standard output, standard error."""
-    monkeypatch.setenv("COLUMNS", "100")
-
-    def call(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["asyneio", *map(str, arguments)])
-        try:
-            main()
-            status = 0
-        except SystemExit as stop:
-            status = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
 
 
 @pytest.fixture(scope="module")

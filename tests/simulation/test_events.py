@@ -1,6 +1,7 @@
 """Events: they add up to the change of the light, at the right time and place, with the sensor's faults."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -189,6 +190,18 @@ def test_what_is_impossible_is_refused() -> None:
         SensorSpec(threshold_on=0.0)
     with pytest.raises(SimulationError, match="illumination = 0"):
         small_scenario(illumination=0.0)
+
+
+def test_photographs_are_rendered(monkeypatch: pytest.MonkeyPatch, data_dir: Path) -> None:
+    monkeypatch.setenv("ASYNEIO_DATA", str(data_dir))
+    drawn, photographed = (
+        np.concatenate(list(stream_events(small_scenario(photographs=photographs))))
+        for photographs in (False, True)
+    )
+    # Brick, grass and gravel: texture everywhere, so events everywhere, unlike the drawn scenes.
+    assert photographed.size > drawn.size
+    tiles = np.unique(photographed["y"].astype(int) // 8 * 100 + photographed["x"] // 8)
+    assert tiles.size > 0.95 * (SMALL.width // 8) * (SMALL.height // 8)
 
 
 def test_photographs_are_asked_for_and_missed(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:

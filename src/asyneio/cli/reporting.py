@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from asyneio.evaluation import AlignmentKind, Association, Evaluation, Similarity, align, associate
 from asyneio.io import to_trajectory
 from asyneio.io.estimates_file import stack_estimates
-from asyneio.pipeline import RunResult, usable_span
+from asyneio.packets import usable_span
+from asyneio.pipeline import RunResult
 from asyneio.types import (
     NS_PER_S,
     STATE_BLOCKS,

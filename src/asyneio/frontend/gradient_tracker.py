@@ -9,11 +9,12 @@ from asyneio.frontend.features import TRACKING, make_features
 from asyneio.frontend.gradient_feature import GradientSettings
 from asyneio.frontend.gradient_kernel import process_events
 from asyneio.frontend.patch import make_workspace
+from asyneio.frontend.pieces import in_pieces
 from asyneio.frontend.registration import make_registration
 from asyneio.frontend.statistics import FrontendStatistics
 from asyneio.frontend.surface import make_surface
 from asyneio.frontend.upkeep import LoopSettings, make_state
-from asyneio.types import EVENT_DTYPE, NS_PER_S, OBSERVATION_DTYPE, RecordArray
+from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, RecordArray
 
 #: An edge that crosses a pixel again after this long counts as new (Li et al. 2019).
 _SILENCE_NS = 50_000_000
@@ -57,27 +58,10 @@ class GradientTracker:
 
     def process(self, events: RecordArray, roll_rate: float = 0.0) -> RecordArray:
         """Observations that a packet leads to; `roll_rate` of the image in it [rad/s], x towards y."""
-        # The kernel is compiled for writable arrays only; a recording may be a read-only memory map.
-        events = np.require(events, EVENT_DTYPE, ["C", "W"])
         if events.size:
             self._turn(int(events["t_ns"][0]), roll_rate)
-        pieces, start = [self._buffer[:0].copy()], 0
-        while start < events.size:
-            start, written = process_events(
-                events,
-                start,
-                self._surface,
-                self.features,
-                self._registration,
-                self._loop,
-                self.settings,
-                self._work,
-                self._state,
-                self._buffer,
-            )
-            pieces.append(self._buffer[:written].copy())
         self._events += events.size
-        return np.concatenate(pieces)
+        return in_pieces(events, self._buffer, self._step)
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""
@@ -92,6 +76,20 @@ class GradientTracker:
             ended_untrusted=int(state["untrusted"] + state["crowded"]),
             ended_silent=int(state["silent"]),
             ended_border=int(state["border"]),
+        )
+
+    def _step(self, events: RecordArray, start: int) -> tuple[int, int]:
+        return process_events(
+            events,
+            start,
+            self._surface,
+            self.features,
+            self._registration,
+            self._loop,
+            self.settings,
+            self._work,
+            self._state,
+            self._buffer,
         )
 
     def _turn(self, t_ns: int, roll_rate: float) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from asyneio.config import FrontendConfig
 from asyneio.frontend.detection import SCRATCH, is_corner
 from asyneio.frontend.haste_kernel import FREE, GROWING, HASTE_DTYPE, RADIUS, TRACKING, feed
+from asyneio.frontend.pieces import in_pieces
 from asyneio.frontend.registration import (
     BUCKET,
     BUCKET_FEATURES,
@@ -25,7 +26,7 @@ from asyneio.frontend.registration import (
 )
 from asyneio.frontend.statistics import FrontendStatistics
 from asyneio.frontend.surface import HOT_NS, NEVER_NS, Surface, make_surface, record_event, refresh_hot_pixels
-from asyneio.types import EVENT_DTYPE, NS_PER_S, OBSERVATION_DTYPE, IntArray, RecordArray
+from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, IntArray, RecordArray
 
 #: Indices of the counters: features alive, founded, tracked; ended by silence, at the border; events of hot
 #: pixels, and how many pixels are hot.
@@ -213,24 +214,8 @@ class HasteTracker:
         times ascend for a feature but not from one feature to the next. The trackers find turns on their own
         and do not ask for the `roll_rate`.
         """
-        # The kernel is compiled for writable arrays only; a recording may be a read-only memory map.
-        events = np.require(events, EVENT_DTYPE, ["C", "W"])
-        pieces, start = [self._buffer[:0].copy()], 0
-        while start < events.size:
-            start, written = process_events(
-                events,
-                start,
-                self._surface,
-                self.features,
-                self._registration,
-                self.settings,
-                self._clock,
-                self.counters,
-                self._buffer,
-            )
-            pieces.append(self._buffer[:written].copy())
         self._events += events.size
-        return np.concatenate(pieces)
+        return in_pieces(events, self._buffer, self._step)
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""
@@ -245,4 +230,17 @@ class HasteTracker:
             ended_untrusted=0,
             ended_silent=int(c[SILENT]),
             ended_border=int(c[AT_BORDER]),
+        )
+
+    def _step(self, events: RecordArray, start: int) -> tuple[int, int]:
+        return process_events(
+            events,
+            start,
+            self._surface,
+            self.features,
+            self._registration,
+            self.settings,
+            self._clock,
+            self.counters,
+            self._buffer,
         )

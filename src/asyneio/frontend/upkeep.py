@@ -31,14 +31,11 @@ STATE_DTYPE = np.dtype(
         ("hot_events", "<i8"),
         ("corners", "<i8"),
         ("tracks", "<i8"),
-        (
-            "untrusted",
-            "<i8",
-        ),  # ended by distrust, beside an older feature, silent, at the border; never tracked
-        ("crowded", "<i8"),
+        ("untrusted", "<i8"),  # ended by distrust,
+        ("crowded", "<i8"),  # beside an older feature,
         ("silent", "<i8"),
-        ("border", "<i8"),
-        ("abandoned", "<i8"),
+        ("border", "<i8"),  # leaving the image
+        ("abandoned", "<i8"),  # never tracked
     ]
 )
 

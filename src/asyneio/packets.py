@@ -1,0 +1,91 @@
+"""What a recording holds in common, cut into packets of one knot interval."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from asyneio.errors import RecordingError
+from asyneio.types import (
+    OBSERVATION_DTYPE,
+    Calibration,
+    EventRecording,
+    IntArray,
+    Packet,
+    RecordArray,
+    Recording,
+)
+
+
+def usable_span(recording: Recording | EventRecording) -> tuple[int, int]:
+    """First and last instant [ns] at which both inertial sensors had data, from the first observation
+    or event on.
+
+    Raises:
+        RecordingError: the recording lacks events, tracks or samples of an inertial sensor, or its
+        calibration.
+    """
+    for name in ("gyroscope", "accelerometer"):
+        if getattr(recording, name).size == 0:
+            raise RecordingError(
+                f"{recording.name} holds no samples of the {name}; expected both inertial sensors: "
+                "`asyneio track` follows the features of events alone"
+            )
+    streams = (recording.gyroscope["t_ns"], recording.accelerometer["t_ns"])
+    start_ns = max(int(t_ns[0]) for t_ns in streams)
+    end_ns = min(int(t_ns[-1]) for t_ns in streams)
+    if isinstance(recording, Recording):
+        return max(start_ns, int(recording.observations["t_ns"][0])), end_ns
+    if recording.events.size == 0:
+        raise RecordingError(f"{recording.name} holds no events")
+    shift_ns = calibration_of(recording).timeshift_ns
+    first_ns, last_ns = (int(recording.events[i]["t_ns"]) + shift_ns for i in (0, -1))
+    return max(start_ns, first_ns), min(end_ns, last_ns)
+
+
+def packets(
+    recording: Recording | EventRecording,
+    start_ns: int,
+    interval_ns: int,
+    count: int,
+    tracked: Iterable[RecordArray] | None = None,
+) -> Iterator[Packet]:
+    """Cut a recording into `count` packets of one knot interval each, in time order.
+
+    A packet holds what was measured after the previous packet's end up to and including its own; the first
+    also holds its start. A last interval that is not complete is left out: it has no knot at its end.
+    `tracked` gives the observations of each packet where the recording holds events.
+    """
+    ends_ns = start_ns + interval_ns * np.arange(count + 1, dtype=np.int64)
+    inertial = [_batches(stream, ends_ns) for stream in (recording.gyroscope, recording.accelerometer)]
+    batches = _batches(observations_of(recording), ends_ns) if tracked is None else tracked
+    for end_ns, observations, gyroscope, accelerometer in zip(ends_ns[1:], batches, *inertial, strict=True):
+        yield Packet(int(end_ns), observations, gyroscope, accelerometer)
+
+
+def _batches(stream: RecordArray, ends_ns: IntArray) -> Iterator[RecordArray]:
+    cut = np.searchsorted(stream["t_ns"], ends_ns, side="right")
+    cut[0] = np.searchsorted(stream["t_ns"], ends_ns[0], side="left")
+    for start, end in pairwise(cut):
+        yield stream[start:end]
+
+
+def observations_of(recording: Recording | EventRecording) -> RecordArray:
+    """Observations that the recording itself holds: none in one of events."""
+    return recording.observations if isinstance(recording, Recording) else np.empty(0, OBSERVATION_DTYPE)
+
+
+def calibration_of(recording: Recording | EventRecording) -> Calibration:
+    """The calibration, which an estimator cannot do without.
+
+    Raises:
+        RecordingError: there is none.
+    """
+    if recording.calibration is None:
+        raise RecordingError(
+            f"{recording.name} comes without extrinsics and IMU noise; expected camchain-imucam.yaml and "
+            "imu.yaml (Kalibr) beside it, or given with --calibration and --imu"
+        )
+    return recording.calibration
