@@ -185,13 +185,13 @@ def _nth_largest(values: IntArray, count: int, n: int) -> int:
     for k in range(1, count):
         newest = max(newest, values[k])
     width = _FIRST_WIDTH_NS
-    above, too_few = newest + 1, 0
-    below = newest - width
+    above, too_few = int(newest) + 1, 0
+    below = int(newest) - width
     enough = _reaching(values, count, below)
     while enough < n:
         above, too_few = below, enough
         width *= 4
-        below = newest - width
+        below = int(newest) - width
         enough = _reaching(values, count, below)
     while above - below > 1 and enough > n:
         share = (enough - n + 0.5) / (enough - too_few)
