@@ -211,5 +211,5 @@ def _reaching(values: IntArray, count: int, threshold: int) -> int:
     """How many of the first `count` values are not below a threshold."""
     total = 0
     for k in range(count):
-        total += np.int64(values[k] >= threshold)
+        total += int(values[k] >= threshold)
     return total
