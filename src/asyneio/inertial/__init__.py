@@ -1,1 +1,1 @@
-"""Inertial measurements: dead reckoning between knots."""
+"""Inertial measurements: dead reckoning between knots; preintegration by discrete rules and by GPs."""
