@@ -86,7 +86,7 @@ def test_likelihood_is_the_dense_one() -> None:
     sampled = t[row >= 0]
     dense, _ = wiener_regression(sampled, y, sampled[0], 300.0, 0.2, PRIOR)
     found = evidence(sampled, y, 300.0, 0.2, PRIOR)
-    np.testing.assert_allclose(found, dense.minus_twice_log_likelihood(), rtol=1e-10)
+    np.testing.assert_allclose(sum(found), dense.minus_twice_log_likelihood(), rtol=1e-10)
 
 
 def test_adjoint_gives_the_weights_of_the_samples() -> None:
@@ -144,8 +144,17 @@ def test_smoothness_is_the_likeliest_of_the_ladder(seed: int) -> None:
     found = find_smoothness(window, noise).gyroscope
     prior = np.array([100.0, 1e4, 1e7])
     unit = noise.gyroscope**2 * 200.0**5
-    values = [
-        evidence(window.gyroscope_t, window.gyroscope, unit * 10.0**e, noise.gyroscope**2, prior)
-        for e in range(-14, 5)
-    ]
+    t, y = window.gyroscope_t, window.gyroscope
+    values = [sum(evidence(t, y, unit * 10.0**e, noise.gyroscope**2, prior)) for e in range(-14, 5)]
     assert abs(np.log10(found / unit) - (np.argmin(values) - 14)) < 1.01
+
+
+def test_inflated_noise_does_not_smooth_the_motion_away() -> None:
+    """Ten times the noise that the samples show: the densities stay within a decade, in absolute units."""
+    noise = noise_at(200.0)
+    window = window_of(shaken(1), 0.2, 200.0, noise=noise)
+    right, inflated = find_smoothness(window, noise), find_smoothness(window, noise_at(200.0, 10.0))
+    for sensor in ("gyroscope", "accelerometer"):
+        # What smooths is the density in units of the sample's variance, here a hundred times larger.
+        ratio = getattr(inflated, sensor) / getattr(right, sensor) / 100.0
+        assert 0.09 < ratio < 11.0
