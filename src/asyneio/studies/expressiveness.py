@@ -1,0 +1,137 @@
+"""How well each prior and space represents known motions between exact knots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from asyneio.studies.known_motion import MotionKind, angles_between, draw_known_motion, generalized_rates, rms
+from asyneio.studies.study import QUICK_SEEDS, SEEDS, Contest, Metric, Study, View
+from asyneio.trajectory.gp_trajectory import GPTrajectory
+from asyneio.trajectory.model import motion_model_named
+from asyneio.types import NS_PER_S
+
+PRIORS, SPACES = ("wnoa", "wnoj"), ("se3", "so3xr3")
+MOTIONS = (MotionKind.ROTATION, MotionKind.TRANSLATION, MotionKind.ORBIT)
+INTERVALS_MS = (5, 10, 20, 50, 100, 200)
+SPEEDS = (0.5, 1.0, 2.0)
+
+_DURATION_MS = 4000
+#: Places in each interval at which the trajectory is compared with the motion: the middles of as many parts.
+_PLACES = 8
+
+ROTATION = Metric("rotation_deg", "rotation error", "deg")
+POSITION = Metric("position_mm", "position error", "mm")
+VELOCITY = Metric("velocity_mm_s", "velocity error", "mm/s")
+RATE = Metric("rate_deg_s", "angular-rate error", "deg/s")
+
+
+@dataclass(frozen=True)
+class ExpressivenessTask:
+    """A prior in a space against a motion, with knots every `interval_ms`."""
+
+    prior: str
+    space: str
+    motion: str
+    speed: float
+    interval_ms: int
+    seed: int
+
+
+def measure(task: ExpressivenessTask) -> dict[str, float]:
+    """RMS errors between the knots, each the length of the vector of error, and how lively the motion is."""
+    # The same motion for every prior, space and interval.
+    rng = np.random.default_rng([task.seed, list(MotionKind).index(MotionKind(task.motion))])
+    motion = draw_known_motion(task.motion, task.speed, rng)
+    step_ns = task.interval_ms * 1_000_000
+    knots_ns = step_ns * np.arange(_DURATION_MS // task.interval_ms + 1, dtype=np.int64)
+    knots_s = knots_ns / NS_PER_S
+    T_w_b = motion.T_w_b(knots_s)
+    trajectory = GPTrajectory(
+        knots_ns,
+        T_w_b[:, :3, :3],
+        T_w_b[:, :3, 3],
+        generalized_rates(motion, knots_s),
+        # The mean does not depend on the size of an isotropic density.
+        np.ones(6),
+        motion_model=motion_model_named(task.prior, task.space),
+    )
+    places_ns = step_ns * (2 * np.arange(_PLACES, dtype=np.int64) + 1) // (2 * _PLACES)
+    t_ns = (knots_ns[:-1, None] + places_ns).ravel()
+    t_s = t_ns / NS_PER_S
+    estimate, truth = trajectory.pose(t_ns), motion.T_w_b(t_s)
+    true_rate, true_acceleration = motion.angular_velocity_b(t_s), motion.acceleration_w(t_s)
+    return {
+        ROTATION.name: rms(np.rad2deg(angles_between(truth[:, :3, :3], estimate[:, :3, :3]))),
+        POSITION.name: 1e3 * rms(estimate[:, :3, 3] - truth[:, :3, 3]),
+        VELOCITY.name: 1e3 * rms(trajectory.velocity(t_ns) - motion.velocity_w(t_s)),
+        RATE.name: rms(np.rad2deg(trajectory.angular_velocity(t_ns) - true_rate)),
+        "motion_rate_rad_s": rms(true_rate),
+        "motion_acceleration_m_s2": rms(true_acceleration),
+    }
+
+
+def expressiveness(quick: bool = False, seeds: int | None = None) -> Study:
+    """The study; `quick`: one motion, few intervals."""
+    motions = MOTIONS[:1] if quick else MOTIONS
+    intervals = (20, 100) if quick else INTERVALS_MS
+    speeds = (1.0,) if quick else SPEEDS
+    middle = 1.0
+    tasks = tuple(
+        ExpressivenessTask(prior, space, motion, speed, interval, seed)
+        for seed in range(seeds or (QUICK_SEEDS if quick else SEEDS))
+        for motion, speed, interval in product(motions, speeds, intervals)
+        for prior, space in product(PRIORS, SPACES)
+    )
+    lines = ("prior", "space")
+    metrics = (ROTATION, POSITION, RATE, VELOCITY)
+    views = [
+        View(
+            f"{motion}-interval",
+            f"{motion}: error against the interval between knots",
+            metrics,
+            "interval_ms",
+            lines,
+            {"motion": motion, "speed": middle},
+            log_x=True,
+        )
+        for motion in motions
+    ] + [
+        View(
+            f"{motion}-speed",
+            f"{motion}: error against speed, knots every 100 ms",
+            metrics,
+            "speed",
+            lines,
+            {"motion": motion, "interval_ms": 100},
+            log_x=True,
+        )
+        for motion in motions
+        if len(speeds) > 1
+    ]
+    contests = tuple(
+        Contest(
+            f"{motion}-best-{metric.name}",
+            f"{motion}: smallest {metric.title}",
+            metric,
+            lines,
+            "interval_ms",
+            "speed",
+            {"motion": motion},
+        )
+        for motion in motions
+        for metric in (ROTATION, POSITION)
+    )
+    return Study(
+        name="expressiveness",
+        question="How well does a trajectory through exact knots follow a known motion between them, by motion "
+        "prior (white noise on acceleration, on jerk) and space (SE(3), SO(3) x R^3)?",
+        settings={"duration_ms": _DURATION_MS, "places": _PLACES},
+        tasks=tasks,
+        measure=measure,
+        views=tuple(views),
+        contests=contests,
+        labels={"interval_ms": "interval between knots [ms]", "speed": "speed (factor on frequencies)"},
+    )
