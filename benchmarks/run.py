@@ -48,14 +48,15 @@ def inertial_seconds(problem: Problem, repeats: int) -> float:
     """One gyroscope and one accelerometer factor, linearised, mean over the window."""
     intervals = len(problem.model.dt)
     local = np.empty((intervals, 5, 6))
-    interval_locals(problem.states, local)
+    space = problem.model.motion_model.space
+    interval_locals(problem.states, space, local)
     H, b = np.zeros((intervals, 48, 48)), np.zeros((intervals, 48))
     states = problem.states
 
     def work(_: None) -> None:
         gyroscope_terms(problem.gyroscope, states.bias, local, local, True, H, b)
         accelerometer_terms(
-            problem.accelerometer, states, states, problem.model.gravity_w, local, local, True, H, b
+            problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
         )
 
     return median_seconds(work, repeats) / len(problem.gyroscope.value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from asyneio.estimation.active import active_coordinates
 from asyneio.estimation.problem import (
     Inertial,
     Landmarks,
@@ -15,6 +16,7 @@ from asyneio.estimation.problem import (
     Visual,
     bearing_tangent,
 )
+from asyneio.trajectory.model import WNOJ, WNOJ_SE3
 from asyneio.trajectory.motion_prior import interpolation_weights_many
 from asyneio.types import FloatArray, IntArray
 from gtsam_window import (
@@ -38,7 +40,7 @@ def _weights(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     interval = np.minimum((t / KNOT_S).astype(np.int64), KNOTS - 2)
     tau = t - interval * KNOT_S
     out = np.empty((len(t), 3, 5))
-    interpolation_weights_many(tau, np.full(len(t), KNOT_S), out)
+    interpolation_weights_many(tau, np.full(len(t), KNOT_S), WNOJ, out)
     return interval, out, tau / KNOT_S
 
 
@@ -90,6 +92,8 @@ def make_problem(landmark_dof: int) -> tuple[Problem, Prior]:
         visual=_visual(scene.points, anchor, rng),
         landmarks=Landmarks(anchor, kappa, bearing_tangent(kappa), 1.0 / distance * 1.01),
         model=Model(
+            motion_model=WNOJ_SE3,
+            active=active_coordinates(WNOJ_SE3),
             dt=np.full(KNOTS - 1, KNOT_S),
             gravity_w=np.array([0.0, 0.0, -GRAVITY]),
             root_density=np.full(6, 30.0),

@@ -46,10 +46,19 @@ class WindowConfig(_Section):
 
 
 class MotionPriorConfig(_Section):
-    """White noise on jerk: square roots of the power spectral density, per axis."""
+    """What the motion between two knots is like; densities are square roots of power spectral ones, per axis.
 
+    The jerk densities belong to `wnoj`, the acceleration densities to `wnoa`.
+    """
+
+    kind: Literal["wnoj", "wnoa"] = Field("wnoj", description="white noise on jerk, or on acceleration")
+    space: Literal["se3", "so3xr3"] = Field(
+        "se3", description="position and rotation regressed together, or the position on its own"
+    )
     angular_jerk_density: float = Field(30.0, gt=0.0, description="rad/s^3/sqrt(Hz)")
     linear_jerk_density: float = Field(30.0, gt=0.0, description="m/s^3/sqrt(Hz)")
+    angular_acceleration_density: float = Field(10.0, gt=0.0, description="rad/s^2/sqrt(Hz)")
+    linear_acceleration_density: float = Field(10.0, gt=0.0, description="m/s^2/sqrt(Hz)")
 
 
 class InertialConfig(_Section):

@@ -16,8 +16,16 @@ from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
 from asyneio.factors.local_frame import local_to_knots
 from asyneio.factors.marginal_prior import knot_difference
 from asyneio.factors.reprojection import landmark_direction, reprojection_jacobian, reprojection_residual
-from asyneio.trajectory.interpolation import interval_local, query_pose, query_pose_jacobian
+from asyneio.trajectory.interpolation import (
+    interval_local,
+    query_pose,
+    query_pose_jacobian,
+    query_pose_with_step,
+    rows_times_step_jacobian,
+)
+from asyneio.trajectory.model import WNOJ, MotionModel
 from asyneio.trajectory.motion_prior import interpolation_weights
+from tests.models import every_model, every_space
 
 from .jacobian_checker import check_jacobian
 from .knots import KNOT_BLOCKS, PAIR_BLOCKS, Knot, hat6, random_pair
@@ -27,21 +35,21 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 CASES = [(0.05, 1.0), (0.2, 1.0), (0.4, 2.5), (1e-3, 1.0)]
 
 
-def local_of(k0: Knot, k1: Knot) -> np.ndarray:
+def local_of(k0: Knot, k1: Knot, space: int) -> np.ndarray:
     out = np.empty((5, 6))
-    interval_local(k0.C, k0.r, k0.varpi, k1.C, k1.r, k1.varpi, out)
+    interval_local(k0.C, k0.r, k0.varpi, k1.C, k1.r, k1.varpi, space, out)
     return out
 
 
-def chain_of(k0: Knot, k1: Knot) -> np.ndarray:
+def chain_of(k0: Knot, k1: Knot, space: int) -> np.ndarray:
     out = np.empty((48, 48))
-    local_to_knots(k0.C, k0.r, k1.C, k1.r, k1.varpi, out)
+    local_to_knots(k0.C, k0.r, k0.varpi, k1.C, k1.r, k1.varpi, space, out)
     return out
 
 
-def weights_at(fraction: float, dt: float) -> np.ndarray:
+def weights_at(fraction: float, dt: float, prior: int) -> np.ndarray:
     out = np.empty((3, 5))
-    interpolation_weights(fraction * dt, dt, out)
+    interpolation_weights(fraction * dt, dt, prior, out)
     return out
 
 
@@ -51,21 +59,23 @@ def pair(seed: int, dt: float, scale: float) -> tuple[Knot, Knot]:
 
 @pytest.mark.parametrize(("dt", "scale"), CASES)
 @pytest.mark.parametrize("seed", range(3))
-def test_local_coordinates(seed: int, dt: float, scale: float) -> None:
+@every_space
+def test_local_coordinates(space: int, seed: int, dt: float, scale: float) -> None:
     k0, k1 = pair(seed, dt, scale)
 
     def f(d: np.ndarray) -> np.ndarray:
-        return local_of(k0.perturbed(d[:24]), k1.perturbed(d[24:])).ravel()
+        return local_of(k0.perturbed(d[:24]), k1.perturbed(d[24:]), space).ravel()
 
-    check_jacobian("interval chain", chain_of(k0, k1)[6:36], f, PAIR_BLOCKS)
+    check_jacobian("interval chain", chain_of(k0, k1, space)[6:36], f, PAIR_BLOCKS)
 
 
 @pytest.mark.parametrize(("dt", "scale"), CASES)
-def test_gp_prior(dt: float, scale: float) -> None:
+@every_model
+def test_gp_prior(model: MotionModel, dt: float, scale: float) -> None:
     k0, k1 = pair(7, dt, scale)
     density = np.array([1.0, 2.0, 3.0, 0.5, 0.7, 4.0])
     coefficients = np.empty((3, 5))
-    gp_prior_coefficients(dt, coefficients)
+    gp_prior_coefficients(dt, model.prior, coefficients)
     jacobian = np.zeros((18, 48))
     for a in range(3):
         for b in range(5):
@@ -74,57 +84,64 @@ def test_gp_prior(dt: float, scale: float) -> None:
 
     def f(d: np.ndarray) -> np.ndarray:
         out = np.empty((3, 6))
-        gp_prior_factor(local_of(k0.perturbed(d[:24]), k1.perturbed(d[24:])), coefficients, density, out)
+        local = local_of(k0.perturbed(d[:24]), k1.perturbed(d[24:]), model.space)
+        gp_prior_factor(local, coefficients, density, out)
         return out.ravel()
 
     # Rows differ by powers of dt: compare row group by row group.
-    analytic = jacobian @ chain_of(k0, k1)
-    for a in range(3):
+    analytic = jacobian @ chain_of(k0, k1, model.space)
+    rows_of_prior = 3 if model.prior == WNOJ else 2
+    assert not analytic[6 * rows_of_prior :].any()
+    assert not f(np.zeros(48))[6 * rows_of_prior :].any()
+    for a in range(rows_of_prior):
         rows = slice(6 * a, 6 * a + 6)
         check_jacobian(f"gp prior row {a}", analytic[rows], lambda d, rows=rows: f(d)[rows], PAIR_BLOCKS)
 
 
 @pytest.mark.parametrize(("dt", "scale"), CASES)
 @pytest.mark.parametrize("fraction", [0.0, 0.31, 0.9, 1.0])
-def test_gyroscope(dt: float, scale: float, fraction: float) -> None:
+@every_model
+def test_gyroscope(model: MotionModel, dt: float, scale: float, fraction: float) -> None:
     k0, k1 = pair(3, dt, scale)
-    w = weights_at(fraction, dt)
+    w = weights_at(fraction, dt, model.prior)
     value = np.array([0.3, -1.0, 2.0])
     jacobian = np.empty((3, 48))
-    gyroscope_jacobian(local_of(k0, k1), w, fraction, jacobian)
+    gyroscope_jacobian(local_of(k0, k1, model.space), w, fraction, jacobian)
 
     def f(d: np.ndarray) -> np.ndarray:
         a, b = k0.perturbed(d[:24]), k1.perturbed(d[24:])
         out = np.empty(3)
-        gyroscope_residual(value, local_of(a, b), w, np.stack([a.bias, b.bias]), fraction, out)
+        gyroscope_residual(value, local_of(a, b, model.space), w, np.stack([a.bias, b.bias]), fraction, out)
         return out
 
-    check_jacobian("gyroscope", jacobian @ chain_of(k0, k1), f, PAIR_BLOCKS)
+    check_jacobian("gyroscope", jacobian @ chain_of(k0, k1, model.space), f, PAIR_BLOCKS)
 
 
 @pytest.mark.parametrize(("dt", "scale"), CASES)
 @pytest.mark.parametrize("fraction", [0.0, 0.31, 0.9, 1.0])
-def test_accelerometer(dt: float, scale: float, fraction: float) -> None:
+@every_model
+def test_accelerometer(model: MotionModel, dt: float, scale: float, fraction: float) -> None:
     k0, k1 = pair(4, dt, scale)
-    w = weights_at(fraction, dt)
+    w = weights_at(fraction, dt, model.prior)
     value = np.array([0.3, -1.0, 9.0])
     jacobian = np.empty((3, 48))
-    accelerometer_jacobian(k0.C, local_of(k0, k1), w, fraction, GRAVITY, jacobian)
+    accelerometer_jacobian(k0.C, local_of(k0, k1, model.space), w, fraction, GRAVITY, model.space, jacobian)
 
     def f(d: np.ndarray) -> np.ndarray:
         a, b = k0.perturbed(d[:24]), k1.perturbed(d[24:])
         out = np.empty(3)
-        accelerometer_residual(
-            value, a.C, local_of(a, b), w, np.stack([a.bias, b.bias]), fraction, GRAVITY, out
-        )
+        bias = np.stack([a.bias, b.bias])
+        local = local_of(a, b, model.space)
+        accelerometer_residual(value, a.C, local, w, bias, fraction, GRAVITY, model.space, out)
         return out
 
-    check_jacobian("accelerometer", jacobian @ chain_of(k0, k1), f, PAIR_BLOCKS)
+    check_jacobian("accelerometer", jacobian @ chain_of(k0, k1, model.space), f, PAIR_BLOCKS)
 
 
 @pytest.mark.parametrize(("dt", "scale"), CASES)
 @pytest.mark.parametrize("rho", [0.0, 0.4, 5.0])
-def test_reprojection(dt: float, scale: float, rho: float) -> None:
+@every_model
+def test_reprojection(model: MotionModel, dt: float, scale: float, rho: float) -> None:
     rng = np.random.default_rng(11)
     k0, k1 = pair(5, dt, scale)
     anchor = Knot(
@@ -133,14 +150,14 @@ def test_reprojection(dt: float, scale: float, rho: float) -> None:
     T_bc = expm_of(0.3 * rng.normal(size=6))
     C_bc, r_bc = np.ascontiguousarray(T_bc[:3, :3]), np.ascontiguousarray(T_bc[:3, 3])
     fraction = 0.37
-    w = weights_at(fraction, dt)
-    kappa, tangent = bearing_in_front(anchor, k0, k1, C_bc, r_bc, rho, w)
+    w = weights_at(fraction, dt, model.prior)
+    kappa, tangent = bearing_in_front(anchor, k0, k1, C_bc, r_bc, rho, w, model.space)
     xy = np.array([0.1, -0.2])
     root = np.array([[200.0, 3.0], [0.0, 180.0]])
 
     def direction(a: Knot, k: np.ndarray, inverse_depth: float, p: Knot, q: Knot) -> tuple[np.ndarray, ...]:
         C, r = np.empty((3, 3)), np.empty(3)
-        query_pose(p.C, p.r, local_of(p, q), w[0], C, r)
+        query_pose(p.C, p.r, local_of(p, q, model.space), w[0], model.space, C, r)
         x_a, x_b, h = np.empty(3), np.empty(3), np.empty(3)
         landmark_direction(a.C, a.r, C, r, C_bc, r_bc, k, inverse_depth, x_a, x_b, h)
         return C, r, x_a, x_b, h
@@ -159,25 +176,38 @@ def test_reprojection(dt: float, scale: float, rho: float) -> None:
         anchor.C, anchor.r, C, r, C_bc, r_bc, rho, tangent, x_a, x_b, h, root, d_anchor, d_pose, d_landmark
     )
     d_eps, d_xi = np.empty((6, 6)), np.empty((6, 6))
-    query_pose_jacobian(local_of(k0, k1), w[0], d_eps, d_xi)
+    local = local_of(k0, k1, model.space)
+    query_pose_jacobian(local, w[0], model.space, d_eps, d_xi)
+    assert_rows_are_moved(d_pose, local, w[0], model.space, d_xi)
     local_jacobian = np.zeros((2, 48))
     local_jacobian[:, :6] = d_pose @ d_eps
     for b in range(5):
         local_jacobian[:, 6 + 6 * b : 12 + 6 * b] = w[0, b] * d_pose @ d_xi
-    analytic = np.hstack([d_anchor, d_landmark, local_jacobian @ chain_of(k0, k1)])
+    analytic = np.hstack([d_anchor, d_landmark, local_jacobian @ chain_of(k0, k1, model.space)])
     blocks = [("anchor", 6), ("inverse depth", 1), ("bearing", 2), *PAIR_BLOCKS]
     check_jacobian("reprojection", analytic, f, blocks)
+
+
+def assert_rows_are_moved(
+    rows: np.ndarray, local: np.ndarray, w: np.ndarray, space: int, d_xi: np.ndarray
+) -> None:
+    """The window multiplies rows without forming the matrix."""
+    xi, C, r, C_d, r_d = np.empty(6), np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
+    query_pose_with_step(np.eye(3), np.zeros(3), local, w, space, xi, C_d, r_d, C, r)
+    out = np.empty_like(rows)
+    rows_times_step_jacobian(rows, xi, C_d, space, np.empty(4), out)
+    np.testing.assert_allclose(out, rows @ d_xi, atol=1e-12 * np.abs(rows).max())
 
 
 def expm_of(xi: np.ndarray) -> np.ndarray:
     return Knot(np.eye(4), np.zeros((2, 6)), np.zeros(6)).perturbed(np.concatenate([xi, np.zeros(18)])).T
 
 
-def bearing_in_front(anchor, k0, k1, C_bc, r_bc, rho, w):  # type: ignore[no-untyped-def]
+def bearing_in_front(anchor, k0, k1, C_bc, r_bc, rho, w, space):  # type: ignore[no-untyped-def]
     """A unit bearing whose point lies in front of the query camera, with an orthonormal tangent basis."""
     rng = np.random.default_rng(2)
     C, r = np.empty((3, 3)), np.empty(3)
-    query_pose(k0.C, k0.r, local_of(k0, k1), w[0], C, r)
+    query_pose(k0.C, k0.r, local_of(k0, k1, space), w[0], space, C, r)
     for _ in range(500):
         kappa = rng.normal(size=3)
         kappa /= np.linalg.norm(kappa)

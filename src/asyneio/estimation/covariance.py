@@ -1,4 +1,7 @@
-"""Covariance of states and of scale from the reduced normal equations of the last solution."""
+"""Covariance of states and of scale from the reduced normal equations of the last solution.
+
+Rows and columns of coordinates that the window does not solve for (`active.py`) are zero.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,14 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 
 from asyneio.errors import EstimationError
+from asyneio.estimation.active import KNOT_DOF, active_in_window, active_part, with_inactive_zero
 from asyneio.estimation.optimizer import Solution
 from asyneio.types import FloatArray
 
 
-def _factor(information: FloatArray) -> FloatArray:
+def _factor(solution: Solution) -> FloatArray:
+    """Lower Cholesky factor of the information of the active coordinates."""
+    information = active_part(solution.information, solution.problem.model.active)
     try:
         L: FloatArray = np.tril(cho_factor(information, lower=True, check_finite=False)[0])
     except LinAlgError as error:
@@ -26,21 +32,28 @@ def newest_covariance(solution: Solution) -> FloatArray:
 
     With H = L L^T the last block of H^{-1} needs the last block of L alone.
     """
-    L = _factor(solution.information)
-    inverse = solve_triangular(L[-24:, -24:], np.eye(24), lower=True, check_finite=False)
+    active = solution.problem.model.active
+    n = len(active)
+    L = _factor(solution)
+    inverse = solve_triangular(L[-n:, -n:], np.eye(n), lower=True, check_finite=False)
+    inverse = with_inactive_zero(inverse, active)
     covariance: FloatArray = inverse.T @ inverse
     return covariance
 
 
 def joint_covariance(solution: Solution, knot: int) -> FloatArray:
     """Joint covariance (48,48) of knots `knot` and `knot + 1` of the window."""
-    n = len(solution.information)
-    unit = np.zeros((n, 48))
-    unit[24 * knot : 24 * knot + 48] = np.eye(48)
-    L = _factor(solution.information)
-    columns = cho_solve((L, True), unit, check_finite=False)
-    covariance: FloatArray = columns[24 * knot : 24 * knot + 48]
-    return 0.5 * (covariance + covariance.T)
+    active = solution.problem.model.active
+    L = _factor(solution)
+    n = len(active)
+    unit = np.zeros((len(L), 2 * n))
+    pair = slice(n * knot, n * knot + 2 * n)
+    unit[pair] = np.eye(2 * n)
+    columns = cho_solve((L, True), unit, check_finite=False)[pair]
+    chosen = active_in_window(active, 2)
+    covariance = np.zeros((2 * KNOT_DOF, 2 * KNOT_DOF))
+    covariance[np.ix_(chosen, chosen)] = 0.5 * (columns + columns.T)
+    return covariance
 
 
 def relative_scale_sigma(solution: Solution) -> float:
@@ -60,6 +73,6 @@ def relative_scale_sigma(solution: Solution) -> float:
     row /= landmarks.rho[finite][:, None]
     c = np.zeros((system.W.shape[2], 24))
     c[:, :18] = np.einsum("ld,ldkc->kc", row, system.W[finite]) / finite.sum()
-    information = solution.information
-    solved = cho_solve((_factor(information), True), c.ravel(), check_finite=False)
-    return float(np.sqrt(max(float(c.ravel() @ solved), 0.0)))
+    mean = c.ravel()[active_in_window(solution.problem.model.active, len(c))]
+    solved = cho_solve((_factor(solution), True), mean, check_finite=False)
+    return float(np.sqrt(max(float(mean @ solved), 0.0)))

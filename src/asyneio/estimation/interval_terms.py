@@ -26,7 +26,7 @@ from asyneio.types import BoolArray, FloatArray
 
 
 @njit(cache=True)
-def interval_locals(states: States, out: FloatArray) -> None:
+def interval_locals(states: States, space: int, out: FloatArray) -> None:
     """End quantities `out` (I,5,6) of all intervals."""
     for i in range(out.shape[0]):
         interval_local(
@@ -36,17 +36,25 @@ def interval_locals(states: States, out: FloatArray) -> None:
             states.C[i + 1],
             states.r[i + 1],
             states.varpi[i + 1],
+            space,
             out[i],
         )
 
 
 @njit(cache=True)
-def interval_chains(states: States, needed: BoolArray, out: FloatArray) -> None:
+def interval_chains(states: States, needed: BoolArray, space: int, out: FloatArray) -> None:
     """`local_to_knots` of the needed intervals: `out` (I,48,48)."""
     for i in range(out.shape[0]):
         if needed[i]:
             local_to_knots(
-                states.C[i], states.r[i], states.C[i + 1], states.r[i + 1], states.varpi[i + 1], out[i]
+                states.C[i],
+                states.r[i],
+                states.varpi[i],
+                states.C[i + 1],
+                states.r[i + 1],
+                states.varpi[i + 1],
+                space,
+                out[i],
             )
 
 
@@ -54,7 +62,7 @@ def interval_chains(states: States, needed: BoolArray, out: FloatArray) -> None:
 def motion_terms(
     problem: Problem, local: FloatArray, with_jacobian: bool, H: FloatArray, b: FloatArray
 ) -> float:
-    """WNOJ prior (16) and bias walk (24) of the intervals in `problem.motion`: linear in the local
+    """Motion prior (16) and bias walk (24) of the intervals in `problem.motion`: linear in the local
     coordinates."""
     model, bias = problem.model, problem.states.bias
     coefficients = np.empty((3, 5))
@@ -64,7 +72,7 @@ def motion_terms(
     for i in range(local.shape[0]):
         if not problem.motion[i]:
             continue
-        gp_prior_coefficients(model.dt[i], coefficients)
+        gp_prior_coefficients(model.dt[i], model.motion_model.prior, coefficients)
         gp_prior_factor(local[i], coefficients, model.root_density, residual)
         bias_factor(bias[i], bias[i + 1], model.bias_walk, model.dt[i], bias_residual)
         for j in range(6):
@@ -137,6 +145,7 @@ def accelerometer_terms(
     states: States,
     linearization: States,
     gravity_w: FloatArray,
+    space: int,
     local: FloatArray,
     local_lin: FloatArray,
     with_jacobian: bool,
@@ -158,12 +167,15 @@ def accelerometer_terms(
                 states.bias[i : i + 2],
                 alpha,
                 gravity_w,
+                space,
                 residual,
             )
             info = samples.root_information[n] ** 2
             cost += 0.5 * info * (residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
             if with_jacobian:
-                accelerometer_jacobian(linearization.C[i], local_lin[i], weights, alpha, gravity_w, jacobian)
+                accelerometer_jacobian(
+                    linearization.C[i], local_lin[i], weights, alpha, gravity_w, space, jacobian
+                )
                 _accumulate(jacobian, residual, info, H[i], b[i])
     return cost
 

@@ -60,6 +60,7 @@ def camera_poses(
     weights: FloatArray,
     C_bc: FloatArray,
     r_bc: FloatArray,
+    space: int,
     C_out: FloatArray,
     r_out: FloatArray,
 ) -> None:
@@ -78,10 +79,11 @@ def camera_poses(
                 states.C[i + 1],
                 states.r[i + 1],
                 states.varpi[i + 1],
+                space,
                 local,
             )
             last = i
-        query_pose(states.C[i], states.r[i], local, weights[n], C, r)
+        query_pose(states.C[i], states.r[i], local, weights[n], space, C, r)
         matmul(C, C_bc, C_out[n])
         matvec(C, r_bc, r_out[n])
         for k in range(3):

@@ -49,7 +49,7 @@ def linearize(problem: Problem) -> LinearSystem:
     local, local_lin = _locals(problem)
     needed = _needed(problem)
     chain = np.zeros((knots - 1, 48, 48))
-    interval_chains(problem.linearization, needed, chain)
+    interval_chains(problem.linearization, needed, problem.model.motion_model.space, chain)
     H_local, b_local = np.zeros((knots - 1, 48, 48)), np.zeros((knots - 1, 48))
     dof = problem.model.landmark_dof
     sums = empty_sums(knots - 1, knots, len(problem.landmarks.rho), dof)
@@ -62,7 +62,7 @@ def linearize(problem: Problem) -> LinearSystem:
 def evaluate_cost(problem: Problem) -> float:
     """Cost of all factors except the marginal prior."""
     local = np.empty((len(problem.states.r) - 1, 5, 6))
-    interval_locals(problem.states, local)
+    interval_locals(problem.states, problem.model.motion_model.space, local)
     none = np.zeros((0, 48, 48))
     return _terms(problem, local, local, none, False, none, np.zeros((0, 48)), _NO_SUMS)[0]
 
@@ -86,6 +86,7 @@ def _terms(
         states,
         problem.linearization,
         problem.model.gravity_w,
+        problem.model.motion_model.space,
         local,
         local_lin,
         with_jacobian,
@@ -98,11 +99,12 @@ def _terms(
 
 def _locals(problem: Problem) -> tuple[FloatArray, FloatArray]:
     local = np.empty((len(problem.states.r) - 1, 5, 6))
-    interval_locals(problem.states, local)
+    space = problem.model.motion_model.space
+    interval_locals(problem.states, space, local)
     if problem.frozen == 0:
         return local, local
     local_lin = np.empty_like(local)
-    interval_locals(problem.linearization, local_lin)
+    interval_locals(problem.linearization, space, local_lin)
     return local, local_lin
 
 
@@ -159,8 +161,8 @@ def _move_to_knots(
 
 
 # The chain is the identity for the first knot's own coordinates (18) and for the biases (12); only its
-# rows 18..35
-# (xi, xi_dot, xi_ddot) are full, in columns 0..5 (eps_k) and 24..41 (knot k + 1).
+# rows 18..35 (xi, xi_dot, xi_ddot) are full, in columns 0..5 (eps_k) and 24..41 (knot k + 1). On SO(3) x R^3
+# rows 15..17, the acceleration at the first knot, depend on its varpi too, columns 6..11.
 
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
@@ -174,6 +176,10 @@ def _right_times_chain(H: FloatArray, chain: FloatArray, out: FloatArray) -> Non
         for q in range(6):
             out[p, 18 + q] = H[p, 36 + q]
             out[p, 42 + q] = H[p, 42 + q]
+        for m in range(15, 18):
+            v = H[p, m]
+            for q in range(6, 12):
+                out[p, q] += v * chain[m, q]
         for m in range(18, 36):
             v = H[p, m]
             for q in range(6):
@@ -194,9 +200,9 @@ def _chain_transposed_times(chain: FloatArray, X: FloatArray, out: FloatArray) -
             for q in range(n):
                 out[18 + p, q] = X[36 + p, q]
                 out[42 + p, q] = X[42 + p, q]
-    for m in range(18, 36):
+    for m in range(15, 36):
         for p in range(42):
-            if 6 <= p < 24:
+            if (m < 18) != (6 <= p < 12) or 12 <= p < 24:
                 continue
             v = chain[m, p]
             if v == 0.0:

@@ -20,6 +20,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.linalg.lapack import dpstrf
 
 from asyneio.errors import EstimationError
+from asyneio.estimation.active import active_in_window, active_part, with_inactive_zero
 from asyneio.estimation.linear_system import eliminate_landmarks, linearize
 from asyneio.estimation.optimizer import add_prior, difference
 from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem, States, Visual
@@ -40,22 +41,25 @@ def marginalize_oldest(problem: Problem, prior: Prior) -> Prior:
     system = linearize(part)
     add_prior(system, prior, difference(problem.states, prior))
     eliminate_landmarks(system, part.landmarks, part.model)
-    H, b = system.H, system.b
+    active = part.model.active
+    n = len(active)
+    H, b = active_part(system.H, active), system.b[active_in_window(active, knots)]
     try:
-        factor = cho_factor(H[:24, :24], lower=True, check_finite=False)
+        factor = cho_factor(H[:n, :n], lower=True, check_finite=False)
     except np.linalg.LinAlgError as error:
         raise EstimationError(
             "the oldest knot is not constrained by its factors; expected a prior on the first knot"
         ) from error
-    gain = cho_solve(factor, H[:24, 24:], check_finite=False)
-    information = H[24:, 24:] - H[24:, :24] @ gain
-    gradient = b[24:] - gain.T @ b[:24]
+    gain = cho_solve(factor, H[:n, n:], check_finite=False)
+    information = H[n:, n:] - H[n:, :n] @ gain
+    gradient = b[n:] - gain.T @ b[:n]
     linearization = States(*(a[1:knots].copy() for a in problem.linearization))
-    R, y = _square_root(0.5 * (information + information.T), gradient)
+    root, y = _square_root(0.5 * (information + information.T), gradient)
+    R = with_inactive_zero(root, active)
     # Gradient R^T (R delta + r_0) at the present delta, which is zero for knots frozen only now.
-    shifted = Prior(R, information, np.zeros(len(R)), linearization)
+    shifted = Prior(R, R.T @ R, np.zeros(len(R)), linearization)
     delta = difference(States(*(a[1:] for a in problem.states)), shifted)
-    return Prior(R, R.T @ R, y - R @ delta, linearization)
+    return shifted._replace(r_0=y - R @ delta)
 
 
 def _square_root(information: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:

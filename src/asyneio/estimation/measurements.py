@@ -13,19 +13,22 @@ from asyneio.trajectory.motion_prior import interpolation_weights_many
 from asyneio.types import BoolArray, FloatArray, IntArray, RecordArray
 
 
-def _weights(t_ns: IntArray, start_ns: IntArray, end_ns: IntArray) -> tuple[FloatArray, FloatArray]:
+def _weights(
+    t_ns: IntArray, start_ns: IntArray, end_ns: IntArray, prior: int
+) -> tuple[FloatArray, FloatArray]:
     """Interpolation weights (N,3,5) and the fraction of the interval (N,) at each time."""
     tau = (t_ns - start_ns) * 1e-9
     dt = (end_ns - start_ns) * 1e-9
     out = np.empty((len(tau), 3, 5))
-    interpolation_weights_many(tau, dt, out)
+    interpolation_weights_many(tau, dt, prior, out)
     return out, tau / dt
 
 
 class InertialBuffer:
-    """Samples of one inertial sensor inside the window."""
+    """Samples of one inertial sensor inside the window, on a trajectory with the given motion prior."""
 
-    def __init__(self) -> None:
+    def __init__(self, prior: int) -> None:
+        self._prior = prior
         self._interval: IntArray = np.empty(0, dtype=np.int64)
         self._value: FloatArray = np.empty((0, 3))
         self._weights: FloatArray = np.empty((0, 3, 5))
@@ -35,7 +38,7 @@ class InertialBuffer:
     def append(self, samples: RecordArray, sigma: float, interval: int, start_ns: int, end_ns: int) -> None:
         """Samples (INERTIAL_DTYPE) of one interval, with standard deviation `sigma` per axis."""
         n = len(samples)
-        weights, alpha = _weights(samples["t_ns"], np.full(n, start_ns), np.full(n, end_ns))
+        weights, alpha = _weights(samples["t_ns"], np.full(n, start_ns), np.full(n, end_ns), self._prior)
         self._interval = np.concatenate([self._interval, np.full(n, interval)])
         self._value = np.concatenate([self._value, samples["xyz"]])
         self._weights = np.concatenate([self._weights, weights])
@@ -58,9 +61,10 @@ class InertialBuffer:
 
 
 class VisualBuffer:
-    """Observations inside the window, of tracks with and without a landmark yet."""
+    """Observations inside the window, of tracks with and without a landmark yet; motion prior as above."""
 
-    def __init__(self) -> None:
+    def __init__(self, prior: int) -> None:
+        self._prior = prior
         self.t_ns: IntArray = np.empty(0, dtype=np.int64)
         self.track: IntArray = np.empty(0, dtype=np.int64)
         self.interval: IntArray = np.empty(0, dtype=np.int64)
@@ -82,7 +86,7 @@ class VisualBuffer:
     ) -> None:
         """Undistorted observations `xy` (N,2) of one interval that spans `bounds_ns`."""
         n = len(t_ns)
-        weights, _ = _weights(t_ns, np.full(n, bounds_ns[0]), np.full(n, bounds_ns[1]))
+        weights, _ = _weights(t_ns, np.full(n, bounds_ns[0]), np.full(n, bounds_ns[1]), self._prior)
         self.t_ns = np.concatenate([self.t_ns, t_ns])
         self.track = np.concatenate([self.track, track])
         self.interval = np.concatenate([self.interval, np.full(n, interval)])

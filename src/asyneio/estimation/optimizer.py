@@ -11,6 +11,7 @@ from numba import njit
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from asyneio.errors import EstimationError
+from asyneio.estimation.active import KNOT_DOF, active_in_window, active_part, with_inactive_zero
 from asyneio.estimation.linear_system import (
     LinearSystem,
     eliminate_landmarks,
@@ -21,7 +22,7 @@ from asyneio.estimation.linear_system import (
 from asyneio.estimation.problem import Landmarks, Prior, Problem, States
 from asyneio.factors.marginal_prior import knot_difference
 from asyneio.geometry.se3 import se3_between, se3_compose, se3_exp, se3_log
-from asyneio.types import FloatArray
+from asyneio.types import FloatArray, IntArray
 
 _MAX_DAMPING = 1e8
 
@@ -52,7 +53,8 @@ class OptimizerReport:
 class Solution:
     """Optimised problem, the reduced normal equations it was last solved with, and the report.
 
-    `information` (24K,24K) is the Schur complement of the landmarks plus the prior at the last linearisation.
+    `information` (24K,24K) is the Schur complement of the landmarks plus the prior at the last linearisation;
+    what it says of coordinates that are not active (`problem.model.active`) means nothing.
     """
 
     problem: Problem
@@ -116,7 +118,7 @@ def _damped_step(
     """One accepted step; None if no step lowers the cost."""
     diagonal = system.H.diagonal().copy()
     while damping <= _MAX_DAMPING:
-        step = _solve(system, diagonal, damping)
+        step = _solve(system, problem.model.active, diagonal, damping)
         if step is not None:
             candidate = retract(problem, system, step)
             delta = difference(candidate.states, prior)
@@ -140,18 +142,19 @@ def _predicted_decrease(system: LinearSystem, step: FloatArray) -> float:
     return 0.5 * float(np.sum(system.b_l[:, :dof] ** 2) - step.ravel() @ system.b)
 
 
-def _solve(system: LinearSystem, diagonal: FloatArray, damping: float) -> FloatArray | None:
-    """Knot steps (K,24), or None where the matrix is not positive definite."""
-    H = system.H.copy()
-    H[np.diag_indices_from(H)] += damping * diagonal
+def _solve(system: LinearSystem, active: IntArray, diagonal: FloatArray, damping: float) -> FloatArray | None:
+    """Knot steps (K,24), zero where not active, or None where the matrix is not positive definite."""
+    chosen = active_in_window(active, len(diagonal) // KNOT_DOF)
+    H = active_part(system.H, active)
+    H[np.diag_indices_from(H)] += damping * diagonal[chosen]
     try:
         factor = cho_factor(H, lower=True, overwrite_a=True, check_finite=False)
     except LinAlgError:
         return None
-    step: FloatArray = -cho_solve(factor, system.b, check_finite=False)
+    step = -cho_solve(factor, system.b[chosen], check_finite=False)
     if not np.isfinite(step).all():
         return None
-    return step.reshape(-1, 24)
+    return with_inactive_zero(step, active).reshape(-1, KNOT_DOF)
 
 
 def add_prior(system: LinearSystem, prior: Prior, delta: FloatArray) -> float:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from asyneio.trajectory.model import MotionModel
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 
@@ -77,6 +78,8 @@ class Prior(NamedTuple):
 class Model(NamedTuple):
     """Constants of the window."""
 
+    motion_model: MotionModel
+    active: IntArray  # (n,) coordinates of a knot's error state that are solved for (active.py)
     dt: FloatArray  # (I,) lengths of the intervals [s]
     gravity_w: FloatArray  # (3,)
     root_density: FloatArray  # (6,) sqrt of the motion prior's power spectral density

@@ -16,8 +16,9 @@ from numba import njit
 from asyneio.estimation.problem import Problem
 from asyneio.factors.reprojection import landmark_direction, reprojection_jacobian, reprojection_residual
 from asyneio.factors.robust import cauchy
-from asyneio.geometry.se3 import rows_times_adjoint_inverse, rows_times_right_jacobian
-from asyneio.trajectory.interpolation import query_pose_with_step
+from asyneio.geometry.se3 import rows_times_adjoint_inverse
+from asyneio.trajectory.interpolation import query_pose_with_step, rows_times_step_jacobian
+from asyneio.trajectory.model import SE3
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 
@@ -101,6 +102,7 @@ def _fill_rows(
     point."""
     visual, landmarks, model = problem.visual, problem.landmarks, problem.model
     states, linearization = problem.states, problem.linearization
+    space = model.motion_model.space
     xi, C_d, r_d, C, r = np.empty(6), np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
     x_a, x_b, h, residual, c = np.empty(3), np.empty(3), np.empty(3), np.empty(2), np.empty(4)
     d_anchor, d_pose, d_landmark = np.empty((2, 6)), np.empty((2, 6)), np.empty((2, 3))
@@ -112,7 +114,7 @@ def _fill_rows(
         a = landmarks.anchor[j]
         w, root = visual.weights[n], visual.root_information[n]
         kappa, rho = landmarks.kappa[j], landmarks.rho[j]
-        query_pose_with_step(states.C[i], states.r[i], local, w, xi, C_d, r_d, C, r)
+        query_pose_with_step(states.C[i], states.r[i], local, w, space, xi, C_d, r_d, C, r)
         landmark_direction(states.C[a], states.r[a], C, r, model.C_bc, model.r_bc, kappa, rho, x_a, x_b, h)
         visible = reprojection_residual(h, visual.xy[n], root, residual)
         squared = residual[0] ** 2 + residual[1] ** 2 if visible else np.inf
@@ -123,7 +125,9 @@ def _fill_rows(
         if robust == 0.0 or not with_jacobian:
             continue
         if i < problem.frozen or a < problem.frozen:
-            query_pose_with_step(linearization.C[i], linearization.r[i], local_lin, w, xi, C_d, r_d, C, r)
+            query_pose_with_step(
+                linearization.C[i], linearization.r[i], local_lin, w, space, xi, C_d, r_d, C, r
+            )
             landmark_direction(
                 linearization.C[a],
                 linearization.r[a],
@@ -158,7 +162,7 @@ def _fill_rows(
             rejected += 1
             continue
         rows_times_adjoint_inverse(d_pose, C_d, r_d, E)
-        rows_times_right_jacobian(d_pose, xi, c, B)
+        rows_times_step_jacobian(d_pose, xi, C_d, space, c, B)
         root_weight = np.sqrt(robust)
         for m in range(2):
             o = 2 * (n - visual.start[i]) + m
@@ -238,11 +242,13 @@ def _sum_landmarks(problem: Problem, i: int, rows: _Rows, chain: FloatArray, sum
                     sums.W[j, d, a, k] += l * rows.anchor[o, k]
                 for k in range(36):
                     coupling[dof * g + d, k] += l * rows.local[o, k]
-    _spread_coupling(coupling[: dof * (g + 1)], owner, chain, i, sums.W)
+    _spread_coupling(coupling[: dof * (g + 1)], owner, chain, i, problem.model.motion_model.space, sums.W)
 
 
 @njit(cache=True)
-def _spread_coupling(coupling: FloatArray, owner: IntArray, chain: FloatArray, i: int, W: FloatArray) -> None:
+def _spread_coupling(
+    coupling: FloatArray, owner: IntArray, chain: FloatArray, i: int, space: int, W: FloatArray
+) -> None:
     """Couplings (n dof, 36) of the landmarks `owner` from local coordinates to knots i and i + 1."""
     dof = W.shape[1]
     full = np.empty((18, 24))
@@ -261,3 +267,9 @@ def _spread_coupling(coupling: FloatArray, owner: IntArray, chain: FloatArray, i
                 W[j, d, i + 1, k] += moved[o, 6 + k]
             for k in range(6):
                 W[j, d, i, k] += moved[o, k]
+            if space == SE3:
+                continue
+            # The acceleration at the first knot depends on its varpi.
+            for k in range(6, 12):
+                for m in range(15, 18):
+                    W[j, d, i, k] += coupling[o, m] * chain[m, k]

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from asyneio.estimation.active import active_coordinates
 from asyneio.estimation.landmarks import LandmarkTable, born_landmark, camera_poses
 from asyneio.estimation.marginalization import marginalize_oldest
 from asyneio.estimation.measurements import InertialBuffer, VisualBuffer
 from asyneio.estimation.optimizer import OptimizerSettings, Solution, optimize
 from asyneio.estimation.problem import Model, Prior, Problem, States
+from asyneio.trajectory.model import MotionModel
 from asyneio.types import FloatArray, IntArray, RecordArray
 
 #: Inverse depth of the first landmarks without parallax, 1/m: a room.
@@ -22,6 +24,7 @@ class WindowSettings:
     """Plain values that the window needs."""
 
     gravity_w: FloatArray  # (3,)
+    motion_model: MotionModel
     root_density: FloatArray  # (6,) motion prior
     bias_walk: FloatArray  # (6,)
     gyroscope_sigma: float  # rad/s of one sample
@@ -63,9 +66,10 @@ class Window:
         self._linearization = states.copied()
         self.prior = prior
         self._frozen = 0
-        self._gyroscope = InertialBuffer()
-        self._accelerometer = InertialBuffer()
-        self._visual = VisualBuffer()
+        prior_kind = settings.motion_model.prior
+        self._gyroscope = InertialBuffer(prior_kind)
+        self._accelerometer = InertialBuffer(prior_kind)
+        self._visual = VisualBuffer(prior_kind)
         self.landmarks = LandmarkTable()
 
     @property
@@ -130,6 +134,8 @@ class Window:
     def _model(self) -> Model:
         s = self._settings
         return Model(
+            motion_model=s.motion_model,
+            active=active_coordinates(s.motion_model),
             dt=np.diff(self.t_ns) * 1e-9,
             gravity_w=s.gravity_w,
             root_density=s.root_density,
@@ -227,7 +233,16 @@ class Window:
         # The anchor's own camera pose is the query at the start of its interval: weights zero.
         weights = np.vstack([np.zeros((1, 5)), self._visual.weights[group]])
         C, r = np.empty((len(weights), 3, 3)), np.empty((len(weights), 3))
-        camera_poses(self.states, np.concatenate([[anchor], interval]), weights, model.C_bc, model.r_bc, C, r)
+        camera_poses(
+            self.states,
+            np.concatenate([[anchor], interval]),
+            weights,
+            model.C_bc,
+            model.r_bc,
+            model.motion_model.space,
+            C,
+            r,
+        )
         if not self._refines_bearing:
             C[1], r[1] = C[0], r[0]
         kappa = np.empty(3)

@@ -1,6 +1,8 @@
 """GPIF: gyroscope and accelerometer samples as separate factors on the trajectory (21)-(23).
 
-Biases are interpolated linearly between the knots, `alpha` = (tau - t_k) / (t_{k+1} - t_k).
+Biases are interpolated linearly between the knots, `alpha` = (tau - t_k) / (t_{k+1} - t_k). A gyroscope sees
+the rotation alone, whose relations are the same in every `space`. Under white noise on acceleration the
+accelerometer is compared with the derivative of the interpolated velocity, a straight line in each interval.
 """
 
 from __future__ import annotations
@@ -67,12 +69,13 @@ def accelerometer_residual(
     bias: FloatArray,
     alpha: float,
     gravity_w: FloatArray,
+    space: int,
     residual: FloatArray,
 ) -> None:
     """`residual` (3,) of (21), unwhitened. `bias` (2,6), `gravity_w` (3,) in the world."""
     varpi = np.empty((2, 6))
     gravity_b = np.empty(3)
-    query_rates(local, weights, varpi)
+    query_rates(local, weights, space, varpi)
     _gravity_in_body(C_0, local, weights, gravity_w, gravity_b)
     w, v, a = varpi[0, :3], varpi[0, 3:], varpi[1, 3:]
     residual[0] = value[0] - a[0] - (w[1] * v[2] - w[2] * v[1]) + gravity_b[0]
@@ -103,6 +106,7 @@ def accelerometer_jacobian(
     weights: FloatArray,
     alpha: float,
     gravity_w: FloatArray,
+    space: int,
     jacobian: FloatArray,
 ) -> None:
     """`jacobian` (3,48) of `accelerometer_residual` with respect to the local coordinates, (22)-(23)."""
@@ -114,7 +118,7 @@ def accelerometer_jacobian(
     g_0 = np.empty(3)
     g = np.empty(3)
     d_gamma = np.empty((3, 18))
-    query_rates_jacobian(local, weights, varpi, rates)
+    query_rates_jacobian(local, weights, space, varpi, rates)
     # Gravity turns with the rotation alone: d phi(tau) = C_d^T d phi_k + J_r(phi) d phi (62)-(63).
     weighted(local, weights[0], xi)
     so3_exp(xi[:3], C_d)

@@ -1,29 +1,28 @@
-"""White-noise-on-jerk prior between two knots (16): linear in the local coordinates, hence exact there."""
+"""Motion prior between two knots (16): linear in the local coordinates, hence exact there.
+
+Under white noise on acceleration the third row, that of xi_ddot, does not exist: it is zero.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from asyneio.trajectory.motion_prior import information_root
+from asyneio.trajectory.motion_prior import information_root, transition
 from asyneio.types import FloatArray
 
 
 @njit(cache=True)
-def gp_prior_coefficients(dt: float, out: FloatArray) -> None:
-    """Whitened (unit density) coefficients `out` (3,5) of [varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot]
-    in (16)."""
+def gp_prior_coefficients(dt: float, prior: int, out: FloatArray) -> None:
+    """Whitened (unit density) coefficients `out` (3,5) in (16) of the end quantities of an interval."""
+    # Phi gamma(t_k) - gamma(t_{k+1}); gamma(t_k) begins with zero, so the first column of Phi drops out.
+    Phi, U = np.empty((3, 3)), np.empty((3, 3))
+    transition(dt, prior, Phi)
+    information_root(dt, prior, U)
     G = np.zeros((3, 5))
-    G[0, 0] = dt
-    G[0, 1] = 0.5 * dt * dt
-    G[0, 2] = -1.0
-    G[1, 0] = 1.0
-    G[1, 1] = dt
-    G[1, 3] = -1.0
-    G[2, 1] = 1.0
-    G[2, 4] = -1.0
-    U = np.empty((3, 3))
-    information_root(dt, U)
+    G[:, :2] = Phi[:, 1:]
+    for a in range(3):
+        G[a, 2 + a] = -1.0
     for i in range(3):
         for b in range(5):
             out[i, b] = U[i, 0] * G[0, b] + U[i, 1] * G[1, b] + U[i, 2] * G[2, b]

@@ -16,11 +16,18 @@ KNOT_DOF = 24
 
 @njit(cache=True)
 def local_to_knots(
-    C_0: FloatArray, r_0: FloatArray, C_1: FloatArray, r_1: FloatArray, varpi_1: FloatArray, out: FloatArray
+    C_0: FloatArray,
+    r_0: FloatArray,
+    varpi_0: FloatArray,
+    C_1: FloatArray,
+    r_1: FloatArray,
+    varpi_1: FloatArray,
+    space: int,
+    out: FloatArray,
 ) -> None:
     """`out` (48,48) = d y / d [knot k (24), knot k+1 (24)]."""
     chain = np.empty((36, 36))
-    interval_chain(C_0, r_0, C_1, r_1, varpi_1, chain)
+    interval_chain(C_0, r_0, varpi_0, C_1, r_1, varpi_1, space, chain)
     out[:] = 0.0
     for i in range(36):
         for j in range(18):

@@ -1,9 +1,8 @@
 """Warm-up (40): generalised velocity and acceleration of the knots from known poses, through the
 motion prior.
 
-Minimises the WNOJ prior over varpi and varpi_dot with poses fixed, plus zero priors on those of the
-first knot,
-which remove the null space of the prior.
+Minimises the motion prior over varpi and varpi_dot with poses fixed, plus zero priors on those of the first
+knot, which remove the null space of the prior. Under white noise on acceleration varpi_dot stays as it is.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import numpy as np
 from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
 from asyneio.factors.local_frame import local_to_knots
 from asyneio.trajectory.interpolation import interval_local
+from asyneio.trajectory.model import WNOA, MotionModel
 from asyneio.types import FloatArray
 
 
@@ -23,6 +23,7 @@ def warm_up(
     dt: FloatArray,
     root_density: FloatArray,
     zero_sigma: FloatArray,
+    motion_model: MotionModel,
 ) -> FloatArray:
     """Rates (K,2,6) that minimise (40), starting from `varpi` (K,2,6).
 
@@ -33,19 +34,22 @@ def warm_up(
         root_density: (6,) square root of the motion prior's power spectral density.
         zero_sigma: (2,) standard deviations of the zero priors on varpi and varpi_dot of the first knot,
             lambda_1 = 1/zero_sigma[0]^2 and lambda_2 = 1/zero_sigma[1]^2 in (40).
+        motion_model: the prior and its space.
     """
     out = varpi.copy()
+    rates = 1 if motion_model.prior == WNOA else 2
+    coordinates = np.arange(out.size).reshape(len(out), 12)[:, : 6 * rates].ravel()
     for _ in range(5):
         n = 12 * len(out)
         H, b = np.zeros((n, n)), np.zeros(n)
-        _normal_equations(C, r, out, dt, root_density, H, b)
+        _normal_equations(C, r, out, dt, root_density, motion_model, H, b)
         for a in range(2):
             info = 1.0 / zero_sigma[a] ** 2
             rows = np.arange(6 * a, 6 * a + 6)
             H[rows, rows] += info
             b[rows] += info * out[0, a]
-        step = -np.linalg.solve(H, b).reshape(out.shape)
-        out += step
+        step = -np.linalg.solve(H[np.ix_(coordinates, coordinates)], b[coordinates])
+        out.reshape(-1)[coordinates] += step
         if np.abs(step).max() < 1e-9 * (1.0 + np.abs(out).max()):
             break
     return out
@@ -57,6 +61,7 @@ def _normal_equations(
     varpi: FloatArray,
     dt: FloatArray,
     root_density: FloatArray,
+    motion_model: MotionModel,
     H: FloatArray,
     b: FloatArray,
 ) -> None:
@@ -67,10 +72,11 @@ def _normal_equations(
     local, chain = np.empty((5, 6)), np.empty((48, 48))
     coefficients, residual = np.empty((3, 5)), np.empty((3, 6))
     rates = np.r_[6:18, 30:42]
+    prior, space = motion_model
     for k in range(len(dt)):
-        interval_local(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], local)
-        local_to_knots(C[k], r[k], C[k + 1], r[k + 1], varpi[k + 1], chain)
-        gp_prior_coefficients(float(dt[k]), coefficients)
+        interval_local(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], space, local)
+        local_to_knots(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], space, chain)
+        gp_prior_coefficients(float(dt[k]), prior, coefficients)
         gp_prior_factor(local, coefficients, root_density, residual)
         d_local = chain[6:36, rates].reshape(5, 6, 24)
         J = np.einsum("ap,pic->aic", coefficients, d_local) / root_density[:, None]

@@ -15,6 +15,7 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.estimation import interval_terms, visual_terms
+from asyneio.estimation.active import active_coordinates
 from asyneio.estimation.landmarks import born_landmark, camera_poses
 from asyneio.estimation.linear_system import LinearSystem, eliminate_landmarks, linearize
 from asyneio.estimation.optimizer import retract
@@ -30,6 +31,7 @@ from asyneio.estimation.problem import (
 from asyneio.frontend import Frontend, gradient_kernel
 from asyneio.geometry.camera import CameraModel
 from asyneio.odometry.propagation import predict_knot
+from asyneio.trajectory.model import WNOJ_SE3
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, CameraIntrinsics
 
 _CHILDREN = tuple(
@@ -80,7 +82,7 @@ def compile_visual() -> None:
     C, r, kappa = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0]] * 2)
     model, weights = problem.model, np.zeros((2, 5))
     interval = np.zeros(2, dtype=np.int64)
-    camera_poses(problem.states, interval, weights, model.C_bc, model.r_bc, C, r)
+    camera_poses(problem.states, interval, weights, model.C_bc, model.r_bc, model.motion_model.space, C, r)
     born_landmark(C, r, kappa, 0, C[0], r[0], 0.5, 1e-3, np.empty(3))
     camera = CameraIntrinsics(100.0, 100.0, 8.0, 8.0, 16, 16)
     CameraModel(camera).undistort(np.full((1, 2), 8.0))
@@ -95,12 +97,13 @@ def compile_intervals() -> None:
     states = problem.states
     local = np.zeros((1, 5, 6))
     H, b = np.zeros((1, 48, 48)), np.zeros((1, 48))
-    interval_terms.interval_locals(states, local)
-    interval_terms.interval_chains(states, np.ones(1, dtype=np.bool_), np.zeros((1, 48, 48)))
+    space = problem.model.motion_model.space
+    interval_terms.interval_locals(states, space, local)
+    interval_terms.interval_chains(states, np.ones(1, dtype=np.bool_), space, np.zeros((1, 48, 48)))
     interval_terms.motion_terms(problem, local, True, H, b)
     interval_terms.gyroscope_terms(problem.gyroscope, states.bias, local, local, True, H, b)
     interval_terms.accelerometer_terms(
-        problem.accelerometer, states, states, problem.model.gravity_w, local, local, True, H, b
+        problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
     )
 
 
@@ -122,6 +125,8 @@ def _tiny_problem() -> Problem:
         ),
         landmarks=Landmarks(np.zeros(1, dtype=np.int64), kappa, bearing_tangent(kappa), np.full(1, 0.5)),
         model=Model(
+            motion_model=WNOJ_SE3,
+            active=active_coordinates(WNOJ_SE3),
             dt=np.full(1, 0.05),
             gravity_w=np.array([0.0, 0.0, -9.81]),
             root_density=np.ones(6),

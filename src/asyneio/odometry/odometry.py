@@ -72,6 +72,7 @@ class Odometry:
             settings.window.root_density,
             bias=window.states.bias,
             joint_covariance=lambda knot: joint_covariance(solution, knot + dropped),
+            motion_model=settings.window.motion_model,
         )
 
     def _advance(self, knot_ns: int) -> None:

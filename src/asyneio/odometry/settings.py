@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.config import Config
+from asyneio.config import Config, MotionPriorConfig
 from asyneio.errors import CalibrationError
 from asyneio.estimation.optimizer import OptimizerSettings
 from asyneio.estimation.window import WindowSettings
+from asyneio.trajectory.model import motion_model_named
 from asyneio.types import NS_PER_S, Calibration, FloatArray
 
 
@@ -58,7 +59,8 @@ def resolve(
     bearing_damping = (focal / visual.bearing_sigma_px) ** 2
     window = WindowSettings(
         gravity_w=np.array([0.0, 0.0, -inertial.gravity]),
-        root_density=np.repeat([prior.angular_jerk_density, prior.linear_jerk_density], 3),
+        motion_model=motion_model_named(prior.kind, prior.space),
+        root_density=_root_density(prior),
         bias_walk=np.maximum(walk, 1e-9),
         gyroscope_sigma=inertial.noise_inflation * noise.gyroscope_density * np.sqrt(gyroscope_hz),
         accelerometer_sigma=inertial.noise_inflation
@@ -97,3 +99,10 @@ def resolve(
             ),
         ),
     )
+
+
+def _root_density(prior: MotionPriorConfig) -> FloatArray:
+    """Square root (6,) of the power spectral density of what the prior takes for white."""
+    if prior.kind == "wnoa":
+        return np.repeat([prior.angular_acceleration_density, prior.linear_acceleration_density], 3)
+    return np.repeat([prior.angular_jerk_density, prior.linear_jerk_density], 3)

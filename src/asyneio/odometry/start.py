@@ -162,7 +162,8 @@ def _aligned_states(
             for k in range(len(knots_ns))
         ]
     )
-    varpi = warm_up(C, r, rates, np.diff(knots_ns) * 1e-9, w.root_density, _WARM_UP_SIGMA)
+    dt = np.diff(knots_ns) * 1e-9
+    varpi = warm_up(C, r, rates, dt, w.root_density, _WARM_UP_SIGMA, w.motion_model)
     return States(C, r, varpi, np.zeros((len(knots_ns), 6)))
 
 

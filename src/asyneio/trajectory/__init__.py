@@ -1,1 +1,1 @@
-"""Continuous-time trajectory: white noise on jerk in the tangent space of the last knot (7)-(20)."""
+"""Continuous-time trajectory: a motion prior on local variables around the last knot (7)-(20)."""

@@ -4,7 +4,7 @@
 |-----------|----------------------------------------------|---------|------------------------|
 | T_w_b     | pose, maps body to world coordinates         | (4,4)   | m                      |
 | varpi     | generalised velocity [omega, nu]             | (6,)    | rad/s, m/s in the body |
-| varpi_dot | its derivative in time                       | (6,)    | body                   |
+| varpi_dot | its derivative in time; none under WNOA      | (6,)    | body                   |
 | gamma     | [xi, xi_dot, xi_ddot] around the knot before | (18,)   | tangent space of T_k   |
 | P         | joint covariance of the two knots' errors    | (36,36) | body of each knot      |
 
@@ -34,6 +34,7 @@ from asyneio.trajectory.interpolation import (
     query_rates,
     query_rates_jacobian,
 )
+from asyneio.trajectory.model import WNOJ_SE3, MotionModel
 from asyneio.trajectory.motion_prior import conditional_covariance, interpolation_weights_many
 from asyneio.types import FloatArray, IntArray
 
@@ -48,7 +49,7 @@ JointCovariance = Callable[[int], FloatArray]
 
 
 class GPTrajectory:
-    """Trajectory through knots under white noise on jerk (13), queried at int64 nanoseconds.
+    """Trajectory through knots under a motion prior (13), queried at int64 nanoseconds.
 
     Every query takes one time or an array (N,) of them, in any order; results have no leading axis for a
     single time. Every query raises TrajectoryError for a time outside the knots or not an integer.
@@ -56,6 +57,10 @@ class GPTrajectory:
 
     Laws (tested): at a knot every query returns the knot; the derivative in time of the pose is the
     generalised velocity, that of the generalised velocity the generalised acceleration, exactly (8), (9).
+
+    Under white noise on acceleration the knots have no varpi_dot: what is passed is not used, and
+    accelerations are the derivative of the interpolated velocity. They jump at the knots, where they are
+    those of the interval that follows.
     """
 
     def __init__(
@@ -67,6 +72,7 @@ class GPTrajectory:
         root_density: FloatArray,
         bias: FloatArray | None = None,
         joint_covariance: JointCovariance | None = None,
+        motion_model: MotionModel = WNOJ_SE3,
     ) -> None:
         """Take a copy of the knots.
 
@@ -76,9 +82,11 @@ class GPTrajectory:
             r: positions (K,3) in the world [m].
             varpi: (K,2,6), [varpi, varpi_dot] in the body.
             root_density: (6,) square root of the prior's power spectral density, rad/s^3/sqrt(Hz) for the
-                first three axes and m/s^3/sqrt(Hz) for the others.
+                first three axes and m/s^3/sqrt(Hz) for the others; of acceleration under WNOA,
+                rad/s^2/sqrt(Hz) and m/s^2/sqrt(Hz).
             bias: (K,6) [b_g, b_a] [rad/s, m/s^2].
             joint_covariance: covariance of neighbouring knots; needed by `covariance` only.
+            motion_model: the prior and its space.
 
         Raises:
             TrajectoryError: a shape, a time or a value is not as above.
@@ -91,6 +99,7 @@ class GPTrajectory:
         self._root_density = _checked("root_density", root_density, (6,))
         self._bias = None if bias is None else _checked("bias", bias, (knots, 6))
         self._joint_covariance = joint_covariance
+        self._prior, self._space = motion_model
         _check_rotations(self._C)
         if self._root_density.min() <= 0.0:
             raise TrajectoryError(
@@ -98,7 +107,7 @@ class GPTrajectory:
             )
         self._dt = np.diff(self._t_ns) * 1e-9
         self._local = np.empty((len(self._dt), 5, 6))
-        _all_local(self._C, self._r, self._varpi, self._local)
+        _all_local(self._C, self._r, self._varpi, self._space, self._local)
 
     @property
     def t_ns(self) -> IntArray:
@@ -159,7 +168,9 @@ class GPTrajectory:
     def covariance(self, t_ns: IntArray | int) -> FloatArray:
         """Covariance (N,18,18) or (18,18) of the errors [eps, varpi, varpi_dot]; at a knot that knot's own.
 
-        eps perturbs the pose on the right, in the body (43); units are those of the state.
+        eps perturbs the pose on the right, in the body (43); units are those of the state. Under white noise
+        on acceleration varpi_dot is the derivative of the interpolated velocity, and its covariance what the
+        errors of the knots do to that; the prior leaves the acceleration itself without a finite variance.
 
         Raises:
             TrajectoryError: there is no source of joint covariances, its answer is unusable, or a time is
@@ -172,8 +183,9 @@ class GPTrajectory:
         for interval in np.unique(k):
             chosen = np.flatnonzero(k == interval)
             chain = np.empty((LOCAL_DOF, LOCAL_DOF))
-            C, r = self._C[interval : interval + 2], self._r[interval : interval + 2]
-            interval_chain(C[0], r[0], C[1], r[1], self._varpi[interval + 1], chain)
+            pair = slice(interval, interval + 2)
+            C, r, varpi = self._C[pair], self._r[pair], self._varpi[pair]
+            interval_chain(C[0], r[0], varpi[0], C[1], r[1], varpi[1], self._space, chain)
             _posterior(
                 self._local[interval],
                 chain,
@@ -182,6 +194,7 @@ class GPTrajectory:
                 weights[chosen],
                 tau[chosen],
                 self._dt[interval],
+                (self._prior, self._space),
                 chosen,
                 out,
             )
@@ -227,20 +240,20 @@ class GPTrajectory:
 
     def _weights(self, k: IntArray, tau: FloatArray) -> FloatArray:
         weights = np.empty((len(k), 3, 5))
-        interpolation_weights_many(tau, self._dt[k], weights)
+        interpolation_weights_many(tau, self._dt[k], self._prior, weights)
         return weights
 
     def _poses(self, times: IntArray) -> tuple[FloatArray, FloatArray]:
         k, tau = self._interval(times)
         C, r = np.empty((len(k), 3, 3)), np.empty((len(k), 3))
-        _query_poses(self._C, self._r, self._local, k, self._weights(k, tau), C, r)
+        _query_poses(self._C, self._r, self._local, k, self._weights(k, tau), self._space, C, r)
         return C, r
 
     def _rates(self, times: IntArray) -> FloatArray:
         """[varpi, varpi_dot] (N,2,6)."""
         k, tau = self._interval(times)
         out = np.empty((len(k), 2, 6))
-        _query_rates(self._local, k, self._weights(k, tau), out)
+        _query_rates(self._local, k, self._weights(k, tau), self._space, out)
         return out
 
 
@@ -289,10 +302,10 @@ def _unwrapped(result: FloatArray, scalar: bool) -> FloatArray:
 
 
 @njit(cache=True)
-def _all_local(C: FloatArray, r: FloatArray, varpi: FloatArray, out: FloatArray) -> None:
+def _all_local(C: FloatArray, r: FloatArray, varpi: FloatArray, space: int, out: FloatArray) -> None:
     """`interval_local` of every interval: `out` (K-1,5,6)."""
     for k in range(out.shape[0]):
-        interval_local(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], out[k])
+        interval_local(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], space, out[k])
 
 
 @njit(cache=True)
@@ -302,17 +315,18 @@ def _query_poses(
     local: FloatArray,
     k: IntArray,
     weights: FloatArray,
+    space: int,
     C_out: FloatArray,
     r_out: FloatArray,
 ) -> None:
     for n in range(k.shape[0]):
-        query_pose(C[k[n]], r[k[n]], local[k[n]], weights[n, 0], C_out[n], r_out[n])
+        query_pose(C[k[n]], r[k[n]], local[k[n]], weights[n, 0], space, C_out[n], r_out[n])
 
 
 @njit(cache=True)
-def _query_rates(local: FloatArray, k: IntArray, weights: FloatArray, out: FloatArray) -> None:
+def _query_rates(local: FloatArray, k: IntArray, weights: FloatArray, space: int, out: FloatArray) -> None:
     for n in range(k.shape[0]):
-        query_rates(local[k[n]], weights[n], out[n])
+        query_rates(local[k[n]], weights[n], space, out[n])
 
 
 @njit(cache=True)
@@ -324,6 +338,7 @@ def _posterior(
     weights: FloatArray,
     tau: FloatArray,
     dt: float,
+    motion_model: tuple[int, int],
     index: IntArray,
     out: FloatArray,
 ) -> None:
@@ -332,9 +347,10 @@ def _posterior(
     G = np.zeros((KINEMATIC_DOF, KINEMATIC_DOF))
     K = np.empty((3, 3))
     spread = np.empty((KINEMATIC_DOF, KINEMATIC_DOF))
+    prior, space = motion_model
     for n in range(index.shape[0]):
-        _state_jacobians(local, weights[n], G, to_local)
-        conditional_covariance(tau[n], dt, K)
+        _state_jacobians(local, weights[n], space, G, to_local)
+        conditional_covariance(tau[n], dt, prior, K)
         for i in range(KINEMATIC_DOF):
             for a in range(3):
                 for m in range(6):
@@ -348,7 +364,9 @@ def _posterior(
 
 
 @njit(cache=True)
-def _state_jacobians(local: FloatArray, weights: FloatArray, G: FloatArray, to_local: FloatArray) -> None:
+def _state_jacobians(
+    local: FloatArray, weights: FloatArray, space: int, G: FloatArray, to_local: FloatArray
+) -> None:
     """Derivatives of [eps, varpi, varpi_dot] at a query time, exact (62)-(63), (68)-(74):
 
     `G` (18,18) with respect to gamma, `to_local` (18,36) to the interval's local coordinates.
@@ -356,8 +374,8 @@ def _state_jacobians(local: FloatArray, weights: FloatArray, G: FloatArray, to_l
     unused = np.empty((2, 6))
     d_eps = np.empty((6, 6))
     d_xi = np.empty((6, 6))
-    query_pose_jacobian(local, weights[0], d_eps, d_xi)
-    query_rates_jacobian(local, weights, unused, G[6:])
+    query_pose_jacobian(local, weights[0], space, d_eps, d_xi)
+    query_rates_jacobian(local, weights, space, unused, G[6:])
     G[:6] = 0.0
     G[:6, :6] = d_xi
     to_local[:] = 0.0

@@ -8,9 +8,14 @@
 | xi_dot     | J_r^{-1}(xi) varpi_{k+1}                                        (8)  | 6    |
 | xi_ddot    | J_r^{-1}(xi) varpi_dot_{k+1} + (d/dt J_r^{-1}) varpi_{k+1}      (9)  | 6    |
 
+These are the relations on SE(3). On SO(3) x R^3 the rotation's are the same, and the position's those of
+linear_position.py, where the second derivative at the first knot is nu_dot + omega x nu. `space` chooses.
+
 Everything measured inside an interval is a function of its *local coordinates*
 
-    y = [eps_k, varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot]   (36)
+    y = [eps_k, xi_dot(t_k), xi_ddot(t_k), xi, xi_dot, xi_ddot]   (36)
+
+(on SE(3) the derivatives at t_k are varpi_k and varpi_dot_k themselves)
 
 and depends on the last five only through fixed scalar weights (20). The one place where the knot k+1 enters
 is `interval_chain`, d y / d (knot k, knot k+1), computed once per interval and iteration.
@@ -31,15 +36,24 @@ from asyneio.geometry.se3 import (
     right_jacobian_inverse_times,
     right_jacobian_rate_times,
     right_jacobian_times,
+    rows_times_right_jacobian,
     se3_between,
     se3_compose,
     se3_exp,
     se3_log,
     varpi_from_local,
 )
+from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
+from asyneio.trajectory.linear_position import (
+    linear_chain,
+    linear_local,
+    linear_rates,
+    linear_rates_jacobian,
+)
+from asyneio.trajectory.model import SE3
 from asyneio.types import FloatArray
 
-#: Local coordinates of an interval: eps_k, varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot.
+#: Local coordinates of an interval: eps_k, two derivatives at t_k, xi, xi_dot, xi_ddot.
 LOCAL_DOF = 36
 #: Kinematic coordinates of a knot: eps, varpi, varpi_dot.
 KINEMATIC_DOF = 18
@@ -53,9 +67,10 @@ def interval_local(
     C_1: FloatArray,
     r_1: FloatArray,
     varpi_1: FloatArray,
+    space: int,
     out: FloatArray,
 ) -> None:
-    """End quantities `out` (5,6) = [varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot] of an interval (54)-(55).
+    """End quantities `out` (5,6) = [xi_dot(t_k), xi_ddot(t_k), xi, xi_dot, xi_ddot] (54)-(55).
 
     `varpi_0`, `varpi_1` (2,6) hold [varpi, varpi_dot] of the two knots.
     """
@@ -67,15 +82,19 @@ def interval_local(
         out[1, i] = varpi_0[1, i]
     se3_log(C, r, out[2])
     local_from_varpi(out[2], varpi_1, out[3:])
+    if space != SE3:
+        linear_local(C, r, varpi_1, out)
 
 
 @njit(cache=True)
 def interval_chain(
     C_0: FloatArray,
     r_0: FloatArray,
+    varpi_0: FloatArray,
     C_1: FloatArray,
     r_1: FloatArray,
     varpi_1: FloatArray,
+    space: int,
     out: FloatArray,
 ) -> None:
     """`out` (36,36) = d y / d [knot k, knot k+1], knots as [eps, varpi, varpi_dot]; exact (45)-(53),
@@ -116,6 +135,8 @@ def interval_chain(
             out[24 + i, 24 + j] = J_inv[i, j]
             out[30 + i, 24 + j] = d_rate_v[i, j] + work[i, j]
             out[30 + i, 30 + j] = J_inv[i, j]
+    if space != SE3:
+        linear_chain(C, r, varpi_0, varpi_1, out)
 
 
 @njit(cache=True)
@@ -141,10 +162,19 @@ def weighted(local: FloatArray, weights: FloatArray, out: FloatArray) -> None:
 
 @njit(cache=True)
 def query_pose(
-    C_0: FloatArray, r_0: FloatArray, local: FloatArray, weights: FloatArray, C: FloatArray, r: FloatArray
+    C_0: FloatArray,
+    r_0: FloatArray,
+    local: FloatArray,
+    weights: FloatArray,
+    space: int,
+    C: FloatArray,
+    r: FloatArray,
 ) -> None:
-    """Pose at the query time, `T(tau) = T_k Exp(xi(tau))` (58); `weights` (5,) is the first row of (20)."""
-    query_pose_with_step(C_0, r_0, local, weights, np.empty(6), np.empty((3, 3)), np.empty(3), C, r)
+    """Pose at the query time, `T(tau) = T_k Exp(xi(tau))` (58); `weights` (5,) is the first row of (20).
+
+    On SO(3) x R^3 the step from T_k is `(Exp(phi), rho)` instead.
+    """
+    query_pose_with_step(C_0, r_0, local, weights, space, np.empty(6), np.empty((3, 3)), np.empty(3), C, r)
 
 
 @njit(cache=True)
@@ -153,43 +183,80 @@ def query_pose_with_step(
     r_0: FloatArray,
     local: FloatArray,
     weights: FloatArray,
+    space: int,
     xi: FloatArray,
     C_d: FloatArray,
     r_d: FloatArray,
     C: FloatArray,
     r: FloatArray,
 ) -> None:
-    """`query_pose` that also leaves xi(tau) (6,) and `(C_d, r_d) = Exp(xi(tau))`."""
+    """`query_pose` that also leaves xi(tau) (6,) and the step `(C_d, r_d)` from T_k."""
     weighted(local, weights, xi)
-    se3_exp(xi, C_d, r_d)
+    _step(xi, space, C_d, r_d)
     se3_compose(C_0, r_0, C_d, r_d, C, r)
 
 
 @njit(cache=True)
-def query_pose_jacobian(local: FloatArray, weights: FloatArray, d_eps: FloatArray, d_xi: FloatArray) -> None:
+def _step(xi: FloatArray, space: int, C_d: FloatArray, r_d: FloatArray) -> None:
+    """The pose `(C_d, r_d)` from T_k with the local variable xi."""
+    if space == SE3:
+        se3_exp(xi, C_d, r_d)
+    else:
+        so3_exp(xi, C_d)
+        for i in range(3):
+            r_d[i] = xi[3 + i]
+
+
+@njit(cache=True)
+def query_pose_jacobian(
+    local: FloatArray, weights: FloatArray, space: int, d_eps: FloatArray, d_xi: FloatArray
+) -> None:
     """Of the perturbation of T(tau): with respect to eps_k (63) and to xi(tau) (62), both (6,6)."""
     xi = np.empty(6)
     C_d = np.empty((3, 3))
     r_d = np.empty(3)
     weighted(local, weights, xi)
-    se3_exp(xi, C_d, r_d)
+    _step(xi, space, C_d, r_d)
     adjoint_inverse(C_d, r_d, d_eps)
     right_jacobian(xi, d_xi)
+    if space != SE3:
+        d_xi[3:, :3] = 0.0
+        d_xi[3:, 3:] = C_d.T
 
 
 @njit(cache=True)
-def query_rates(local: FloatArray, weights: FloatArray, out: FloatArray) -> None:
+def rows_times_step_jacobian(
+    rows: FloatArray, xi: FloatArray, C_d: FloatArray, space: int, c: FloatArray, out: FloatArray
+) -> None:
+    """`out = rows d_xi` for `rows` (m,6) and d_xi of `query_pose_jacobian`; `c` (4,) is scratch."""
+    if space == SE3:
+        rows_times_right_jacobian(rows, xi, c, out)
+        return
+    J = np.empty((3, 3))
+    so3_right_jacobian(xi, J)
+    for m in range(rows.shape[0]):
+        for j in range(3):
+            out[m, j] = rows[m, 0] * J[0, j] + rows[m, 1] * J[1, j] + rows[m, 2] * J[2, j]
+            out[m, 3 + j] = rows[m, 3] * C_d[j, 0] + rows[m, 4] * C_d[j, 1] + rows[m, 5] * C_d[j, 2]
+
+
+@njit(cache=True)
+def query_rates(local: FloatArray, weights: FloatArray, space: int, out: FloatArray) -> None:
     """Generalised velocity and acceleration at the query time: `out` (2,6), `weights` (3,5); (8),
     exact (71)."""
     gamma = np.empty((3, 6))
     for a in range(3):
         weighted(local, weights[a], gamma[a])
     varpi_from_local(gamma, out)
+    if space != SE3:
+        C_d = np.empty((3, 3))
+        so3_exp(gamma[0], C_d)
+        linear_rates(C_d, gamma, out)
 
 
 @njit(cache=True)
 def query_rates_jacobian(
-    local: FloatArray, weights: FloatArray, varpi: FloatArray, jacobian: FloatArray
+    local: FloatArray, weights: FloatArray, space: int, varpi: FloatArray, jacobian: FloatArray
 ) -> None:
     """`query_rates` into `varpi` (2,6), and its derivative with respect to gamma(tau).
 
@@ -215,3 +282,8 @@ def query_rates_jacobian(
             jacobian[6 + i, j] = d_acc[i, j] + d_rate[i, j]
             jacobian[6 + i, 6 + j] = d_rate_u[i, j] + d_rate_v[i, j]
             jacobian[6 + i, 12 + j] = J[i, j]
+    if space != SE3:
+        C_d = np.empty((3, 3))
+        so3_exp(gamma[0], C_d)
+        linear_rates(C_d, gamma, varpi)
+        linear_rates_jacobian(C_d, J[:3, :3], varpi, jacobian)

@@ -1,9 +1,13 @@
-"""White-noise-on-jerk motion prior: Phi (14), Q (15), Q^{-1}, Lambda and Psi (20) as scalar 3x3 matrices.
+"""Motion priors: Phi (14), Q (15), Q^{-1}, Lambda and Psi (20) as scalar 3x3 matrices.
 
 With a power spectral density that is the same at every instant each of these is a 3x3 matrix Kronecker
-Q_c, or
-Kronecker 1_6, so nothing of size 18 is ever formed or inverted. `Q` and `Q^{-1}` below are those of a unit
-density; the factor Q_c (or its inverse) is applied by the caller.
+Q_c, or Kronecker 1_6, so nothing of size 18 is ever formed or inverted. `Q` and `Q^{-1}` below are those of
+a unit density; the factor Q_c (or its inverse) is applied by the caller.
+
+`prior` chooses: white noise on jerk (WNOJ), as in the paper, or on acceleration (WNOA). WNOA has no second
+derivative in its state: its matrices are 2x2, and the third row and column of what is returned are zero. What
+interpolation gives for the second derivative under WNOA is the derivative of the mean; the prior itself
+leaves it white, of no finite variance.
 """
 
 from __future__ import annotations
@@ -11,30 +15,40 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from asyneio.trajectory.model import WNOA
 from asyneio.types import FloatArray
 
 #: Local quantities at a query time (rows): xi, xi_dot, xi_ddot.
-#: Weighted end quantities (columns): varpi_k, varpi_dot_k, xi_{k,k+1}, xi_dot_{k+1}, xi_ddot_{k+1}.
+#: Weighted end quantities (columns): xi_dot, xi_ddot at t_k, then xi, xi_dot, xi_ddot at t_{k+1}.
 WEIGHT_SHAPE = (3, 5)
 
 
 @njit(cache=True)
-def transition(dt: float, out: FloatArray) -> None:
+def transition(dt: float, prior: int, out: FloatArray) -> None:
     """`out = Phi(t + dt, t)` (3,3), dt in s (14)."""
     out[:] = 0.0
     out[0, 0] = 1.0
     out[1, 1] = 1.0
-    out[2, 2] = 1.0
     out[0, 1] = dt
+    if prior == WNOA:
+        return
+    out[2, 2] = 1.0
     out[1, 2] = dt
     out[0, 2] = 0.5 * dt * dt
 
 
 @njit(cache=True)
-def covariance(dt: float, out: FloatArray) -> None:
+def covariance(dt: float, prior: int, out: FloatArray) -> None:
     """`out = Q(dt)` (3,3) of unit density (15)."""
     d2 = dt * dt
     d3 = d2 * dt
+    if prior == WNOA:
+        out[:] = 0.0
+        out[0, 0] = d3 / 3.0
+        out[0, 1] = d2 / 2.0
+        out[1, 0] = out[0, 1]
+        out[1, 1] = dt
+        return
     out[0, 0] = d3 * d2 / 20.0
     out[0, 1] = d2 * d2 / 8.0
     out[0, 2] = d3 / 6.0
@@ -47,11 +61,18 @@ def covariance(dt: float, out: FloatArray) -> None:
 
 
 @njit(cache=True)
-def information(dt: float, out: FloatArray) -> None:
+def information(dt: float, prior: int, out: FloatArray) -> None:
     """`out = Q(dt)^{-1}` (3,3) of unit density, in closed form."""
     i1 = 1.0 / dt
     i2 = i1 * i1
     i3 = i2 * i1
+    if prior == WNOA:
+        out[:] = 0.0
+        out[0, 0] = 12.0 * i3
+        out[0, 1] = -6.0 * i2
+        out[1, 0] = out[0, 1]
+        out[1, 1] = 4.0 * i1
+        return
     out[0, 0] = 720.0 * i3 * i2
     out[0, 1] = -360.0 * i2 * i2
     out[0, 2] = 60.0 * i3
@@ -64,10 +85,15 @@ def information(dt: float, out: FloatArray) -> None:
 
 
 @njit(cache=True)
-def information_root(dt: float, out: FloatArray) -> None:
+def information_root(dt: float, prior: int, out: FloatArray) -> None:
     """`out = R` (3,3) upper triangular with `R^T R = Q(dt)^{-1}` of unit density, in closed form."""
     root = np.sqrt(dt)
     out[:] = 0.0
+    if prior == WNOA:
+        out[0, 0] = np.sqrt(12.0) / (root * dt)
+        out[0, 1] = -0.5 * np.sqrt(12.0) / root
+        out[1, 1] = 1.0 / root
+        return
     out[0, 0] = np.sqrt(720.0) / (root * dt * dt)
     out[0, 1] = -0.5 * np.sqrt(720.0) / (root * dt)
     out[0, 2] = np.sqrt(720.0) / (12.0 * root)
@@ -77,13 +103,37 @@ def information_root(dt: float, out: FloatArray) -> None:
 
 
 @njit(cache=True)
-def interpolation_weights(tau: float, dt: float, out: FloatArray) -> None:
+def interpolation_weights(tau: float, dt: float, prior: int, out: FloatArray) -> None:
     """Non-zero columns of Lambda and Psi (20) at `tau` seconds after t_k, `dt = t_{k+1} - t_k`: `out` (3,5).
 
-    Lambda multiplies `[0, varpi_k, varpi_dot_k]`, so its first column never matters. In closed form the
-    conditional mean of white noise on jerk is the quintic Hermite polynomial.
+    Lambda multiplies `[0, xi_dot, xi_ddot](t_k)`, so its first column never matters. In closed form the
+    conditional mean of white noise on jerk is the quintic Hermite polynomial, that of white noise on
+    acceleration the cubic one. Each row is the derivative of the one above.
     """
-    s = tau / dt
+    if prior == WNOA:
+        _cubic_weights(tau / dt, dt, out)
+    else:
+        _quintic_weights(tau / dt, dt, out)
+
+
+@njit(cache=True)
+def _cubic_weights(s: float, dt: float, out: FloatArray) -> None:
+    s2 = s * s
+    s3 = s2 * s
+    out[:] = 0.0
+    out[0, 0] = dt * (s - 2.0 * s2 + s3)
+    out[0, 2] = 3.0 * s2 - 2.0 * s3
+    out[0, 3] = dt * (s3 - s2)
+    out[1, 0] = 1.0 - 4.0 * s + 3.0 * s2
+    out[1, 2] = 6.0 * (s - s2) / dt
+    out[1, 3] = 3.0 * s2 - 2.0 * s
+    out[2, 0] = (6.0 * s - 4.0) / dt
+    out[2, 2] = (6.0 - 12.0 * s) / (dt * dt)
+    out[2, 3] = (6.0 * s - 2.0) / dt
+
+
+@njit(cache=True)
+def _quintic_weights(s: float, dt: float, out: FloatArray) -> None:
     s2 = s * s
     s3 = s2 * s
     s4 = s3 * s
@@ -107,18 +157,20 @@ def interpolation_weights(tau: float, dt: float, out: FloatArray) -> None:
 
 
 @njit(cache=True)
-def conditional_covariance(tau: float, dt: float, out: FloatArray) -> None:
+def conditional_covariance(tau: float, dt: float, prior: int, out: FloatArray) -> None:
     """Covariance (3,3) of `gamma(tau)` given both ends, unit density: what interpolation cannot know.
 
-    `Q(tau) - Psi Q(dt) Psi^T`, the GP posterior between two exactly known states.
+    `Q(tau) - Psi Q(dt) Psi^T`, the GP posterior between two exactly known states. Under WNOA the third row
+    and column are zero: of the second derivative there is only the mean.
     """
     Q = np.empty((3, 3))
     w = np.empty((3, 5))
-    covariance(dt, Q)
-    covariance(tau, out)
-    interpolation_weights(tau, dt, w)
-    for i in range(3):
-        for j in range(3):
+    covariance(dt, prior, Q)
+    covariance(tau, prior, out)
+    interpolation_weights(tau, dt, prior, w)
+    size = 2 if prior == WNOA else 3
+    for i in range(size):
+        for j in range(size):
             s = 0.0
             for a in range(3):
                 for b in range(3):
@@ -127,7 +179,7 @@ def conditional_covariance(tau: float, dt: float, out: FloatArray) -> None:
 
 
 @njit(cache=True)
-def interpolation_weights_many(tau: FloatArray, dt: FloatArray, out: FloatArray) -> None:
+def interpolation_weights_many(tau: FloatArray, dt: FloatArray, prior: int, out: FloatArray) -> None:
     """`interpolation_weights` for arrays `tau`, `dt` (N,): `out` (N,3,5)."""
     for i in range(tau.shape[0]):
-        interpolation_weights(tau[i], dt[i], out[i])
+        interpolation_weights(tau[i], dt[i], prior, out[i])

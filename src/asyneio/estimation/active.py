@@ -1,0 +1,44 @@
+"""Which coordinates of a knot's error state are unknowns of the window.
+
+The error state always has its 24 coordinates [eps, varpi, varpi_dot, b_g, b_a], but not every model of the
+motion has a use for all: white noise on acceleration knows no varpi_dot. Coordinates that are not *active*
+keep the value they were predicted with: what is solved, marginalised and inverted holds the active ones
+only, and the rows and columns of the others in a covariance or a prior are zero.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asyneio.trajectory.model import WNOA, MotionModel
+from asyneio.types import FloatArray, IntArray
+
+#: Size of a knot's error state.
+KNOT_DOF = 24
+
+
+def active_coordinates(motion_model: MotionModel) -> IntArray:
+    """Indices (n,) of a knot's coordinates that the window solves for under a motion model."""
+    every = np.arange(KNOT_DOF)
+    return np.delete(every, np.s_[12:18]) if motion_model.prior == WNOA else every
+
+
+def active_in_window(active: IntArray, knots: int) -> IntArray:
+    """Indices (n K,) of the active coordinates in the stacked error states (24 K) of K knots."""
+    return np.asarray((KNOT_DOF * np.arange(knots)[:, None] + active).ravel())
+
+
+def active_part(matrix: FloatArray, active: IntArray) -> FloatArray:
+    """Rows and columns of the active coordinates, a copy, of a matrix (24 K, 24 K) over K knots."""
+    if len(active) == KNOT_DOF:
+        return matrix.copy()
+    indices = active_in_window(active, len(matrix) // KNOT_DOF)
+    return matrix[np.ix_(indices, indices)]
+
+
+def with_inactive_zero(values: FloatArray, active: IntArray) -> FloatArray:
+    """`values` (..., n K) of the active coordinates, with zeros (..., 24 K) for the others."""
+    knots = values.shape[-1] // len(active)
+    out = np.zeros((*values.shape[:-1], KNOT_DOF * knots))
+    out[..., active_in_window(active, knots)] = values
+    return out

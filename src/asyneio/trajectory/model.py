@@ -1,0 +1,54 @@
+"""Which continuous-time model a trajectory follows: its motion prior and the space it is regressed in.
+
+| prior | white noise on              | state of a knot              | mean between two knots  |
+|-------|-----------------------------|------------------------------|-------------------------|
+| WNOJ  | jerk `xi_dddot` (13)        | pose, varpi, varpi_dot       | quintic Hermite         |
+| WNOA  | acceleration `xi_ddot`      | pose, varpi                  | cubic Hermite           |
+
+| space        | local variable xi = [phi, rho] of a pose T around T_k                                     |
+|--------------|-------------------------------------------------------------------------------------------|
+| SE(3)        | Log(T_k^{-1} T): rotation and position curve together (7)                                 |
+| SO(3) x R^3  | [Log(C_k^T C), C_k^T (r - r_k)]: the position is regressed on its own, in the frame of T_k |
+
+A knot is [T, varpi, varpi_dot] in the body for all four; under WNOA its varpi_dot has no part in anything.
+Kernels take the two numbers as plain integers.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from asyneio.errors import TrajectoryError
+
+#: Motion priors.
+WNOJ, WNOA = 0, 1
+#: Spaces.
+SE3, SO3_X_R3 = 0, 1
+
+_PRIORS = {"wnoj": WNOJ, "wnoa": WNOA}
+_SPACES = {"se3": SE3, "so3xr3": SO3_X_R3}
+
+
+class MotionModel(NamedTuple):
+    """A motion prior (`WNOJ`, `WNOA`) in a space (`SE3`, `SO3_X_R3`)."""
+
+    prior: int
+    space: int
+
+
+#: The paper's.
+WNOJ_SE3 = MotionModel(WNOJ, SE3)
+
+
+def motion_model_named(prior: str, space: str) -> MotionModel:
+    """The model of the names used in configurations: `wnoj`, `wnoa`; `se3`, `so3xr3`.
+
+    Raises:
+        TrajectoryError: there is no such prior or space.
+    """
+    if prior not in _PRIORS or space not in _SPACES:
+        raise TrajectoryError(
+            f"there is no motion prior {prior!r} in the space {space!r}; "
+            f"expected one of {', '.join(_PRIORS)} in one of {', '.join(_SPACES)}"
+        )
+    return MotionModel(_PRIORS[prior], _SPACES[space])
