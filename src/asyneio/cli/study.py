@@ -28,9 +28,7 @@ def study(
     name: Annotated[StudyName, typer.Argument(help="Which comparison.")],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", help="Folder for the results.", show_default="results/study-NAME"
-        ),
+        typer.Option("--output", "-o", help="Folder for the results.", show_default="results/study-NAME"),
     ] = None,
     seeds: Annotated[
         int | None,
@@ -43,9 +41,9 @@ def study(
 ) -> None:
     """Compare priors, preintegration rules or inertial schemes over many conditions and seeds.
 
-    Writes README.md (the index), tables/ and, with matplotlib, figures/. Every result is kept in results.jsonl
-    as it comes: the same command goes on where it was stopped, and measures only what is missing. The exit
-    status is not 0 when a measurement failed.
+    Writes README.md (the index), tables/ and, with matplotlib, figures/. Every result is kept in
+    results.jsonl as it comes: the same command goes on where it was stopped, and measures only what is
+    missing. The exit status is not 0 when a measurement failed.
     """
     from asyneio.cli import console
     from asyneio.cli.progress import task_progress

@@ -1,4 +1,4 @@
-"""Comparisons as repeatable studies: grids of conditions times seeds, measured in parallel, told in tables."""
+"""Comparisons as repeatable studies: conditions times seeds, measured in parallel, told in tables."""
 
 from collections.abc import Callable
 

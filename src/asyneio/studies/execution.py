@@ -50,9 +50,7 @@ def run_tasks(
             yield task, _attempt(measure, task)
         return
     with _pool(jobs) as pool:
-        futures: dict[Future[Outcome], Task] = {
-            pool.submit(_attempt, measure, task): task for task in tasks
-        }
+        futures: dict[Future[Outcome], Task] = {pool.submit(_attempt, measure, task): task for task in tasks}
         try:
             for future in as_completed(futures):
                 yield futures.pop(future), future.result()

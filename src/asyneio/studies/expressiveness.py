@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -26,6 +27,8 @@ ROTATION = Metric("rotation_deg", "rotation error", "deg")
 POSITION = Metric("position_mm", "position error", "mm")
 VELOCITY = Metric("velocity_mm_s", "velocity error", "mm/s")
 RATE = Metric("rate_deg_s", "angular-rate error", "deg/s")
+_METRICS = (ROTATION, POSITION, RATE, VELOCITY)
+_LINES = ("prior", "space")
 
 
 @dataclass(frozen=True)
@@ -74,64 +77,53 @@ def measure(task: ExpressivenessTask) -> dict[str, float]:
 
 
 def expressiveness(quick: bool = False, seeds: int | None = None) -> Study:
-    """The study; `quick`: one motion, few intervals."""
+    """The study; `quick`: one motion at one speed, two intervals."""
     motions = MOTIONS[:1] if quick else MOTIONS
-    intervals = (20, 100) if quick else INTERVALS_MS
+    intervals_ms = (20, 100) if quick else INTERVALS_MS
     speeds = (1.0,) if quick else SPEEDS
-    middle = 1.0
     tasks = tuple(
-        ExpressivenessTask(prior, space, motion, speed, interval, seed)
+        ExpressivenessTask(prior, space, motion, speed, interval_ms, seed)
         for seed in range(seeds or (QUICK_SEEDS if quick else SEEDS))
-        for motion, speed, interval in product(motions, speeds, intervals)
+        for motion, speed, interval_ms in product(motions, speeds, intervals_ms)
         for prior, space in product(PRIORS, SPACES)
-    )
-    lines = ("prior", "space")
-    metrics = (ROTATION, POSITION, RATE, VELOCITY)
-    views = [
-        View(
-            f"{motion}-interval",
-            f"{motion}: error against the interval between knots",
-            metrics,
-            "interval_ms",
-            lines,
-            {"motion": motion, "speed": middle},
-            log_x=True,
-        )
-        for motion in motions
-    ] + [
-        View(
-            f"{motion}-speed",
-            f"{motion}: error against speed, knots every 100 ms",
-            metrics,
-            "speed",
-            lines,
-            {"motion": motion, "interval_ms": 100},
-            log_x=True,
-        )
-        for motion in motions
-        if len(speeds) > 1
-    ]
-    contests = tuple(
-        Contest(
-            f"{motion}-best-{metric.name}",
-            f"{motion}: smallest {metric.title}",
-            metric,
-            lines,
-            "interval_ms",
-            "speed",
-            {"motion": motion},
-        )
-        for motion in motions
-        for metric in (ROTATION, POSITION)
     )
     return Study(
         name="expressiveness",
-        question="How well does a trajectory through exact knots follow a known motion between them, by motion "
-        "prior (white noise on acceleration, on jerk) and space (SE(3), SO(3) x R^3)?",
+        question="How well does a trajectory through exact knots follow a known motion between them, by "
+        "motion prior (white noise on acceleration, on jerk) and space (SE(3), SO(3) x R^3)?",
         settings={"duration_ms": _DURATION_MS, "places": _PLACES},
         tasks=tasks,
         measure=measure,
-        views=tuple(views),
-        contests=contests,
+        views=tuple(view for motion in motions for view in _views(motion)),
+        contests=tuple(contest for motion in motions for contest in _contests(motion)),
         labels={"interval_ms": "interval between knots [ms]", "speed": "speed (factor on frequencies)"},
     )
+
+
+def _views(motion: str) -> tuple[View, View]:
+    return (
+        View(
+            f"{motion}-interval",
+            f"{motion}: error against the interval between knots",
+            _METRICS,
+            "interval_ms",
+            _LINES,
+            {"motion": motion, "speed": 1.0},
+            log_x=True,
+        ),
+        View(
+            f"{motion}-speed",
+            f"{motion}: error against speed, knots every 100 ms",
+            _METRICS,
+            "speed",
+            _LINES,
+            {"motion": motion, "interval_ms": 100},
+            log_x=True,
+        ),
+    )
+
+
+def _contests(motion: str) -> Iterator[Contest]:
+    for metric in (ROTATION, POSITION):
+        name, title = f"{motion}-best-{metric.name}", f"{motion}: smallest {metric.title}"
+        yield Contest(name, title, metric, _LINES, "interval_ms", "speed", {"motion": motion})

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from asyneio.types import NS_PER_S, Recording
+from asyneio.types import NS_PER_S, RecordArray, Recording
 
 
 def lose_samples(recording: Recording, share: float, rng: np.random.Generator) -> Recording:
@@ -18,8 +18,8 @@ def lose_samples(recording: Recording, share: float, rng: np.random.Generator) -
 def lose_bursts(recording: Recording, share: float, length_s: float, rng: np.random.Generator) -> Recording:
     """The recording without what both sensors measured in gaps of `length_s` that make up a share of it.
 
-    Gaps do not touch: there is one in each of equal parts of the recording, anywhere in it but for a margin of
-    a tenth of the part.
+    Gaps do not touch: there is one in each of equal parts of the recording, anywhere in it but for a margin
+    of a tenth of the part.
     """
     streams = _streams(recording)
     start_ns, end_ns = int(streams[0]["t_ns"][0]), int(streams[0]["t_ns"][-1])
@@ -35,5 +35,5 @@ def lose_bursts(recording: Recording, share: float, length_s: float, rng: np.ran
     return replace(recording, gyroscope=kept[0], accelerometer=kept[1])
 
 
-def _streams(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+def _streams(recording: Recording) -> tuple[RecordArray, RecordArray]:
     return recording.gyroscope, recording.accelerometer

@@ -38,8 +38,8 @@ _LEVELS = {
 def draw_known_motion(kind: str, speed: float, rng: np.random.Generator) -> AnalyticMotion:
     """A random motion of a kind; `speed` is a factor on all frequencies, so the same path is gone faster.
 
-    `orbit` goes round a circle as a vehicle does, heading along it: with what is added at random left out, its
-    velocity in the body is constant.
+    `orbit` goes round a circle as a vehicle does, heading along it: with what is added at random left out,
+    its velocity in the body is constant.
     """
     rate, velocity, lowest, highest = _LEVELS[MotionKind(kind)]
     frequency_hz = rng.uniform(lowest, highest, (6, _TERMS))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import product
 
@@ -35,6 +35,8 @@ ROTATION = Metric("rotation_deg", "rotation error", "deg")
 VELOCITY = Metric("velocity_mm_s", "velocity error", "mm/s")
 POSITION = Metric("position_mm", "position error", "mm")
 COST = Metric("cost_ms", "time for a window", "ms")
+_METRICS = (ROTATION, VELOCITY, POSITION, COST)
+_LINES = ("rule",)
 
 
 @dataclass(frozen=True)
@@ -56,9 +58,7 @@ def measure(task: PreintegrationTask) -> dict[str, float]:
     starts_s = rng.uniform(0.0, _SPAN_S, _WINDOWS)
     density = NOISE[task.noise]
     root_rate = np.sqrt(task.rate_hz)
-    noise = SampleNoise(
-        density.assumed_gyroscope * root_rate, density.assumed_accelerometer * root_rate
-    )
+    noise = SampleNoise(density.assumed_gyroscope * root_rate, density.assumed_accelerometer * root_rate)
     sigma = (density.gyroscope * root_rate, density.accelerometer * root_rate)
     integrate, bias = RULES[task.rule], np.zeros(6)
     errors, seconds = [], []
@@ -96,54 +96,18 @@ def true_increments(
 
 def preintegration(quick: bool = False, seeds: int | None = None) -> Study:
     """The study; `quick`: one rate, two windows, two levels of noise."""
-    windows = (0.1, 0.2) if quick else WINDOWS_S
-    rates = (200,) if quick else RATES_HZ
+    windows_s = (0.1, 0.2) if quick else WINDOWS_S
+    rates_hz = (200,) if quick else RATES_HZ
     levels = ("none", "medium") if quick else tuple(NOISE)
     tasks = tuple(
-        PreintegrationTask(rule, window, rate, noise, seed)
+        PreintegrationTask(rule, window_s, rate_hz, noise, seed)
         for seed in range(seeds or (QUICK_SEEDS if quick else SEEDS))
-        for window, rate, noise, rule in product(windows, rates, levels, RULES)
-    )
-    metrics, lines = (ROTATION, VELOCITY, POSITION, COST), ("rule",)
-    views = [
-        View(
-            f"window-{rate}hz-{noise}",
-            f"{rate} Hz, noise {noise}: error against the length of the window",
-            metrics,
-            "window_s",
-            lines,
-            {"rate_hz": rate, "noise": noise},
-            log_x=True,
-        )
-        for rate, noise in product(rates, ("none", "medium"))
-    ] + [
-        View(
-            f"noise-{rate}hz",
-            f"{rate} Hz, windows of 0.2 s: error against noise",
-            metrics,
-            "noise",
-            lines,
-            {"rate_hz": rate, "window_s": 0.2},
-        )
-        for rate in rates
-    ]
-    contests = tuple(
-        Contest(
-            f"best-{metric.name}-{rate}hz",
-            f"{rate} Hz: smallest {metric.title}",
-            metric,
-            lines,
-            "window_s",
-            "noise",
-            {"rate_hz": rate},
-        )
-        for rate in rates
-        for metric in (POSITION, ROTATION)
+        for window_s, rate_hz, noise, rule in product(windows_s, rates_hz, levels, RULES)
     )
     return Study(
         name="preintegration",
-        question="How exact and how costly is it to integrate inertial samples by zero-order hold, by the midpoint "
-        "rule and by Gaussian processes, over fast random motions?",
+        question="How exact and how costly is it to integrate inertial samples by zero-order hold, by the "
+        "midpoint rule and by Gaussian processes, over fast random motions?",
         settings={
             "windows": _WINDOWS,
             "span_s": _SPAN_S,
@@ -152,10 +116,37 @@ def preintegration(quick: bool = False, seeds: int | None = None) -> Study:
         },
         tasks=tasks,
         measure=measure,
-        views=tuple(views),
-        contests=contests,
+        views=tuple(view for rate_hz in rates_hz for view in _views(rate_hz)),
+        contests=tuple(contest for rate_hz in rates_hz for contest in _contests(rate_hz)),
         labels={"window_s": "length of the window [s]", "noise": "noise of the IMU"},
     )
+
+
+def _views(rate_hz: int) -> Iterator[View]:
+    for noise in ("none", "medium"):
+        yield View(
+            f"window-{rate_hz}hz-{noise}",
+            f"{rate_hz} Hz, noise {noise}: error against the length of the window",
+            _METRICS,
+            "window_s",
+            _LINES,
+            {"rate_hz": rate_hz, "noise": noise},
+            log_x=True,
+        )
+    yield View(
+        f"noise-{rate_hz}hz",
+        f"{rate_hz} Hz, windows of 0.2 s: error against noise",
+        _METRICS,
+        "noise",
+        _LINES,
+        {"rate_hz": rate_hz, "window_s": 0.2},
+    )
+
+
+def _contests(rate_hz: int) -> Iterator[Contest]:
+    for metric in (POSITION, ROTATION):
+        name, title = f"best-{metric.name}-{rate_hz}hz", f"{rate_hz} Hz: smallest {metric.title}"
+        yield Contest(name, title, metric, _LINES, "window_s", "noise", {"rate_hz": rate_hz})
 
 
 def _draw_window(

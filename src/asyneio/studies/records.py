@@ -30,7 +30,7 @@ class Record:
 
 
 def read_records(path: Path) -> list[Record]:
-    """All records of a file, none if it does not exist; half a last line, of a run that was killed, is left out.
+    """All records of a file, none without the file; half a last line, of a run that was killed, is left out.
 
     Raises:
         StudyError: another line is damaged, or the file cannot be read.

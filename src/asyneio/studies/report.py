@@ -34,7 +34,7 @@ TABLES, FIGURES = "tables", "figures"
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where figures come from: the command that made them, and fingerprints of other code among the results."""
+    """Where figures come from: the command, and the fingerprint of the code and of other code among them."""
 
     command: str
     code: str
@@ -154,8 +154,8 @@ def _head(study: Study, records: Sequence[Record], origin: Provenance) -> str:
     if origin.other_code:
         lines.append(f"- **some results are of other code: {', '.join(origin.other_code)}**")
     lines.append(
-        "\nCells are medians over the seeds with 95 % bootstrap intervals; a run without a usable result counts "
-        "as infinitely bad.\n"
+        "\nCells are medians over the seeds with 95 % bootstrap intervals; a run without a usable result "
+        "counts as infinitely bad.\n"
     )
     return "\n".join(lines)
 

@@ -19,7 +19,7 @@ Progress = Callable[[int, int, int], None]
 
 @dataclass(frozen=True)
 class StudyResult:
-    """Records of the study's tasks in their order, how many of them an earlier run had measured, files written.
+    """Records of the study's tasks in their order, how many of them were reused, files written.
 
     `other_code`: fingerprints of programs other than this one that reused results were measured with.
     """

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -14,7 +15,7 @@ from asyneio.simulation import SCENARIOS, Scenario, Simulation, TrackSpec, simul
 from asyneio.studies.imu_faults import lose_bursts, lose_samples
 from asyneio.studies.imu_noise import NOISE
 from asyneio.studies.known_motion import rms
-from asyneio.studies.study import QUICK_SEEDS, SEEDS, Contest, Metric, Study, View
+from asyneio.studies.study import QUICK_SEEDS, SEEDS, Contest, Metric, Study, Value, View
 from asyneio.types import FloatArray, Recording
 
 SCHEMES = ("gpif", "gpp", "preint", "extpreint")
@@ -38,6 +39,8 @@ ORIENTATION = Metric("orientation_deg", "orientation error", "deg")
 VELOCITY = Metric("velocity_cm_s", "velocity error", "cm/s")
 RELATIVE = Metric("relative_cm", "relative position error over 1 s", "cm")
 COST = Metric("cost_ms_per_s", "processing time of a second", "ms")
+_METRICS = (ATE, ORIENTATION, VELOCITY, COST)
+_LINES = ("scheme",)
 
 
 @dataclass(frozen=True)
@@ -56,18 +59,17 @@ class SchemeTask:
 
 #: What single factors are varied from.
 _BASE = SchemeTask("gpif", 100, "medium", 200, "whole", "aggressive", 10.0, 0)
+_COMMON: dict[str, Value] = {"imu": _BASE.imu, "motion": _BASE.motion, "rate_hz": _BASE.rate_hz}
 
 
 def measure(task: SchemeTask) -> dict[str, float]:
-    """Errors of the causal estimates against the truth and processing time; NaN where the run is not whole."""
+    """Errors of the causal estimates against the truth, and processing time; NaN if the run is not whole."""
     simulation = simulate(scenario_of(task))
     recording = _with_faults(simulation.recording, task)
     result = run_recording(recording, config_of(task))
     if result.summary.failure or recording.ground_truth is None:
         return dict.fromkeys((m.name for m in (ATE, ORIENTATION, VELOCITY, RELATIVE, COST)), float("nan"))
-    score = evaluate(
-        pose_trajectory(result.run.estimates), recording.ground_truth, protocol_named("posyaw")
-    )
+    score = evaluate(pose_trajectory(result.run.estimates), recording.ground_truth, protocol_named("posyaw"))
     over_a_second = [each.translation_m.rmse for each in score.relative if each.unit == "s"]
     return {
         ATE.name: 100.0 * score.position_m.rmse,
@@ -82,9 +84,7 @@ def scenario_of(task: SchemeTask) -> Scenario:
     """The simulated run; the same for all schemes and intervals between knots."""
     base = SCENARIOS["synchronous_imu"]
     level = NOISE[task.noise]
-    noise = replace(
-        base.noise, gyroscope_density=level.gyroscope, accelerometer_density=level.accelerometer
-    )
+    noise = replace(base.noise, gyroscope_density=level.gyroscope, accelerometer_density=level.accelerometer)
     asynchronous = task.imu == "asynchronous"
     return replace(
         base,
@@ -118,59 +118,24 @@ def schemes(quick: bool = False, seeds: int | None = None) -> Study:
         for condition in conditions
         for scheme in SCHEMES
     )
-    common = {"imu": _BASE.imu, "motion": _BASE.motion, "rate_hz": _BASE.rate_hz}
-    metrics, lines = (ATE, ORIENTATION, VELOCITY, COST), ("scheme",)
-    views = [
-        View(
-            f"knots-noise-{noise}",
-            f"noise {noise}: error against the interval between knots",
-            metrics,
-            "knot_ms",
-            lines,
-            {**common, "noise": noise},
-            log_x=True,
-        )
-        for noise in LEVELS
-    ] + [
-        View(
-            f"noise-knots-{knot_ms}ms",
-            f"knots every {knot_ms} ms: error against noise",
-            metrics,
-            "noise",
-            lines,
-            {**common, "knot_ms": knot_ms},
-        )
-        for knot_ms in KNOTS_MS
-    ]
-    views += [_single_factor("rate_hz", "rate of the IMU"), _single_factor("imu", "what the IMU delivers")]
-    views += [_single_factor("motion", "motion")]
-    contests = tuple(
-        Contest(
-            f"best-{metric.name}",
-            f"smallest {metric.title}",
-            metric,
-            lines,
-            "knot_ms",
-            "noise",
-            common,
-        )
-        for metric in (ATE, ORIENTATION, VELOCITY, RELATIVE)
-    )
     return Study(
         name="schemes",
         question="Which inertial scheme (GPIF, GPP, Preint, ExtPreint) gives the best estimates, by interval "
         "between knots, inertial noise and rate, and with samples that are asynchronous or lost?",
         settings={
-            "tracks": vars(_TRACKS),
+            "tracks": asdict(_TRACKS),
             "imu": [_LOST, _GAP_S, _OTHER_RATE_HZ, _OTHER_OFFSET_S],
-            "noise": {name: vars(NOISE[name]) for name in LEVELS},
+            "noise": {name: asdict(NOISE[name]) for name in LEVELS},
             "window_s": _WINDOW_S,
             "config": Config().model_dump(mode="json"),
         },
         tasks=tasks,
         measure=measure,
-        views=tuple(views),
-        contests=contests,
+        views=tuple(_views()),
+        contests=tuple(
+            Contest(f"best-{m.name}", f"smallest {m.title}", m, _LINES, "knot_ms", "noise", _COMMON)
+            for m in (ATE, ORIENTATION, VELOCITY, RELATIVE)
+        ),
         labels={
             "knot_ms": "interval between knots [ms]",
             "noise": "noise of the IMU",
@@ -178,6 +143,23 @@ def schemes(quick: bool = False, seeds: int | None = None) -> Study:
             "imu": "samples of the IMU",
         },
     )
+
+
+def _views() -> Iterator[View]:
+    for noise in LEVELS:
+        title = f"noise {noise}: error against the interval between knots"
+        where = {**_COMMON, "noise": noise}
+        yield View(f"knots-noise-{noise}", title, _METRICS, "knot_ms", _LINES, where, log_x=True)
+    for knot_ms in KNOTS_MS:
+        title = f"knots every {knot_ms} ms: error against noise"
+        yield View(
+            f"noise-knots-{knot_ms}ms", title, _METRICS, "noise", _LINES, {**_COMMON, "knot_ms": knot_ms}
+        )
+    for factor, name in (("rate_hz", "rate"), ("imu", "samples of the IMU"), ("motion", "motion")):
+        varied = ("knot_ms", "noise", "rate_hz", "imu", "motion")
+        where = {other: getattr(_BASE, other) for other in varied if other != factor}
+        title = f"knots every {_BASE.knot_ms} ms, noise {_BASE.noise}: error against {name}"
+        yield View(f"single-{factor}", title, _METRICS, factor, _LINES, where, log_x=factor == "rate_hz")
 
 
 def _conditions() -> list[SchemeTask]:
@@ -193,20 +175,6 @@ def _conditions() -> list[SchemeTask]:
 
 def _quick_conditions() -> list[SchemeTask]:
     return [replace(_BASE, knot_ms=knot, seconds=4.0) for knot in (100, 200)]
-
-
-def _single_factor(factor: str, title: str) -> View:
-    varied = {"knot_ms", "noise", "rate_hz", "imu", "motion"} - {factor}
-    where = {name: getattr(_BASE, name) for name in sorted(varied)}
-    return View(
-        f"single-{factor}",
-        f"knots every {_BASE.knot_ms} ms, noise {_BASE.noise}: error against {title}",
-        (ATE, ORIENTATION, VELOCITY, COST),
-        factor,
-        ("scheme",),
-        where,
-        log_x=factor == "rate_hz",
-    )
 
 
 def _with_faults(recording: Recording, task: SchemeTask) -> Recording:

@@ -43,14 +43,14 @@ def median_interval(values: Sequence[float]) -> Interval:
 
 
 def median_ratio(values: Sequence[float], reference: Sequence[float]) -> Interval:
-    """Median of `values / reference`, paired, as `median_interval`; a pair of which both failed counts as 1."""
+    """Median of `values / reference`, paired, as `median_interval`; pairs of which both failed count as 1."""
     above, below = (
         np.where(np.isfinite(column), column, np.inf)
         for column in (np.asarray(values, dtype=np.float64), np.asarray(reference, dtype=np.float64))
     )
     both = np.isinf(above) & np.isinf(below)
     ratio = np.divide(above, below, out=np.ones_like(above), where=~both)
-    return median_interval(ratio)
+    return median_interval(ratio.tolist())
 
 
 def _medians(values: FloatArray) -> FloatArray:

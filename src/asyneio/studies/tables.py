@@ -45,7 +45,8 @@ def view_csv(across: str, gathered: Sequence[Gathered]) -> str:
 def view_markdown(across: str, gathered: Sequence[Gathered]) -> str:
     """A table a metric: rows over the factor across, a column a line, the smallest median of a row bold."""
     return "\n".join(
-        f"**{g.metric.title}**\n\n" + markdown([across, *g.lines], (_pivot(g, x) for x in g.xs)) for g in gathered
+        f"**{g.metric.title}**\n\n" + markdown([across, *g.lines], (_pivot(g, x) for x in g.xs))
+        for g in gathered
     )
 
 
@@ -59,9 +60,7 @@ def contest_csv(contest: Contest, decided: Mapping[tuple[Value, Value], Winner])
     return _csv(header, rows)
 
 
-def contest_markdown(
-    study: Study, contest: Contest, decided: Mapping[tuple[Value, Value], Winner]
-) -> str:
+def contest_markdown(study: Study, contest: Contest, decided: Mapping[tuple[Value, Value], Winner]) -> str:
     """The map as a table of words."""
     rows, columns = map_axes(decided)
     corner = f"{label(study, contest.rows)} \\ {label(study, contest.columns)}"
@@ -83,8 +82,12 @@ def winner_words(winner: Winner | None, separator: str = " ") -> str:
     if not math.isfinite(winner.middle):
         return "all fail"
     if winner.equals:
-        return separator.join([f"{winner.name} {number(winner.middle)}", f"(equal: {', '.join(winner.equals)})"])
-    return separator.join([f"{winner.name} {number(winner.middle)}", f"(next: {number(winner.margin.middle)}x)"])
+        return separator.join(
+            [f"{winner.name} {number(winner.middle)}", f"(equal: {', '.join(winner.equals)})"]
+        )
+    return separator.join(
+        [f"{winner.name} {number(winner.middle)}", f"(next: {number(winner.margin.middle)}x)"]
+    )
 
 
 def label(study: Study, factor: str) -> str:

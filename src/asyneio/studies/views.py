@@ -52,7 +52,7 @@ def gather(view: View, records: Sequence[Record]) -> tuple[Gathered, ...]:
     for place, members in places.items():
         _check_one_condition(view.name, place, members)
     xs = _ordered(x for x, _ in places)
-    lines = _ordered(line for _, line in places)
+    lines = tuple(dict.fromkeys(line for _, line in places))
     return tuple(
         Gathered(
             metric,

@@ -90,7 +90,10 @@ def render_map(title: str, drawn: Map) -> bytes:
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots()
         colors = np.array(
-            [[to_rgba(COLORS[index], 0.35) if index >= 0 else (1.0,) * 4 for index in row] for row in drawn.winner]
+            [
+                [to_rgba(COLORS[index], 0.35) if index >= 0 else (1.0,) * 4 for index in row]
+                for row in drawn.winner
+            ]
         )
         axes.imshow(colors, aspect="auto")
         axes.grid(visible=False)
