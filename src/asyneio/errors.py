@@ -28,6 +28,10 @@ class TrajectoryError(AsyneioError):
     """A trajectory was asked for something it does not hold."""
 
 
+class InertialError(AsyneioError):
+    """Inertial samples cannot be integrated."""
+
+
 class EstimationError(AsyneioError):
     """The estimator could not produce a usable estimate."""
 

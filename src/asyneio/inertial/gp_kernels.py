@@ -1,0 +1,238 @@
+"""Latent states of GP preintegration and their derivatives: a fixed point and its linearisation (26)-(28).
+
+The GP of the rotation vector's rate is to predict the gyroscope, `omega = J_r(phi) phi_dot`, where phi is the
+integral of the same GP. With `S` the linear map from latent states to the smoothed and integrated phi at the
+sample times, the latent states are the fixed point
+
+    rho_j = J_r(phi_j)^{-1} (omega_j - b_g),    phi = S rho,
+
+and their derivative by any parameter is that of `d rho_j = D_j d phi_j + (explicit part)`, `d phi = S d rho`,
+with `D_j` the derivative of `J_r(phi)^{-1} (omega_j - b_g)` by phi. As phi at a time depends on earlier rates,
+both iterations converge like the series of an exponential. The accelerometer's latent states
+`alpha_j = Exp(phi(t_j)) (f_j - b_a)` are then explicit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from asyneio.geometry.linalg import matmul, matvec
+from asyneio.geometry.series import SO3_INVERSE_SERIES, evaluate_series
+from asyneio.geometry.so3 import so3_exp, so3_polynomial, so3_right_jacobian
+from asyneio.inertial.hermite import accumulate, integral_weights, interval_of
+from asyneio.inertial.smoother import smooth
+from asyneio.types import FloatArray, IntArray
+
+#: Columns of derivatives: three for the gyroscope's bias, one for a shift of all time stamps.
+SHIFT = 3
+_MOST_ITERATIONS = 60
+#: Change of phi [rad], and relative change of derivatives, below which the iterations end.
+_SETTLED = 1e-13
+
+
+@njit(cache=True)
+def _inverse_jacobian_times(
+    phi: FloatArray, w: FloatArray, series: FloatArray, J_inv: FloatArray, D: FloatArray
+) -> None:
+    """`J_inv = J_r(phi)^{-1}` (3,3) and `D` (3,3), the derivative of `J_inv w` with respect to phi."""
+    s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
+    dot = phi[0] * w[0] + phi[1] * w[1] + phi[2] * w[2]
+    evaluate_series(SO3_INVERSE_SERIES, s, True, series)
+    a2, slope = series[1, 0], series[1, 1]
+    so3_polynomial(phi, 0.5, a2, J_inv)
+    # J_inv w = w + phi x w / 2 + a2(s) (phi (phi . w) - s w)
+    for i in range(3):
+        twice = phi[i] * dot - s * w[i]
+        for j in range(3):
+            D[i, j] = a2 * (phi[i] * w[j] - 2.0 * w[i] * phi[j]) + 2.0 * slope * twice * phi[j]
+        D[i, i] += a2 * dot
+    D[0, 1] += 0.5 * w[2]
+    D[0, 2] -= 0.5 * w[1]
+    D[1, 0] -= 0.5 * w[2]
+    D[1, 2] += 0.5 * w[0]
+    D[2, 0] += 0.5 * w[1]
+    D[2, 1] -= 0.5 * w[0]
+
+
+@njit(cache=True)
+def rotation_states(
+    t: FloatArray,
+    row: IntArray,
+    zero: int,
+    K: FloatArray,
+    G: FloatArray,
+    omega: FloatArray,
+    x: FloatArray,
+    limit: float,
+) -> int:
+    """Table `x` (n,5,3) of phi_dot at the nodes from bias-free `omega` (N,3); 0, or a status.
+
+    1: phi reaches `limit` rad; 2: no fixed point.
+    """
+    nodes, samples = t.shape[0], omega.shape[0]
+    phi = np.zeros((samples, 3))
+    rho = omega.copy()
+    series = np.empty((2, 3))
+    J_inv = np.empty((3, 3))
+    D = np.empty((3, 3))
+    for _ in range(_MOST_ITERATIONS):
+        smooth(t, row, K, G, rho, x[:, 2:])
+        accumulate(t, zero, x)
+        change = 0.0
+        largest = 0.0
+        for j in range(nodes):
+            n = row[j]
+            if n < 0:
+                continue
+            angle = 0.0
+            for i in range(3):
+                change = max(change, abs(x[j, 1, i] - phi[n, i]))
+                phi[n, i] = x[j, 1, i]
+                angle += phi[n, i] * phi[n, i]
+            largest = max(largest, angle)
+            if angle < limit * limit:
+                _inverse_jacobian_times(phi[n], omega[n], series, J_inv, D)
+                matvec(J_inv, omega[n], rho[n])
+        if not largest < limit * limit:
+            return 1
+        if change < _SETTLED:
+            return 0
+    return 2
+
+
+@njit(cache=True)
+def rotation_derivatives(
+    t: FloatArray,
+    row: IntArray,
+    zero: int,
+    K: FloatArray,
+    G: FloatArray,
+    omega: FloatArray,
+    x: FloatArray,
+    dx: FloatArray,
+) -> bool:
+    """Table `dx` (n,5,12) of the derivatives of phi_dot, column 3 p + axis for parameter p: b_g, time shift.
+
+    A shift of the stamps moves the nodes under the table: `dx` is the change at the shifted nodes of the rate
+    itself, and the integral still runs from zero, which adds phi_dot(0) to every d phi.
+    """
+    nodes, samples = t.shape[0], omega.shape[0]
+    J_inv = np.empty((samples, 3, 3))
+    D = np.empty((samples, 3, 3))
+    series = np.empty((2, 3))
+    d_rho = np.zeros((samples, 12))
+    node = np.empty(samples, dtype=np.int64)
+    for j in range(nodes):
+        n = row[j]
+        if n >= 0:
+            node[n] = j
+            _inverse_jacobian_times(x[j, 1], omega[n], series, J_inv[n], D[n])
+    start = x[zero, 2]
+    dx[:] = 0.0
+    for _ in range(_MOST_ITERATIONS):
+        change = 0.0
+        size = 1e-300
+        for n in range(samples):
+            d_phi = dx[node[n], 1]
+            for p in range(4):
+                for i in range(3):
+                    s = 0.0
+                    for k in range(3):
+                        offset = start[k] if p == SHIFT else 0.0
+                        s += D[n, i, k] * (d_phi[3 * p + k] + offset)
+                    if p != SHIFT:
+                        s -= J_inv[n, i, p]
+                    change = max(change, abs(s - d_rho[n, 3 * p + i]))
+                    size = max(size, abs(s))
+                    d_rho[n, 3 * p + i] = s
+        if change < _SETTLED * size:
+            return True
+        smooth(t, row, K, G, d_rho, dx[:, 2:])
+        accumulate(t, zero, dx)
+    return False
+
+
+@njit(cache=True)
+def turn_at(
+    t: FloatArray,
+    zero: int,
+    x: FloatArray,
+    dx: FloatArray,
+    tau: float,
+    phi: FloatArray,
+    d_phi: FloatArray,
+) -> None:
+    """`phi` (3,) at `tau` and its derivatives `d_phi` (12,); for the shift at `tau` shifted along."""
+    value = np.empty(6)
+    first = np.empty(6)
+    second = np.empty(6)
+    n = interval_of(t, tau)
+    dt = t[n + 1] - t[n]
+    integral_weights((tau - t[n]) / dt, dt, value, first, second)
+    for c in range(3):
+        s = x[n, 1, c]
+        for i in range(3):
+            s += first[i] * x[n, 2 + i, c] + first[3 + i] * x[n + 1, 2 + i, c]
+        phi[c] = s
+    for c in range(12):
+        s = dx[n, 1, c]
+        for i in range(3):
+            s += first[i] * dx[n, 2 + i, c] + first[3 + i] * dx[n + 1, 2 + i, c]
+        d_phi[c] = s
+    for c in range(3):
+        d_phi[3 * SHIFT + c] += x[zero, 2, c]
+
+
+@njit(cache=True)
+def force_states(
+    t: FloatArray,
+    row: IntArray,
+    zero: int,
+    K: FloatArray,
+    G: FloatArray,
+    force: FloatArray,
+    turn_t: FloatArray,
+    turn_zero: int,
+    turn_x: FloatArray,
+    turn_dx: FloatArray,
+    alpha: FloatArray,
+    x: FloatArray,
+) -> None:
+    """Latent accelerations `alpha` (N,3) of bias-free `force` (N,3), and the table `x` (n,5,24).
+
+    Columns of `x`: a_k, then its derivatives by b_g (9), time shift (3) and b_a (9), three axes each.
+    """
+    samples = force.shape[0]
+    y = np.empty((samples, 24))
+    phi = np.empty(3)
+    d_phi = np.empty(12)
+    C = np.empty((3, 3))
+    J = np.empty((3, 3))
+    push = np.empty((3, 3))
+    by_phi = np.empty((3, 3))
+    for j in range(t.shape[0]):
+        n = row[j]
+        if n < 0:
+            continue
+        turn_at(turn_t, turn_zero, turn_x, turn_dx, t[j], phi, d_phi)
+        so3_exp(phi, C)
+        so3_right_jacobian(phi, J)
+        f = force[n]
+        for i in range(3):
+            push[i, 0] = -(C[i, 1] * f[2] - C[i, 2] * f[1])
+            push[i, 1] = -(C[i, 2] * f[0] - C[i, 0] * f[2])
+            push[i, 2] = -(C[i, 0] * f[1] - C[i, 1] * f[0])
+        matmul(push, J, by_phi)
+        matvec(C, f, alpha[n])
+        for i in range(3):
+            y[n, i] = alpha[n, i]
+            for p in range(4):
+                s = 0.0
+                for k in range(3):
+                    s += by_phi[i, k] * d_phi[3 * p + k]
+                y[n, 3 + 3 * p + i] = s
+            for p in range(3):
+                y[n, 15 + 3 * p + i] = -C[i, p]
+    smooth(t, row, K, G, y, x[:, 2:])
+    accumulate(t, zero, x)
