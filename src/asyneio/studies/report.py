@@ -68,7 +68,7 @@ def _write_view(
     study: Study, view: View, records: Sequence[Record], folder: Path, written: list[Path]
 ) -> str:
     gathered = gather(view, records)
-    if not gathered[0].cells:
+    if len(gathered[0].xs) < 2:
         return ""
     text = view_markdown(label(study, view.across), gathered)
     _write_table(folder, view.name, view_csv(view.across, gathered), text, written)

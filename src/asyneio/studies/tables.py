@@ -97,17 +97,22 @@ def label(study: Study, factor: str) -> str:
 
 def number(value: float) -> str:
     """Three significant digits; what is not finite is a failure."""
-    return f"{value:.3g}" if math.isfinite(value) else "fails"
+    if not math.isfinite(value):
+        return "fails"
+    return f"{value:.0f}" if 1e3 <= value < 1e6 else f"{value:.3g}"
 
 
 def _pivot(gathered: Gathered, x: Value) -> list[str]:
     cells = [gathered.cells.get((x, line)) for line in gathered.lines]
-    middles = [cell.middle for cell in cells if cell is not None]
-    return [str(x), *("-" if cell is None else _words(cell, cell.middle == min(middles)) for cell in cells)]
+    smallest = number(min(cell.middle for cell in cells if cell is not None))
+    return [str(x), *("-" if cell is None else _words(cell, smallest) for cell in cells)]
 
 
-def _words(cell: Interval, best: bool) -> str:
-    middle = f"**{number(cell.middle)}**" if best and math.isfinite(cell.middle) else number(cell.middle)
+def _words(cell: Interval, smallest: str) -> str:
+    """Median and interval; bold where the median reads as the smallest one does."""
+    middle = number(cell.middle)
+    if middle == smallest and math.isfinite(cell.middle):
+        middle = f"**{middle}**"
     failed = f", {cell.failed} of {cell.count} fail" if cell.failed else ""
     return f"{middle} [{number(cell.low)}, {number(cell.high)}]{failed}"
 

@@ -10,6 +10,9 @@ from asyneio.studies.records import Record
 from asyneio.studies.statistics import Interval, median_interval, median_ratio
 from asyneio.studies.study import Contest, Metric, Value, View
 
+#: Relative differences smaller than this are of no use to anybody, however certain.
+_SAME = 0.005
+
 #: A point of a view: value of the factor across, label of the line.
 Place = tuple[Value, str]
 
@@ -29,7 +32,7 @@ class Winner:
     """The best of one cell of a contest.
 
     `equals` are rivals that cannot be told from the winner: the 95 % interval of their ratio to it, paired by
-    seed, reaches 1. `margin` is the ratio of the second best to the winner, infinite where it failed.
+    seed, reaches 1, or they are within half a percent of it. `margin` is the ratio of the second best to the winner, infinite where it failed.
     """
 
     name: str
@@ -92,7 +95,7 @@ def _winner(rivals: Mapping[str, Mapping[int, float]]) -> Winner | None:
     middles = {name: median_interval(values).middle for name, values in figures.items()}
     best, second, *_ = sorted(middles, key=lambda name: middles[name])
     ratios = {name: median_ratio(values, figures[best]) for name, values in figures.items() if name != best}
-    equals = tuple(name for name, ratio in ratios.items() if ratio.low <= 1.0)
+    equals = tuple(name for name, ratio in ratios.items() if min(ratio.low, ratio.middle - _SAME) <= 1.0)
     return Winner(best, middles[best], ratios[second], equals)
 
 
