@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from asyneio.studies import StudyResult
+    from asyneio.studies.runner import StudyResult
 
 #: How many reasons of failure are shown; all of them stand in the index.
 _SHOWN = 3
@@ -49,7 +49,8 @@ def study(
     from asyneio.cli.progress import task_progress
     from asyneio.errors import StudyError
     from asyneio.io.atomic import make_folder
-    from asyneio.studies import STUDIES, run_study
+    from asyneio.studies.catalogue import STUDIES
+    from asyneio.studies.runner import run_study
 
     chosen = STUDIES[name](quick, seeds)
     folder = output or Path("results") / f"study-{name}"

@@ -96,8 +96,8 @@ def expressiveness(quick: bool = False, seeds: int | None = None) -> Study:
     )
     return Study(
         name="expressiveness",
-        question="How well does a trajectory through knots follow a known motion between them, by motion prior "
-        "(white noise on acceleration, on jerk) and space (SE(3), SO(3) x R^3)?",
+        question="How well does a trajectory through knots follow a known motion between them, by motion "
+        "prior (white noise on acceleration, on jerk) and space (SE(3), SO(3) x R^3)?",
         settings={"duration_ms": _DURATION_MS, "places": _PLACES, "knot_noise": _NOISE},
         tasks=tasks,
         measure=measure,

@@ -82,12 +82,12 @@ def winner_words(winner: Winner | None, separator: str = " ") -> str:
     if not math.isfinite(winner.middle):
         return "all fail"
     if winner.equals:
-        return separator.join(
-            [f"{winner.name} {number(winner.middle)}", f"(equal: {', '.join(winner.equals)})"]
-        )
-    return separator.join(
-        [f"{winner.name} {number(winner.middle)}", f"(next: {number(winner.margin.middle)}x)"]
-    )
+        behind = f"(equal: {', '.join(winner.equals)})"
+    elif math.isfinite(winner.margin.middle):
+        behind = f"(next: {number(winner.margin.middle)}x)"
+    else:
+        behind = "(others fail)"
+    return separator.join([f"{winner.name} {number(winner.middle)}", behind])
 
 
 def label(study: Study, factor: str) -> str:
