@@ -56,7 +56,7 @@ _FEATURES = 100
 _BAR_MEV_S = 2.5
 _PACKET_NS = 10_000_000
 _LONG_EVENTS = 100_000_000
-_REPEATED_EVENTS = 1_000_000
+REPEATED_EVENTS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def main() -> None:
         ]
         for name in EXCERPTS:
             recording = load(name)
-            events = repeated(recording.events, _REPEATED_EVENTS)
+            events = repeated(recording.events, REPEATED_EVENTS)
             rows.append(row(f"{name}, repeated", recording, events, tracker, options.repeats))
         parts.append(f"## {tracker}, bar {_BAR_MEV_S} Mev/s\n\n{table(HEADER, rows)}")
     text = "\n\n".join(parts) + "\n"

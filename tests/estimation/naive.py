@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem, States
+from asyneio.trajectory.model import SE3, WNOJ
 
 Array = NDArray[np.float64]
 
@@ -131,11 +132,41 @@ def right_jacobian_rate(xi: Array, xi_dot: Array) -> Array:
     return total
 
 
-def local_variables(point: Point) -> Array:
-    """[varpi_k, varpi_dot_k, xi, xi_dot, xi_ddot] (..., I,5,6) of all intervals."""
-    xi = log_se3(np.linalg.inv(point.T[..., :-1, :, :]) @ point.T[..., 1:, :, :])
+def local_variables(problem: Problem, point: Point) -> Array:
+    """[xi_dot(t_k), xi_ddot(t_k), xi, xi_dot, xi_ddot] (..., I,5,6) of all intervals."""
+    T = np.linalg.inv(point.T[..., :-1, :, :]) @ point.T[..., 1:, :, :]
+    bent = _bent_variables(log_se3(T), point.varpi)
+    if problem.model.motion_model.space == SE3:
+        return bent
+    # The position has a line of its own: its velocity and acceleration, in the axes of the first knot.
+    begin, end = _linear_rates(point.varpi[..., :-1, :, :]), _linear_rates(point.varpi[..., 1:, :, :])
+    line = [
+        *np.moveaxis(begin, -2, 0),
+        T[..., :3, 3],
+        *np.moveaxis(end @ np.swapaxes(T[..., :3, :3], -1, -2), -2, 0),
+    ]
+    return np.concatenate([bent[..., :3], np.stack(line, axis=-2)], axis=-1)
+
+
+def _linear_rates(varpi: Array) -> Array:
+    """Velocity and acceleration (..., 2,3) in the axes of the body from [varpi, varpi_dot] (..., 2,6)."""
+    turning = np.cross(varpi[..., 0, :3], varpi[..., 0, 3:])
+    return np.stack([varpi[..., 0, 3:], varpi[..., 1, 3:] + turning], axis=-2)
+
+
+def step_pose(problem: Problem, xi: Array) -> Array:
+    """Pose (..., 4,4) from the first knot of an interval with local variable xi."""
+    if problem.model.motion_model.space == SE3:
+        return exp_se3(xi)
+    T = exp_se3(np.concatenate([xi[..., :3], np.zeros_like(xi[..., 3:])], axis=-1))
+    T[..., :3, 3] = xi[..., 3:]
+    return T
+
+
+def _bent_variables(xi: Array, varpi: Array) -> Array:
+    """On SE(3), from xi and the [varpi, varpi_dot] (..., K,2,6) of all knots."""
     J = right_jacobian(xi)
-    begin, end = point.varpi[..., :-1, :, :], point.varpi[..., 1:, :, :]
+    begin, end = varpi[..., :-1, :, :], varpi[..., 1:, :, :]
     xi_dot = np.linalg.solve(J, end[..., 0, :, None])[..., 0]
     rest = end[..., 1, :] - times(right_jacobian_rate(xi, xi_dot), xi_dot)
     xi_ddot = np.linalg.solve(J, rest[..., None])[..., 0]
@@ -156,18 +187,22 @@ def _rows(residual: Array, axes: int) -> Array:
 
 
 def motion_residuals(problem: Problem, local: Array, bias: Array) -> list[Array]:
-    """White noise on jerk and random walk of the biases, of the intervals that count."""
+    """White noise on jerk or acceleration and random walk of the biases, of the intervals that count."""
     out = []
     for i in np.flatnonzero(problem.motion):
         dt = problem.model.dt[i]
         varpi, varpi_dot, xi, xi_dot, xi_ddot = np.moveaxis(local[..., i, :, :], -2, 0)
-        predicted = [dt * varpi + dt**2 / 2 * varpi_dot, varpi + dt * varpi_dot, varpi_dot]
-        error = np.stack(predicted, axis=-2) - np.stack([xi, xi_dot, xi_ddot], axis=-2)
-        Q = [
-            [dt**5 / 20, dt**4 / 8, dt**3 / 6],
-            [dt**4 / 8, dt**3 / 3, dt**2 / 2],
-            [dt**3 / 6, dt**2 / 2, dt],
-        ]
+        if problem.model.motion_model.prior == WNOJ:
+            predicted = [dt * varpi + dt**2 / 2 * varpi_dot, varpi + dt * varpi_dot, varpi_dot]
+            error = np.stack(predicted, axis=-2) - np.stack([xi, xi_dot, xi_ddot], axis=-2)
+            Q = [
+                [dt**5 / 20, dt**4 / 8, dt**3 / 6],
+                [dt**4 / 8, dt**3 / 3, dt**2 / 2],
+                [dt**3 / 6, dt**2 / 2, dt],
+            ]
+        else:
+            error = np.stack([dt * varpi, varpi], axis=-2) - np.stack([xi, xi_dot], axis=-2)
+            Q = [[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]
         whitened = np.linalg.solve(np.linalg.cholesky(Q), error) / problem.model.root_density
         out.append(_rows(whitened, 2))
         out.append((bias[..., i + 1, :] - bias[..., i, :]) / (problem.model.bias_walk * np.sqrt(dt)))
@@ -193,12 +228,15 @@ def accelerometer_residuals(problem: Problem, local: Array, point: Point) -> Arr
     i, used = _interval_of(samples.start), _used(samples)
     gamma = samples.weights[used] @ local[..., i, :, :]
     xi, xi_dot, xi_ddot = np.moveaxis(gamma, -2, 0)
-    J = right_jacobian(xi)
-    varpi = times(J, xi_dot)
-    varpi_dot = times(J, xi_ddot) + times(right_jacobian_rate(xi, xi_dot), xi_dot)
     C = (point.T[..., i, :, :] @ exp_se3(xi))[..., :3, :3]
-    turning = np.cross(varpi[..., :3], varpi[..., 3:])
-    force = varpi_dot[..., 3:] + turning - problem.model.gravity_w @ C
+    if problem.model.motion_model.space == SE3:
+        J = right_jacobian(xi)
+        varpi = times(J, xi_dot)
+        varpi_dot = times(J, xi_ddot) + times(right_jacobian_rate(xi, xi_dot), xi_dot)
+        moving = varpi_dot[..., 3:] + np.cross(varpi[..., :3], varpi[..., 3:])
+    else:
+        moving = times(np.swapaxes(exp_se3(xi)[..., :3, :3], -1, -2), xi_ddot[..., 3:])
+    force = moving - problem.model.gravity_w @ C
     error = samples.value[used] - force - _bias_at(samples, i, point.bias)[..., 3:]
     return _rows(error * samples.root_information[used, None], 2)
 
@@ -211,7 +249,7 @@ def projections(problem: Problem, local: Array, point: Point) -> Array:
     T_bc[:3, :3], T_bc[:3, 3] = model.C_bc, model.r_bc
     T_w_a = point.T[..., problem.landmarks.anchor[j], :, :] @ T_bc
     xi = (visual.weights[:, None] @ local[..., i, :, :])[..., 0, :]
-    T_w_c = point.T[..., i, :, :] @ exp_se3(xi) @ T_bc
+    T_w_c = point.T[..., i, :, :] @ step_pose(problem, xi) @ T_bc
     homogeneous = np.concatenate([point.kappa[..., j, :], point.rho[..., j, None]], axis=-1)
     return times(np.linalg.inv(T_w_c) @ T_w_a, homogeneous)[..., :3]
 
@@ -232,7 +270,7 @@ def prior_residuals(prior: Prior, point: Point) -> Array:
 
 def residuals(problem: Problem, prior: Prior | None, point: Point, weights: Array | None = None) -> Array:
     """All rows; `weights` (M,) are robust weights of the observations, whose rows come last."""
-    local = local_variables(point)
+    local = local_variables(problem, point)
     visual = reprojection_residuals(problem, local, point)
     if weights is not None:
         visual = visual * np.sqrt(weights)[:, None]
@@ -292,14 +330,24 @@ def normal_equations(problem: Problem, prior: Prior | None = None, weights: Arra
     return Normal(J.T @ J, J.T @ r, 0.5 * float(r @ r), len(problem.states.r))
 
 
+def unknowns(problem: Problem) -> NDArray[np.int64]:
+    """Indices of what may move: the active coordinates of every knot, then the landmarks."""
+    knots, model = len(problem.states.r), problem.model
+    of_knots = [24 * k + c for k in range(knots) for c in model.active]
+    return np.r_[of_knots, 24 * knots + np.arange(model.landmark_dof * len(problem.landmarks.rho))]
+
+
 def gauss_newton(problem: Problem, prior: Prior, iterations: int) -> tuple[Point, float]:
     """Minimum of the whole problem in all unknowns at once, and its cost."""
     point = at(problem.states, problem.landmarks, problem.model.landmark_dof)
+    free = unknowns(problem)
     for _ in range(iterations):
-        J, r = jacobian(problem, prior, point), residuals(problem, prior, point)
+        J, r = jacobian(problem, prior, point)[:, free], residuals(problem, prior, point)
         scale = 1.0 / np.linalg.norm(J, axis=0)
         Q, R = np.linalg.qr(J * scale)
-        point = point.moved(-scale * np.linalg.solve(R, Q.T @ r))
+        step = np.zeros(point.size)
+        step[free] = -scale * np.linalg.solve(R, Q.T @ r)
+        point = point.moved(step)
     r = residuals(problem, prior, point)
     return point, 0.5 * float(r @ r)
 

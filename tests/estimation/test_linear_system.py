@@ -103,7 +103,7 @@ def test_robust_weights_scale_rows() -> None:
     scale, gate = 1.0, 3.0
     problem = problem._replace(model=problem.model._replace(robust_scale=scale, gate=gate))
     point = naive.at(problem.states, problem.landmarks, 3)
-    r = naive.reprojection_residuals(problem, naive.local_variables(point), point)
+    r = naive.reprojection_residuals(problem, naive.local_variables(problem, point), point)
     norm = np.linalg.norm(r, axis=1)
     weights = np.where(norm < gate, 1.0 / (1.0 + (norm / scale) ** 2), 0.0)
     beyond, heavy = norm >= gate, (norm > scale) & (norm < gate)

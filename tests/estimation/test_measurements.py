@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from asyneio.estimation.landmarks import LandmarkTable
 from asyneio.estimation.measurements import InertialBuffer, VisualBuffer
+from asyneio.trajectory.model import WNOA, WNOJ
 from asyneio.types import INERTIAL_DTYPE, RecordArray
 from tests.estimation.toy import KNOT_NS, make_toy
 
@@ -23,9 +24,9 @@ def samples(*after_ms: float) -> RecordArray:
     return out
 
 
-def inertial(first: int = 5) -> InertialBuffer:
+def inertial(first: int = 5, prior: int = WNOJ) -> InertialBuffer:
     """Intervals of 100 ms: three samples, none, two; absolute numbers from `first` on."""
-    buffer = InertialBuffer()
+    buffer = InertialBuffer(prior)
     for k, chunk in enumerate([samples(25, 50, 100), samples(), samples(210, 300)]):
         bounds = (START + 100 * k * MS, START + 100 * (k + 1) * MS)
         buffer.append(chunk, 0.25, first + k, *bounds)
@@ -50,6 +51,16 @@ def test_weights_are_the_quintic_between_the_ends() -> None:
     ends = np.array([v, a, v * dt + a * dt**2 / 2, v + a * dt, a])
     t = s * dt
     np.testing.assert_allclose(weights[0] @ ends, [v * t + a * t**2 / 2, v + a * t, a], atol=1e-9)
+
+
+def test_weights_are_the_cubic_under_white_noise_on_acceleration() -> None:
+    """A parabola is reproduced without a look at the accelerations of its ends."""
+    weights = inertial(prior=WNOA).arrays(5, 3).weights
+    np.testing.assert_array_equal(weights[:, :, [1, 4]], 0.0)
+    v, a, t, dt = 0.7, -3.0, 0.025, 0.1
+    ends = np.array([v, np.nan, v * dt + a * dt**2 / 2, v + a * dt, np.nan])
+    found = weights[0][:, [0, 2, 3]] @ ends[[0, 2, 3]]
+    np.testing.assert_allclose(found, [v * t + a * t**2 / 2, v + a * t, a], atol=1e-9)
 
 
 def test_numbers_are_relative_to_the_first_knot() -> None:
@@ -83,7 +94,7 @@ def test_sample_at_a_knot_belongs_to_the_interval_before() -> None:
 
 def visual(intervals: list[int], tracks: list[int]) -> VisualBuffer:
     """One observation every millisecond, `xy` numbers them."""
-    buffer = VisualBuffer()
+    buffer = VisualBuffer(WNOJ)
     for interval in sorted(set(intervals)):
         mine = np.flatnonzero(np.array(intervals) == interval)
         bounds = (START + 100 * interval * MS, START + 100 * (interval + 1) * MS)

@@ -37,7 +37,7 @@ def test_truth_explains_noise_free_measurements() -> None:
     window.add_landmarks()
     problem = window.problem()
     point = naive.at(problem.states, problem.landmarks, SETTINGS.landmark_dof)
-    local = naive.local_variables(point)
+    local = naive.local_variables(problem, point)
     # What is left is the difference between the motion and its interpolation, here far below the noise.
     assert np.abs(naive.gyroscope_residuals(problem, local, point.bias)).max() < 0.02
     assert np.abs(naive.accelerometer_residuals(problem, local, point)).max() < 0.1

@@ -10,6 +10,7 @@ from scipy.linalg import expm
 
 from asyneio.estimation.problem import Prior, Problem, States
 from asyneio.estimation.window import TrackObservations, Window, WindowSettings
+from asyneio.trajectory.model import WNOJ_SE3
 from asyneio.types import INERTIAL_DTYPE, RecordArray
 from tests.factors.knots import hat6
 from tests.trajectory.motions import START_NS, Samples, simulated
@@ -28,6 +29,7 @@ PERTURBATION = np.repeat([0.01, 0.03, 0.3, 0.01], [6, 6, 6, 6])
 
 SETTINGS = WindowSettings(
     gravity_w=GRAVITY,
+    motion_model=WNOJ_SE3,
     root_density=np.array([20.0, 25.0, 22.0, 30.0, 28.0, 33.0]),
     bias_walk=np.array([1e-3, 2e-3, 1e-3, 1e-2, 2e-2, 1e-2]),
     gyroscope_sigma=GYROSCOPE_SIGMA,

@@ -14,6 +14,7 @@ from asyneio.frontend.detection import (
     MARGIN,
     OUTER,
     SCRATCH,
+    _is_one_arc,
     harris_score,
     is_corner,
 )
@@ -98,6 +99,32 @@ def test_a_drawn_corner_is_one_and_an_edge_is_none(quarter: int) -> None:
     for when, expected in ((np.maximum(x, y), True), (x, False), (x + y, False)):
         surface = np.rot90(np.where(when <= 0, 1000 + when, NEVER_NS), quarter)
         assert corner(np.ascontiguousarray(surface)) is expected
+
+
+def test_an_arc_does_not_end_among_pixels_that_never_fired() -> None:
+    """On a young surface a straight edge has fired half of the circle: seven to nine pixels are no corner."""
+    scratch = np.zeros(SCRATCH, dtype=np.int64)
+    for fired in range(1, 16):
+        values = np.full(16, NEVER_NS, dtype=np.int64)
+        values[:fired] = 1000 + np.arange(fired)
+        values = np.roll(values, 3 + fired)
+        # What fired has distinct stamps: the newest three are an arc; from ten on, so are the others.
+        scratch[:16] = values
+        assert _is_one_arc(scratch, 16, int(np.argmax(values)), 3, 6) == (fired >= 3)
+        scratch[:16] = -values
+        assert _is_one_arc(scratch, 16, int(np.argmin(values)), 3, 6) == (fired >= 10)
+
+
+def test_equal_stamps_are_neighbours() -> None:
+    """A sensor's clock ticks in whole microseconds: what fired in one tick may be in the arc or outside."""
+    scratch = np.zeros(SCRATCH, dtype=np.int64)
+    scratch[:16] = 1
+    scratch[2:6] = 7
+    assert _is_one_arc(scratch, 16, 2, 3, 6)
+    scratch[10] = 7
+    assert _is_one_arc(scratch, 16, 2, 3, 6)
+    scratch[10] = 8
+    assert not _is_one_arc(scratch, 16, 10, 3, 6)
 
 
 def test_nothing_is_a_corner_on_an_empty_surface_or_near_the_rim() -> None:

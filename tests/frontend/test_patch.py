@@ -15,7 +15,7 @@ from asyneio.frontend.features import (
     newest_events,
     thin_out,
 )
-from asyneio.frontend.flow import find_flow
+from asyneio.frontend.flow import find_flow, peak_of
 from asyneio.frontend.patch import blur, contrast, draw_patch, restrict, shift_patch, weigh
 from tests.conftest import SEED
 from tests.frontend.patches import (
@@ -144,3 +144,21 @@ def test_flow_is_found_from_rest(velocity: tuple[float, float]) -> None:
     # Within a pixel over the window: registration does the rest.
     assert abs(work["vx"][0] - velocity[0]) * span_s < 0.8
     assert abs(work["vy"][0] - velocity[1]) * span_s < 0.8
+
+
+def test_the_peak_of_a_paraboloid_is_found() -> None:
+    rng = np.random.default_rng(SEED)
+    v, u = np.mgrid[-1.0:2.0, -1.0:2.0]
+    for _ in range(100):
+        du, dv = rng.uniform(-1.4, 1.4, 2)
+        a, c = rng.uniform(0.5, 2.0, 2)
+        b = rng.uniform(-0.9, 0.9) * np.sqrt(a * c)
+        values = 7.0 - a * (u - du) ** 2 - 2.0 * b * (u - du) * (v - dv) - c * (v - dv) ** 2
+        assert peak_of(values) == pytest.approx((du, dv), abs=1e-9)
+
+
+def test_without_a_peak_the_largest_value_counts() -> None:
+    v, u = np.mgrid[-1.0:2.0, -1.0:2.0]
+    assert peak_of(u * v + 0.1 * u) == (1.0, 1.0)
+    assert peak_of(5.0 * u - 0.01 * u**2 - 0.01 * v**2 + 0.5 * v) == (1.0, 1.0)
+    assert peak_of(np.zeros((3, 3))) == (-1.0, -1.0)

@@ -12,7 +12,9 @@ from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
 from asyneio.initialization.warm_up import warm_up
 from asyneio.simulation import MotionStyle
 from asyneio.trajectory.interpolation import interval_local
+from asyneio.trajectory.model import WNOJ, WNOJ_SE3, MotionModel
 from tests.factors.knots import random_pair
+from tests.models import every_model
 from tests.trajectory.motions import DENSITY, Samples, along, grid, simulated
 
 Array = NDArray[np.float64]
@@ -21,23 +23,32 @@ INTERVAL_NS = 50_000_000
 WIDE = np.array([1e4, 1e4])
 
 
-def warmed_up(states: Samples, interval_ns: int, zero_sigma: Array, start: Array | None = None) -> Array:
+def warmed_up(
+    states: Samples,
+    interval_ns: int,
+    zero_sigma: Array,
+    start: Array | None = None,
+    model: MotionModel = WNOJ_SE3,
+) -> Array:
     C = np.ascontiguousarray(states.T[:, :3, :3])
     r = np.ascontiguousarray(states.T[:, :3, 3])
     dt = np.full(len(r) - 1, interval_ns * 1e-9)
     begin = np.zeros_like(states.varpi) if start is None else start
-    return warm_up(C, r, begin, dt, DENSITY, zero_sigma)
+    return warm_up(C, r, begin, dt, DENSITY, zero_sigma, model)
 
 
 @pytest.mark.parametrize("axes", [np.eye(6)[3:], np.eye(6)[[2, 5]]], ids=["translation", "screw"])
-def test_constant_acceleration_is_recovered_exactly(axes: Array) -> None:
-    """No jerk, no cost: the truth is the minimum wherever the search begins."""
+@every_model
+def test_motion_without_noise_is_recovered_exactly(model: MotionModel, axes: Array) -> None:
+    """No jerk (on acceleration: none), no cost: the truth is the minimum wherever the search begins."""
     rng = np.random.default_rng(4)
-    motion = [Polynomial(rng.normal(size=3)) for _ in axes]
+    known = 2 if model.prior == WNOJ else 1
+    motion = [Polynomial(rng.normal(size=1 + known)) for _ in axes]
     states = along(axes, motion, grid(12, INTERVAL_NS))
     for start in (np.zeros_like(states.varpi), rng.normal(size=states.varpi.shape)):
-        found = warmed_up(states, INTERVAL_NS, 1e4 * WIDE, start)
-        np.testing.assert_allclose(found, states.varpi, atol=1e-6)
+        found = warmed_up(states, INTERVAL_NS, 1e4 * WIDE, start, model)
+        np.testing.assert_allclose(found[:, :known], states.varpi[:, :known], atol=1e-6)
+        np.testing.assert_array_equal(found[:, known:], start[:, known:])
 
 
 @pytest.mark.parametrize("style", [MotionStyle.GENTLE, MotionStyle.AGGRESSIVE])
@@ -60,28 +71,30 @@ def test_shorter_intervals_are_closer() -> None:
     assert np.all(errors[1] < 0.3 * errors[0])
 
 
-def cost(states: Samples, varpi: Array, dt: float, zero_sigma: Array) -> float:
+def cost(states: Samples, varpi: Array, dt: float, zero_sigma: Array, model: MotionModel) -> float:
     """(40), term by term."""
     coefficients, local, residual = np.empty((3, 5)), np.empty((5, 6)), np.empty((3, 6))
-    gp_prior_coefficients(dt, coefficients)
-    total = np.sum((varpi[0] / zero_sigma[:, None]) ** 2)
+    gp_prior_coefficients(dt, model.prior, coefficients)
+    known = 2 if model.prior == WNOJ else 1
+    total = np.sum((varpi[0] / zero_sigma[:, None])[:known] ** 2)
     C, r = np.ascontiguousarray(states.T[:, :3, :3]), np.ascontiguousarray(states.T[:, :3, 3])
     for k in range(len(r) - 1):
-        interval_local(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], local)
+        interval_local(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], model.space, local)
         gp_prior_factor(local, coefficients, DENSITY, residual)
         total += np.sum(residual**2)
     return float(total)
 
 
-def test_the_result_minimises_the_cost() -> None:
+@every_model
+def test_the_result_minimises_the_cost(model: MotionModel) -> None:
     """For poses of no trajectory at all, violently apart, with zero priors that matter."""
     dt, zero_sigma = 0.2, np.array([1.0, 5.0])
     k0, k1 = random_pair(np.random.default_rng(6), dt, 1.5)
     states = Samples(np.stack([k0.T, k1.T, k0.T @ k1.T]), np.zeros((3, 2, 6)))
-    found = warmed_up(states, round(dt * 1e9), zero_sigma)
+    found = warmed_up(states, round(dt * 1e9), zero_sigma, model=model)
 
     def f(x: Array) -> float:
-        return cost(states, x.reshape(3, 2, 6), dt, zero_sigma)
+        return cost(states, x.reshape(3, 2, 6), dt, zero_sigma, model)
 
     slope = approx_fprime(found.ravel(), f, 1e-6)
     elsewhere = approx_fprime(np.zeros(36), f, 1e-6)

@@ -19,6 +19,7 @@ from asyneio.odometry.propagation import predict_knot, propagate, rates_at
 from asyneio.odometry.settings import resolve
 from asyneio.simulation import PinholeCamera
 from asyneio.simulation.scenario import NOISE_FREE
+from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, MotionModel
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, Packet, RecordArray
 from tests.estimation.toy import make_toy
 from tests.odometry.runs import SCENARIO, configured, simulated
@@ -119,6 +120,23 @@ def test_noise_of_a_sample_follows_its_rate() -> None:
     np.testing.assert_array_equal(settings.window.gravity_w, GRAVITY)
     # Pixels become angles through the focal length.
     assert settings.window.bearing_sigma == pytest.approx(plain.visual.pixel_sigma / 199.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "densities"), [("wnoj", [2.0, 3.0]), ("wnoa", [4.0, 5.0])], ids=["wnoj", "wnoa"]
+)
+@pytest.mark.parametrize(("space", "number"), [("se3", SE3), ("so3xr3", SO3_X_R3)])
+def test_motion_model_and_its_densities(kind: str, densities: list[float], space: str, number: int) -> None:
+    given = {
+        "angular_jerk_density": 2.0,
+        "linear_jerk_density": 3.0,
+        "angular_acceleration_density": 4.0,
+        "linear_acceleration_density": 5.0,
+    }
+    config = configured(motion_prior={"kind": kind, "space": space, **given})
+    window = resolve(config, simulated().recording.calibration, 200.0, 200.0).window
+    assert window.motion_model == MotionModel(WNOJ if kind == "wnoj" else WNOA, number)
+    np.testing.assert_array_equal(window.root_density, np.repeat(densities, 3))
 
 
 @pytest.mark.parametrize(("estimate_bearing", "dof"), [(True, 3), (False, 1)])

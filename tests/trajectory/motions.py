@@ -11,6 +11,7 @@ from scipy.linalg import expm
 
 from asyneio.simulation import MotionStyle, draw_motion
 from asyneio.trajectory.gp_trajectory import GPTrajectory, JointCovariance
+from asyneio.trajectory.model import WNOJ_SE3, MotionModel
 from tests.factors.knots import hat6
 
 Array = NDArray[np.float64]
@@ -61,7 +62,12 @@ def along(axes: Array, polynomials: list[Polynomial], t_ns: Times) -> Samples:
     return Samples(np.stack([expm(hat6(xi)) for xi in value]), np.stack([rate, acceleration], axis=1))
 
 
-def trajectory(t_ns: Times, states: Samples, covariance: JointCovariance | None = None) -> GPTrajectory:
+def trajectory(
+    t_ns: Times,
+    states: Samples,
+    covariance: JointCovariance | None = None,
+    model: MotionModel = WNOJ_SE3,
+) -> GPTrajectory:
     return GPTrajectory(
         t_ns,
         states.T[:, :3, :3],
@@ -69,6 +75,7 @@ def trajectory(t_ns: Times, states: Samples, covariance: JointCovariance | None 
         states.varpi,
         DENSITY,
         joint_covariance=covariance,
+        motion_model=model,
     )
 
 

@@ -12,7 +12,19 @@ from hypothesis import strategies as st
 from asyneio.errors import TrajectoryError
 from asyneio.simulation import MotionStyle, draw_motion
 from asyneio.trajectory.gp_trajectory import GPTrajectory
-from tests.trajectory.motions import C_F_B, DENSITY, START_NS, grid, seconds, simulated, trajectory, vee
+from asyneio.trajectory.model import SO3_X_R3, WNOA, WNOJ, WNOJ_SE3, MotionModel, motion_model_named
+from tests.models import every_model, every_space
+from tests.trajectory.motions import (
+    C_F_B,
+    DENSITY,
+    START_NS,
+    Samples,
+    grid,
+    seconds,
+    simulated,
+    trajectory,
+    vee,
+)
 
 KNOTS = grid(21, 50_000_000)
 QUERIES = (
@@ -26,35 +38,40 @@ QUERIES = (
 )
 
 
-def whole() -> GPTrajectory:
+def whole(model: MotionModel = WNOJ_SE3) -> GPTrajectory:
     """With biases and covariances."""
     states = simulated(KNOTS)
     bias = np.random.default_rng(2).normal(size=(len(KNOTS), 6))
-    return GPTrajectory(
-        KNOTS, states.T[:, :3, :3], states.T[:, :3, 3], states.varpi, DENSITY, bias, lambda _: np.eye(48)
-    )
+    C, r = states.T[:, :3, :3], states.T[:, :3, 3]
+    return GPTrajectory(KNOTS, C, r, states.varpi, DENSITY, bias, lambda _: np.eye(48), model)
 
 
 def inside(count: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).integers(KNOTS[0], KNOTS[-1], count, endpoint=True)
 
 
-def test_queries_follow_a_fast_motion() -> None:
+@every_model
+def test_queries_follow_a_fast_motion(model: MotionModel) -> None:
     """Knots 50 ms apart on an aggressive motion: the distance to the truth between them."""
     t = inside(500)
-    found, motion = whole(), draw_motion(MotionStyle.AGGRESSIVE, np.random.default_rng(3), C_F_B)
+    # A cubic is further off than a quintic, and its second derivative is a straight line.
+    value, rate, acceleration = (1.0, 1.0, 1.0) if model.prior == WNOJ else (100.0, 200.0, 300.0)
+    found, motion = whole(model), draw_motion(MotionStyle.AGGRESSIVE, np.random.default_rng(3), C_F_B)
     s = seconds(t)
-    np.testing.assert_allclose(found.pose(t), motion.T_w_b(s), atol=1e-6)
-    np.testing.assert_allclose(found.velocity(t), motion.velocity_w(s), atol=2e-5)
-    np.testing.assert_allclose(found.angular_velocity(t), motion.angular_velocity_b(s), atol=1e-4)
-    np.testing.assert_allclose(found.acceleration(t), motion.acceleration_w(s), atol=5e-3)
-    np.testing.assert_allclose(found.generalized_velocity(t), simulated(t).varpi[:, 0], atol=1e-4)
-    np.testing.assert_allclose(found.generalized_acceleration(t), simulated(t).varpi[:, 1], atol=1e-2)
+    np.testing.assert_allclose(found.pose(t), motion.T_w_b(s), atol=value * 1e-6)
+    np.testing.assert_allclose(found.velocity(t), motion.velocity_w(s), atol=rate * 2e-5)
+    np.testing.assert_allclose(found.angular_velocity(t), motion.angular_velocity_b(s), atol=rate * 1e-4)
+    np.testing.assert_allclose(found.acceleration(t), motion.acceleration_w(s), atol=acceleration * 5e-3)
+    np.testing.assert_allclose(found.generalized_velocity(t), simulated(t).varpi[:, 0], atol=rate * 1e-4)
+    np.testing.assert_allclose(
+        found.generalized_acceleration(t), simulated(t).varpi[:, 1], atol=acceleration * 1e-2
+    )
 
 
-def test_queries_are_derivatives_of_each_other() -> None:
+@every_model
+def test_queries_are_derivatives_of_each_other(model: MotionModel) -> None:
     """In nanoseconds of an absolute clock: world velocity and acceleration are those of the position."""
-    found, step = whole(), 200_000
+    found, step = whole(model), 200_000
     t = inside(200, seed=1)
     # Jerk jumps at a knot: a difference must not reach over one.
     t = t[np.abs(t[:, None] - KNOTS).min(axis=1) > 3 * step]
@@ -71,12 +88,32 @@ def test_queries_are_derivatives_of_each_other() -> None:
     np.testing.assert_allclose(found.generalized_velocity(t), spin, atol=1e-8)
 
 
-def test_knots_are_returned() -> None:
-    states, found = simulated(KNOTS), whole()
+@every_model
+def test_knots_are_returned(model: MotionModel) -> None:
+    states, found = simulated(KNOTS), whole(model)
     np.testing.assert_allclose(found.pose(KNOTS), states.T, atol=1e-14)
     np.testing.assert_allclose(found.generalized_velocity(KNOTS), states.varpi[:, 0], atol=1e-12)
-    np.testing.assert_allclose(found.generalized_acceleration(KNOTS), states.varpi[:, 1], atol=1e-11)
+    if model.prior == WNOJ:
+        np.testing.assert_allclose(found.generalized_acceleration(KNOTS), states.varpi[:, 1], atol=1e-11)
     np.testing.assert_array_equal(found.t_ns, KNOTS)
+
+
+@every_space
+def test_accelerations_of_the_knots_do_not_matter_under_white_noise_on_acceleration(space: int) -> None:
+    states, t = simulated(KNOTS), inside(50, seed=9)
+    model = MotionModel(WNOA, space)
+    zeroed = Samples(states.T, states.varpi * [[1.0], [0.0]])
+    found = trajectory(KNOTS, zeroed, model=model)
+    np.testing.assert_allclose(found.pose(t), whole(model).pose(t), atol=1e-14)
+    np.testing.assert_allclose(found.acceleration(t), whole(model).acceleration(t), atol=1e-11)
+
+
+def test_models_by_name() -> None:
+    assert motion_model_named("wnoj", "se3") == WNOJ_SE3
+    assert motion_model_named("wnoa", "so3xr3") == MotionModel(WNOA, SO3_X_R3)
+    for prior, space in (("wnoz", "se3"), ("wnoj", "SE(3)")):
+        with pytest.raises(TrajectoryError, match="expected one of wnoj, wnoa in one of se3, so3xr3"):
+            motion_model_named(prior, space)
 
 
 def test_biases_are_linear_between_knots() -> None:

@@ -14,8 +14,10 @@ from asyneio.geometry.se3 import curly_hat, right_jacobian, right_jacobian_inver
 from asyneio.geometry.se3 import right_jacobian_inverse_times as inverse_times
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.trajectory.interpolation import interval_local, query_pose, query_rates, weighted
+from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, WNOJ_SE3, MotionModel
 from asyneio.trajectory.motion_prior import interpolation_weights
 from tests.factors.knots import Knot, hat6, random_pair
+from tests.models import every_model, every_space
 from tests.trajectory.motions import START_NS, Samples, along, grid, simulated, trajectory, vee
 
 Array = NDArray[np.float64]
@@ -40,19 +42,21 @@ def between(start: int, end: int, count: int) -> NDArray[np.int64]:
     return np.linspace(0, end - start, count).astype(np.int64) + start
 
 
-def local_of(k0: Knot, k1: Knot) -> Array:
+def local_of(k0: Knot, k1: Knot, space: int = SE3) -> Array:
     out = np.empty((5, 6))
-    interval_local(k0.C, k0.r, k0.varpi, k1.C, k1.r, k1.varpi, out)
+    interval_local(k0.C, k0.r, k0.varpi, k1.C, k1.r, k1.varpi, space, out)
     return out
 
 
-def state_at(k0: Knot, local: Array, tau: float, dt: float) -> tuple[Array, Array]:
+def state_at(
+    k0: Knot, local: Array, tau: float, dt: float, model: MotionModel = WNOJ_SE3
+) -> tuple[Array, Array]:
     """Pose (4,4) and [varpi, varpi_dot] (2,6) at `tau`."""
     weights, T, varpi = np.empty((3, 5)), np.eye(4), np.empty((2, 6))
     C, r = np.empty((3, 3)), np.empty(3)
-    interpolation_weights(tau, dt, weights)
-    query_pose(k0.C, k0.r, local, weights[0], C, r)
-    query_rates(local, weights, varpi)
+    interpolation_weights(tau, dt, model.prior, weights)
+    query_pose(k0.C, k0.r, local, weights[0], model.space, C, r)
+    query_rates(local, weights, model.space, varpi)
     T[:3, :3], T[:3, 3] = C, r
     return T, varpi
 
@@ -70,12 +74,15 @@ def difference(f, tau: float, h: float) -> Array:  # type: ignore[no-untyped-def
 
 @pytest.mark.parametrize("name", COMMUTING)
 @pytest.mark.parametrize("degree", [0, 2, 3, 5])
-def test_polynomials_up_to_degree_five_are_reproduced(name: str, degree: int) -> None:
-    """Where tangents commute the mean is the quintic through value and two derivatives at both ends."""
+@every_model
+def test_polynomials_of_the_priors_degree_are_reproduced(model: MotionModel, name: str, degree: int) -> None:
+    """Where tangents commute the mean is the quintic through value and two derivatives at both ends, under
+    white noise on acceleration the cubic through value and derivative."""
+    degree = min(degree, 3) if model.prior == WNOA else degree
     axes = COMMUTING[name]
     motion = polynomials(len(axes), degree, seed=degree)
     knots = grid(4, INTERVAL_NS)
-    found = trajectory(knots, along(axes, motion, knots))
+    found = trajectory(knots, along(axes, motion, knots), model=model)
     t = between(knots[0], knots[-1], 37)
     exact = along(axes, motion, t)
     np.testing.assert_allclose(found.pose(t), exact.T, atol=1e-12)
@@ -83,27 +90,58 @@ def test_polynomials_up_to_degree_five_are_reproduced(name: str, degree: int) ->
     np.testing.assert_allclose(found.generalized_acceleration(t), exact.varpi[:, 1], atol=1e-9)
 
 
-def test_degree_six_is_missed_by_the_hermite_remainder() -> None:
-    """c t^6 minus its quintic is c tau^3 (tau - dt)^3: the weights are those of no other interpolation."""
-    axes, c = COMMUTING["translation"], 7.0
-    motion = [Polynomial([0.0] * 6 + [c])] * 3
+@every_space
+def test_position_on_its_own_is_reproduced_while_the_body_turns(space: int) -> None:
+    """A cubic in the world under a rotation about a fixed axis: exact on SO(3) x R^3, and only there."""
+    degree, knots = 3, grid(4, INTERVAL_NS)
+    turning, *position = polynomials(4, degree, seed=5)
+    t = between(knots[0], knots[-1], 37)
+
+    def at(times: NDArray[np.int64]) -> Samples:
+        rotation = along(np.array([[*AXIS, 0.0, 0.0, 0.0]]), [turning], times)
+        s = (times - START_NS) * 1e-9
+        C, omega, omega_dot = rotation.T[:, :3, :3], rotation.varpi[:, 0, :3], rotation.varpi[:, 1, :3]
+        r, v, a = (np.stack([p.deriv(d)(s) if d else p(s) for p in position], axis=1) for d in range(3))
+        nu, force = (np.einsum("nji,nj->ni", C, x) for x in (v, a))
+        T = rotation.T.copy()
+        T[:, :3, 3] = r
+        varpi = [np.hstack([omega, nu]), np.hstack([omega_dot, force - np.cross(omega, nu)])]
+        return Samples(T, np.stack(varpi, axis=1))
+
+    for prior in (WNOJ, WNOA):
+        found = trajectory(knots, at(knots), model=MotionModel(prior, space))
+        missed = np.abs(found.pose(t) - at(t).T).max()
+        assert missed < 1e-12 if space == SO3_X_R3 else missed > 1e-8
+        if space == SO3_X_R3:
+            np.testing.assert_allclose(found.generalized_velocity(t), at(t).varpi[:, 0], atol=1e-11)
+            np.testing.assert_allclose(found.generalized_acceleration(t), at(t).varpi[:, 1], atol=1e-9)
+
+
+@every_model
+def test_the_next_degree_is_missed_by_the_hermite_remainder(model: MotionModel) -> None:
+    """c t^2n minus its polynomial is c (tau (tau - dt))^n, n = 3 or 2: no other weights do that."""
+    axes, c, n = COMMUTING["translation"], 7.0, 3 if model.prior == WNOJ else 2
+    motion = [Polynomial([0.0] * (2 * n) + [c])] * 3
     knots = grid(2, INTERVAL_NS)
-    found = trajectory(knots, along(axes, motion, knots))
+    found = trajectory(knots, along(axes, motion, knots), model=model)
     t = between(knots[0], knots[-1], 21)
     tau, dt = (t - START_NS) * 1e-9, INTERVAL_NS * 1e-9
     missed = along(axes, motion, t).T[:, :3, 3] - found.pose(t)[:, :3, 3]
-    np.testing.assert_allclose(missed, np.tile(c * tau**3 * (tau - dt) ** 3, (3, 1)).T, atol=1e-17)
+    np.testing.assert_allclose(missed, np.tile(c * (tau * (tau - dt)) ** n, (3, 1)).T, atol=1e-17)
 
 
 @pytest.mark.parametrize(("dt", "scale"), CASES)
 @pytest.mark.parametrize("seed", range(5))
-def test_both_ends_are_the_knots(dt: float, scale: float, seed: int) -> None:
+@every_model
+def test_both_ends_are_the_knots(model: MotionModel, dt: float, scale: float, seed: int) -> None:
     k0, k1 = random_pair(np.random.default_rng(seed), dt, scale)
-    local = local_of(k0, k1)
+    local = local_of(k0, k1, model.space)
+    known = 2 if model.prior == WNOJ else 1
     for knot, tau in ((k0, 0.0), (k1, dt)):
-        T, varpi = state_at(k0, local, tau, dt)
+        T, varpi = state_at(k0, local, tau, dt, model)
         np.testing.assert_allclose(T, knot.T, atol=1e-14)
-        np.testing.assert_allclose(varpi, knot.varpi, atol=1e-13 * np.abs(knot.varpi).max() / min(dt, 1.0))
+        tolerance = 1e-13 * np.abs(knot.varpi).max() / min(dt, 1.0)
+        np.testing.assert_allclose(varpi[:known], knot.varpi[:known], atol=tolerance)
 
 
 @settings(max_examples=60)
@@ -112,37 +150,43 @@ def test_both_ends_are_the_knots(dt: float, scale: float, seed: int) -> None:
     case=st.sampled_from(CASES[:3]),
     fraction=st.floats(0.05, 0.95),
 )
-def test_rates_are_derivatives_in_time(seed: int, case: tuple[float, float], fraction: float) -> None:
+@every_model
+def test_rates_are_derivatives_in_time(
+    model: MotionModel, seed: int, case: tuple[float, float], fraction: float
+) -> None:
     """(8) and the derivative of (8): T' = T hat(varpi) and (varpi)' = varpi_dot, for any pair of knots."""
     dt, scale = case
     k0, k1 = random_pair(np.random.default_rng(seed), dt, scale)
-    local = local_of(k0, k1)
+    local = local_of(k0, k1, model.space)
     tau, h = fraction * dt, 2e-3 * dt
-    T, varpi = state_at(k0, local, tau, dt)
-    slope = difference(lambda s: state_at(k0, local, s, dt)[0], tau, h)
+    T, varpi = state_at(k0, local, tau, dt, model)
+    slope = difference(lambda s: state_at(k0, local, s, dt, model)[0], tau, h)
     velocity = vee((np.linalg.inv(T) @ slope)[None])[0]
     np.testing.assert_allclose(varpi[0], velocity, atol=1e-9 * np.abs(varpi[0]).max())
-    acceleration = difference(lambda s: state_at(k0, local, s, dt)[1][0], tau, h)
+    acceleration = difference(lambda s: state_at(k0, local, s, dt, model)[1][0], tau, h)
     np.testing.assert_allclose(varpi[1], acceleration, atol=1e-8 * np.abs(varpi[1]).max())
 
 
 @pytest.mark.parametrize(("dt", "scale"), CASES)
-def test_local_rates_are_derivatives_of_the_logarithm(dt: float, scale: float) -> None:
-    """(8) and (9) at the far end: xi' and xi'' of a motion with the knot's varpi and varpi_dot."""
+@every_space
+def test_local_rates_are_derivatives_of_the_local_variable(space: int, dt: float, scale: float) -> None:
+    """(8) and (9) at both ends: xi' and xi'' of a motion with the knot's varpi and varpi_dot."""
     k0, k1 = random_pair(np.random.default_rng(17), dt, scale)
-    local = local_of(k0, k1)
+    local = local_of(k0, k1, space)
     h = 2e-3
 
-    def xi(s: float) -> Array:
-        # A motion with varpi(0) = varpi_{k+1} and varpi_dot(0) = varpi_dot_{k+1}.
-        step = s * k1.varpi[0] + 0.5 * s * s * k1.varpi[1]
-        moved = Knot(k1.T @ expm(hat6(step)), k1.varpi, k1.bias)
-        return local_of(k0, moved)[2]
+    def xi(s: float, knot: Knot) -> Array:
+        # A motion with varpi(0) and varpi_dot(0) of the knot.
+        step = s * knot.varpi[0] + 0.5 * s * s * knot.varpi[1]
+        moved = Knot(knot.T @ expm(hat6(step)), knot.varpi, knot.bias)
+        return local_of(k0, moved, space)[2]
 
-    first = (8.0 * (xi(h) - xi(-h)) - (xi(2 * h) - xi(-2 * h))) / (12.0 * h)
-    second = (16.0 * (xi(h) + xi(-h)) - (xi(2 * h) + xi(-2 * h)) - 30.0 * xi(0.0)) / (12.0 * h * h)
-    np.testing.assert_allclose(local[3], first, atol=1e-7 * np.abs(first).max())
-    np.testing.assert_allclose(local[4], second, atol=1e-6 * np.abs(second).max())
+    for knot, rows in ((k0, local[:2]), (k1, local[3:])):
+        near, far = (xi(h, knot), xi(-h, knot)), (xi(2 * h, knot), xi(-2 * h, knot))
+        first = (8.0 * (near[0] - near[1]) - (far[0] - far[1])) / (12.0 * h)
+        second = (16.0 * sum(near) - sum(far) - 30.0 * xi(0.0, knot)) / (12.0 * h * h)
+        np.testing.assert_allclose(rows[0], first, atol=1e-7 * np.abs(first).max())
+        np.testing.assert_allclose(rows[1], second, atol=1e-6 * np.abs(second).max())
 
 
 def test_the_papers_first_order_forms_are_the_limit() -> None:
@@ -171,7 +215,7 @@ def test_velocity_is_the_right_jacobian_times_the_local_rate() -> None:
     dt, tau = 0.3, 0.11
     k0, k1 = random_pair(np.random.default_rng(8), dt, 2.0)
     local, weights = local_of(k0, k1), np.empty((3, 5))
-    interpolation_weights(tau, dt, weights)
+    interpolation_weights(tau, dt, WNOJ, weights)
     xi, xi_dot, J = np.empty(6), np.empty(6), np.empty((6, 6))
     weighted(local, weights[0], xi)
     weighted(local, weights[1], xi_dot)
@@ -181,12 +225,14 @@ def test_velocity_is_the_right_jacobian_times_the_local_rate() -> None:
     np.testing.assert_allclose(T, k0.T @ expm(hat6(xi)), atol=1e-13)
 
 
-def test_error_on_a_smooth_motion_falls_with_the_sixth_power_of_the_interval() -> None:
+@every_model
+def test_error_on_a_smooth_motion_falls_with_a_power_of_the_interval(model: MotionModel) -> None:
+    """The sixth under white noise on jerk, the fourth on acceleration; one less for each rate."""
     errors = []
     for interval_ns in (80_000_000, 40_000_000):
         knots = grid(800_000_000 // interval_ns + 1, interval_ns)
         t = between(knots[0], knots[-1], 400)
-        found: GPTrajectory = trajectory(knots, simulated(knots))
+        found: GPTrajectory = trajectory(knots, simulated(knots), model=model)
         exact: Samples = simulated(t)
         errors.append(
             (
@@ -196,4 +242,5 @@ def test_error_on_a_smooth_motion_falls_with_the_sixth_power_of_the_interval() -
             )
         )
     order = np.log2(np.array(errors[0]) / np.array(errors[1]))
-    np.testing.assert_allclose(order, [6.0, 5.0, 4.0], atol=0.5)
+    expected = 6.0 if model.prior == WNOJ else 4.0
+    np.testing.assert_allclose(order, [expected, expected - 1.0, expected - 2.0], atol=0.5)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from asyneio.frontend.surface import NEVER_NS
 from asyneio.types import FloatArray, IntArray
 
 #: Circles of radius 3 and 4 in order around the centre (dx, dy), as in eFAST.
@@ -34,7 +35,9 @@ HARRIS_K = 0.04
 HARRIS_THRESHOLD = 8.0
 
 #: Length of the working memory of a test.
-SCRATCH = 2 * (2 * HARRIS_RADIUS + 1) ** 2
+SCRATCH = (2 * HARRIS_RADIUS + 1) ** 2
+#: Age [ns] at which the search for the latest pixels begins.
+_FIRST_WIDTH_NS = 4_000_000
 
 #: Margin [px] that both tests need around an event.
 MARGIN = 4
@@ -80,41 +83,55 @@ def _has_arc(
 ) -> bool:
     """Whether the newest pixels of a circle form one arc of `shortest`..`longest`, or its complement does.
 
-    An arc grows from the newest pixel towards the newer of its two neighbours until it has swallowed the
-    circle; the arc of a length holds the newest pixels when none swallowed later is newer than one swallowed
-    before.
+    The complement is an arc of the oldest pixels, which are the newest when time runs backwards.
     """
     n = circle.shape[0]
-    newest = 0
-    newest_ns = latest_ns[y + circle[0, 1], x + circle[0, 0], p]
+    newest = oldest = 0
+    newest_ns = oldest_ns = latest_ns[y + circle[0, 1], x + circle[0, 0], p]
     for i in range(n):
         t_ns = latest_ns[y + circle[i, 1], x + circle[i, 0], p]
         scratch[i] = t_ns
         if t_ns > newest_ns:
-            newest = i
-            newest_ns = t_ns
-    right = newest + 1 if newest + 1 < n else 0
-    left = newest - 1 if newest > 0 else n - 1
-    scratch[n] = newest_ns
-    for length in range(1, n):
+            newest, newest_ns = i, t_ns
+        if t_ns < oldest_ns:
+            oldest, oldest_ns = i, t_ns
+    if _is_one_arc(scratch, n, newest, shortest, longest):
+        return True
+    for i in range(n):
+        scratch[i] = -scratch[i]
+    return _is_one_arc(scratch, n, oldest, shortest, longest)
+
+
+@nb.njit(cache=True)
+def _is_one_arc(scratch: IntArray, n: int, largest: int, shortest: int, longest: int) -> bool:
+    """Whether the largest of n values around a circle are, for a number in `shortest`..`longest`, neighbours.
+
+    An arc grows from the `largest` towards the larger of its two neighbours; it holds the largest values when
+    none outside is larger. Stamps may be equal; pixels that never fired are, and no arc ends among them.
+    """
+    right = largest + 1 if largest + 1 < n else 0
+    left = largest - 1 if largest > 0 else n - 1
+    scratch[n] = smallest = scratch[largest]
+    # Smallest inside after each length; those swallowed, in order, before.
+    for length in range(1, longest):
         if scratch[right] > scratch[left]:
-            scratch[n + length] = scratch[right]
+            value = scratch[right]
             right = right + 1 if right + 1 < n else 0
         else:
-            scratch[n + length] = scratch[left]
+            value = scratch[left]
             left = left - 1 if left > 0 else n - 1
-    # Newest of those swallowed after each length.
-    later_ns = scratch[2 * n - 1]
-    for length in range(n - 1, 0, -1):
-        scratch[length] = later_ns
-        later_ns = max(later_ns, scratch[n + length - 1])
-    oldest_ns = newest_ns
-    for length in range(1, n - shortest + 1):
-        oldest_ns = min(oldest_ns, scratch[n + length - 1])
-        if oldest_ns < scratch[length]:
-            continue
-        if shortest <= length <= longest or length >= n - longest:
+        smallest = min(smallest, value)
+        scratch[n + length] = value
+        scratch[n + longest + length] = smallest
+    outside = scratch[left]
+    for _ in range(n - longest - 1):
+        outside = max(outside, scratch[right])
+        right = right + 1 if right + 1 < n else 0
+    for length in range(longest, shortest - 1, -1):
+        inside = scratch[n + longest + length - 1]
+        if inside > outside or (inside == outside and abs(inside) < -NEVER_NS):
             return True
+        outside = max(outside, scratch[n + length - 1])
     return False
 
 
@@ -126,28 +143,29 @@ def harris_score(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray)
     in eHarris (Vasco et al. 2016), computed one axis after the other.
     """
     side = 2 * HARRIS_RADIUS + 1
-    stamps, order = scratch[: side * side], scratch[side * side :]
+    count = side * side
     for v in range(side):
         for u in range(side):
-            t_ns = latest_ns[y + v - HARRIS_RADIUS, x + u - HARRIS_RADIUS, p]
-            stamps[v * side + u] = t_ns
-            order[v * side + u] = t_ns
-    threshold = _nth_largest(order, HARRIS_EVENTS)
-    smooth = np.empty(side * 5, dtype=np.float64)
-    slope = np.empty(side * 5, dtype=np.float64)
-    for v in range(side):
-        for u in range(5):
-            k = v * side + u
-            a, b, c = stamps[k] >= threshold, stamps[k + 1] >= threshold, stamps[k + 2] >= threshold
-            d, e = stamps[k + 3] >= threshold, stamps[k + 4] >= threshold
-            smooth[v * 5 + u] = (a + e) + 4.0 * (b + d) + 6.0 * c
-            slope[v * 5 + u] = (e - 1.0 * a) + 2.0 * (d - 1.0 * b)
+            scratch[v * side + u] = latest_ns[y + v - HARRIS_RADIUS, x + u - HARRIS_RADIUS, p]
+    threshold = _nth_largest(scratch, count, HARRIS_EVENTS)
+    latest = np.empty(count, dtype=np.float32)
+    for k in range(count):
+        latest[k] = np.float32(scratch[k] >= threshold)
+    smooth = np.empty(count, dtype=np.float32)
+    slope = np.empty(count, dtype=np.float32)
+    two, four, six = np.float32(2.0), np.float32(4.0), np.float32(6.0)
+    # Along the rows; what crosses the end of one is not read below.
+    for k in range(count - 4):
+        a, b, c, d, e = latest[k], latest[k + 1], latest[k + 2], latest[k + 3], latest[k + 4]
+        smooth[k] = (a + e) + four * (b + d) + six * c
+        slope[k] = (e - a) + two * (d - b)
     xx = yy = xy = 0.0
     for v in range(5):
         for u in range(5):
-            k = v * 5 + u
-            dx = slope[k] + slope[k + 20] + 4.0 * (slope[k + 5] + slope[k + 15]) + 6.0 * slope[k + 10]
-            dy = smooth[k + 20] - smooth[k] + 2.0 * (smooth[k + 15] - smooth[k + 5])
+            k = v * side + u
+            a, b, c, d, e = k, k + side, k + 2 * side, k + 3 * side, k + 4 * side
+            dx = slope[a] + slope[e] + four * (slope[b] + slope[d]) + six * slope[c]
+            dy = smooth[e] - smooth[a] + two * (smooth[d] - smooth[b])
             weight = _GAUSSIAN[v, u] / 144.0
             xx += weight * dx * dx
             yy += weight * dy * dy
@@ -157,25 +175,41 @@ def harris_score(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray)
 
 
 @nb.njit(cache=True)
-def _nth_largest(values: IntArray, n: int) -> int:
-    """The n-th largest value; reorders its input (quickselect)."""
-    left, right, wanted = 0, values.size - 1, n - 1
-    while left < right:
-        pivot = values[(left + right) // 2]
-        i, j = left, right
-        while i <= j:
-            while values[i] > pivot:
-                i += 1
-            while values[j] < pivot:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i += 1
-                j -= 1
-        if wanted <= j:
-            right = j
-        elif wanted >= i:
-            left = i
+def _nth_largest(values: IntArray, count: int, n: int) -> int:
+    """A threshold that the n-th largest of the first `count` values reaches, and no smaller value.
+
+    Counting what reaches a threshold takes whole vectors, where sorting waits for every comparison. The next
+    threshold is where the count would be right if the values between lay evenly.
+    """
+    newest = values[0]
+    for k in range(1, count):
+        newest = max(newest, values[k])
+    width = _FIRST_WIDTH_NS
+    above, too_few = int(newest) + 1, 0
+    below = int(newest) - width
+    enough = _reaching(values, count, below)
+    while enough < n:
+        above, too_few = below, enough
+        width *= 4
+        below = int(newest) - width
+        enough = _reaching(values, count, below)
+    while above - below > 1 and enough > n:
+        share = (enough - n + 0.5) / (enough - too_few)
+        # Not too near either end: each step must take something off.
+        share = min(max(share, 0.1), 0.9)
+        middle = min(below + 1 + int(share * (above - below - 1)), above - 1)
+        reaching = _reaching(values, count, middle)
+        if reaching >= n:
+            below, enough = middle, reaching
         else:
-            break
-    return values[wanted]
+            above, too_few = middle, reaching
+    return below
+
+
+@nb.njit(cache=True)
+def _reaching(values: IntArray, count: int, threshold: int) -> int:
+    """How many of the first `count` values are not below a threshold."""
+    total = 0
+    for k in range(count):
+        total += int(values[k] >= threshold)
+    return total

@@ -43,7 +43,7 @@ PATCH_SIZE = PATCH_SIDE * ROW
 #: One feature. Positions and velocities in distorted pixels, in the image frame unless said otherwise.
 FEATURE_DTYPE = np.dtype(
     [
-        ("state", "<i8"),  # FREE, GROWING or TRACKING
+        # What every event nearby needs comes first: one line of the processor's cache.
         ("x", "<f8"),  # centre of the patch at `t_ns`
         ("y", "<f8"),
         ("vx", "<f8"),  # px/s; zero while growing
@@ -54,6 +54,7 @@ FEATURE_DTYPE = np.dtype(
         ("written", "<i4"),  # events put into the ring since birth
         ("fresh", "<i4"),  # of these, since the last attempt
         ("due", "<i4"),  # so many fresh events bring the next attempt
+        ("state", "<i4"),  # FREE, GROWING or TRACKING
         ("refusals", "<i4"),  # in a row
         ("id", "<i8"),
         ("born_ns", "<i8"),

@@ -18,16 +18,13 @@ from asyneio.frontend.features import (
     TEMPLATE_SIZE,
 )
 from asyneio.frontend.record import Record
-from asyneio.types import RecordArray
+from asyneio.types import FloatArray, RecordArray
 
 #: Sums over pixels are kept apart by column, and the columns added up last. So they vectorise without leave
 #: to reorder them, of which the compiler makes another use in every compilation: results repeat to the last
 #: bit. So many columns, and so many sums at a time.
 COLUMNS = 24
 SUMS = 6
-
-#: Most events that the coarse search for a birth's velocity looks at.
-SKETCH = 160
 
 #: What a registration tells.
 MATCH_DTYPE = np.dtype(
@@ -58,7 +55,7 @@ WORK_DTYPE = np.dtype(
         ("template", "<f4", (TEMPLATE_SIZE,)),
         ("mask", "<f4", (TEMPLATE_SIZE,)),  # Gaussian, zero outside the region that is matched
         ("weight", "<f4", (TEMPLATE_SIZE,)),  # the mask where it is valid
-        ("sketch", "<f4", (4, SKETCH)),  # of a few events: dx, dy, dt, w
+        ("sketch", "<f4", (4, RING)),  # of a birth's events: dx, dy, dt, w
         ("t_ns", "<i8"),  # frame: when its centre is at x, y [px], moving with vx, vy [px/s]
         ("x", "<f8"),
         ("y", "<f8"),
@@ -110,16 +107,22 @@ def draw_patch(rings: RecordArray, slot: int, newest: int, count: int, work: Rec
         v = c * dy - s * dx + PATCH_HALF
         if u < 0.0 or v < 0.0 or u >= PATCH_SIDE - 1 or v >= PATCH_SIDE - 1:
             continue
-        iu, iv = np.uint32(u), np.uint32(v)
-        fu, fv = np.float32(u - iu), np.float32(v - iv)
-        j = iv * np.uint32(ROW) + iu
-        lower = event.w * fv
-        upper = event.w - lower
-        a, b = upper * fu, lower * fu
-        patch[j] += upper - a
-        patch[j + np.uint32(1)] += a
-        patch[j + np.uint32(ROW)] += lower - b
-        patch[j + np.uint32(ROW + 1)] += b
+        share(patch, u, v, event.w)
+
+
+@nb.njit(cache=True)
+def share(patch: FloatArray, u: float, v: float, w: float) -> None:
+    """Share `w` among the four pixels around (u, v), which lies inside the patch."""
+    iu, iv = np.uint32(u), np.uint32(v)
+    fu, fv = np.float32(u - iu), np.float32(v - iv)
+    j = iv * np.uint32(ROW) + iu
+    lower = w * fv
+    upper = w - lower
+    a, b = upper * fu, lower * fu
+    patch[j] += upper - a
+    patch[j + np.uint32(1)] += a
+    patch[j + np.uint32(ROW)] += lower - b
+    patch[j + np.uint32(ROW + 1)] += b
 
 
 @nb.njit(cache=True)

@@ -1,1 +1,1 @@
-"""Inertial measurements: dead reckoning between knots, and preintegration by two discrete rules and by GPs."""
+"""Inertial measurements: dead reckoning between knots; preintegration by discrete rules and by GPs."""

@@ -7,8 +7,8 @@ sample times, the latent states are the fixed point
     rho_j = J_r(phi_j)^{-1} (omega_j - b_g),    phi = S rho,
 
 and their derivative by any parameter is that of `d rho_j = D_j d phi_j + (explicit part)`, `d phi = S d rho`,
-with `D_j` the derivative of `J_r(phi)^{-1} (omega_j - b_g)` by phi. As phi at a time depends on earlier rates,
-both iterations converge like the series of an exponential. The accelerometer's latent states
+with `D_j` the derivative of `J_r(phi)^{-1} (omega_j - b_g)` by phi. As phi at a time depends on earlier
+rates, both iterations converge like the series of an exponential. The accelerometer's latent states
 `alpha_j = Exp(phi(t_j)) (f_j - b_a)` are then explicit.
 """
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.geometry.linalg import matmul, matvec
+from asyneio.geometry.linalg import matvec
 from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
 from asyneio.inertial.gp_kernels import SHIFT, turn_at
 from asyneio.inertial.hermite import functional, integral_weights, interval_of, settle
@@ -133,8 +133,8 @@ def increments_covariance(
     """`out` (9,9) of [phi, nu, r] at `tau` from sample noise of `variance` (2,) [gyroscope, accelerometer].
 
     Noise turned into the frame at t_k stays isotropic, so each sample has a scalar weight in the integrals:
-    `w` in the attitude's error theta (in the frame at t_k), `W` in velocity and position. The attitude's error
-    reaches these as `- sum_j W_j alpha_j x theta(t_j)`, again a functional of the gyroscope's noise alone.
+    `w` in the attitude's error theta (in the frame at t_k), `W` in velocity and position. The attitude's
+    error reaches these as `- sum_j W_j alpha_j x theta(t_j)`, again a functional of the gyroscope's noise.
     `C` (3,3) is the attitude at `tau`, `alpha` (Na,3) the latent accelerations, `samples` Ng.
     """
     count = alpha.shape[0]

@@ -1,9 +1,9 @@
 """Posterior mean between nodes, and its integrals in closed form (29).
 
-Given the states at two neighbouring nodes the mean of a doubly integrated Wiener process is the quintic Hermite
-polynomial of [p, p', p''], so first and second integrals are polynomials of degree six and seven. A table of
-states `x` (n,5,c) holds [double integral, integral, p, p', p''] of c columns at the nodes `t` (n,); the
-integrals run from time zero, which must be a node.
+Given the states at two neighbouring nodes the mean of a doubly integrated Wiener process is the quintic
+Hermite polynomial of [p, p', p''], so first and second integrals are polynomials of degree six and seven. A
+table of states `x` (n,5,c) holds [double integral, integral, p, p', p''] of c columns at the nodes `t` (n,);
+the integrals run from time zero, which must be a node.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ def _integrated(table: FloatArray, power: int) -> FloatArray:
 
 _FIRST = _integrated(_BASIS, 0)
 _SECOND = _integrated(_FIRST, 1)
+_FIRST_WHOLE = _FIRST.sum(axis=1)
+_SECOND_WHOLE = _SECOND.sum(axis=1)
 
 
 @njit(cache=True)
@@ -63,17 +65,28 @@ def integral_weights(s: float, dt: float, value: FloatArray, first: FloatArray, 
 
 
 @njit(cache=True)
+def _whole_weights(dt: float, first: FloatArray, second: FloatArray) -> None:
+    """`integral_weights` over the whole interval."""
+    unit = dt
+    for i in range(3):
+        first[i] = unit * _FIRST_WHOLE[i]
+        first[3 + i] = unit * _FIRST_WHOLE[3 + i]
+        second[i] = unit * dt * _SECOND_WHOLE[i]
+        second[3 + i] = unit * dt * _SECOND_WHOLE[3 + i]
+        unit *= dt
+
+
+@njit(cache=True)
 def accumulate(t: FloatArray, zero: int, x: FloatArray) -> None:
-    """Fill both integrals of the table `x` (n,5,c) from the states in `x[:, 2:]`; `zero` is the node at 0 s."""
+    """Fill both integrals of the table `x` (n,5,c) from the states in it; `zero` is the node at 0 s."""
     columns = x.shape[2]
-    value = np.empty(6)
     first = np.empty(6)
     second = np.empty(6)
     x[0, 0] = 0.0
     x[0, 1] = 0.0
     for n in range(t.shape[0] - 1):
         dt = t[n + 1] - t[n]
-        integral_weights(1.0, dt, value, first, second)
+        _whole_weights(dt, first, second)
         for c in range(columns):
             a = x[n, 1, c]
             b = x[n, 0, c] + dt * a
@@ -115,12 +128,11 @@ def functional(t: FloatArray, zero: int, tau: float, once: float, twice: float, 
 @njit(cache=True)
 def settle(t: FloatArray, f: FloatArray) -> None:
     """Carry the entries of the integrals in `f` (n,5) back to the states they are integrals of, in place."""
-    value = np.empty(6)
     first = np.empty(6)
     second = np.empty(6)
     for n in range(t.shape[0] - 2, -1, -1):
         dt = t[n + 1] - t[n]
-        integral_weights(1.0, dt, value, first, second)
+        _whole_weights(dt, first, second)
         a, b = f[n + 1, 1], f[n + 1, 0]
         f[n, 0] += b
         f[n, 1] += a + dt * b

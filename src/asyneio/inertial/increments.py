@@ -1,7 +1,7 @@
 """What preintegration takes and gives: samples around an interval in, motion since its start out.
 
-Increments are the motion of the body since `t_k` with the velocity at `t_k` and gravity taken out (29), in the
-body frame at `t_k`. With C, r of the body at `t_k` and its velocity `nu` in the body,
+Increments are the motion of the body since `t_k` with the velocity at `t_k` and gravity taken out (29), in
+the body frame at `t_k`. With C, r of the body at `t_k` and its velocity `nu` in the body,
 
     C(tau) = C dC,    r(tau) = r + C (nu tau + dr) + g tau^2 / 2,    v(tau) = C (nu + dnu) + g tau.
 """

@@ -1,8 +1,8 @@
 """Discrete preintegration on the manifold: the midpoint rule and, as a baseline, the zero-order hold.
 
-Forster et al., *On-Manifold Preintegration for Real-Time Visual-Inertial Odometry* (T-RO 2017), with rates and
-forces of the two sensors on the union of their times. Derivatives with respect to biases and samples are those
-of the rule itself, so they hold at any rate.
+Forster et al., *On-Manifold Preintegration for Real-Time Visual-Inertial Odometry* (T-RO 2017), with rates
+and forces of the two sensors on the union of their times. Derivatives with respect to biases and samples are
+those of the rule itself, so they hold at any rate.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.inertial.discrete_kernels import integrate, query, sample_sensitivity
-from asyneio.inertial.increments import Increments, ImuWindow, SampleNoise, checked_bias, checked_times
+from asyneio.inertial.increments import ImuWindow, Increments, SampleNoise, checked_bias, checked_times
 from asyneio.types import FloatArray, IntArray
 
 

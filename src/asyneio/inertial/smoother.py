@@ -1,10 +1,10 @@
 """Gaussian-process regression in linear time: a doubly integrated Wiener process seen through samples (28).
 
 A scalar p with white noise of density q on its third derivative is a GP whose kernel is that of a quintic
-smoothing spline; its state [p, p', p''] is Markov. The Kalman filter and the Rauch-Tung-Striebel smoother give
-the posterior mean at the nodes. Gains depend on times alone: one set serves all axes and all derivatives, which
-stand as columns. Nodes are the samples' times and any others that are wanted; `row[j]` is the sample at node
-j, or -1.
+smoothing spline; its state [p, p', p''] is Markov. The Kalman filter and the Rauch-Tung-Striebel smoother
+give the posterior mean at the nodes. Gains depend on times alone: one set serves all axes and all
+derivatives, which stand as columns. Nodes are the samples' times and any others that are wanted; `row[j]` is
+the sample at node j, or -1.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _predict(P: FloatArray, dt: float, density: float, out: FloatArray) -> None:
 
 @njit(cache=True)
 def _update(P: FloatArray, variance: float, K: FloatArray) -> float:
-    """Take one sample into `P` (3,3), in place; writes the gain `K` (3,), returns the innovation's variance."""
+    """Take one sample into `P` (3,3), in place; writes the gain `K` (3,), returns the innovation variance."""
     S = P[0, 0] + variance
     for i in range(3):
         K[i] = P[i, 0] / S

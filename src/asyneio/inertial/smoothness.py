@@ -1,0 +1,99 @@
+"""How smooth the signals are: the processes' densities, from the likelihood of the samples themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from asyneio.errors import InertialError
+from asyneio.inertial.increments import ImuWindow, SampleNoise
+from asyneio.inertial.smoother import evidence
+from asyneio.types import FloatArray
+
+#: Densities that are tried, in units of a sample's variance over the fifth power of the sample period: from
+#: a parabola through everything to a spline through every sample.
+_DECADES = np.arange(-14.0, 5.0)
+_COARSE = 3
+#: Standard deviations of the prior at the first node, in units of the largest value and differences seen.
+_PRIOR = 3.0
+#: Smallest standard deviation of a sample, in units of the largest sample: below, interpolation is the same.
+_LEAST_SIGMA = 1e-6
+
+
+@dataclass(frozen=True)
+class Smoothness:
+    """Densities of the white noise on the second derivative's rate: of phi_dot [rad^2/s^7], of a_k [m^2/s^9].
+
+    Raises:
+        InertialError: one is not a positive number.
+    """
+
+    gyroscope: float
+    accelerometer: float
+
+    def __post_init__(self) -> None:
+        for name, density in (("gyroscope", self.gyroscope), ("accelerometer", self.accelerometer)):
+            if not (np.isfinite(density) and density > 0.0):
+                raise InertialError(
+                    f"the density of the {name}'s process is {density}; expected a positive number, "
+                    "such as find_smoothness gives"
+                )
+
+
+def find_smoothness(window: ImuWindow, noise: SampleNoise) -> Smoothness:
+    """Densities with the largest marginal likelihood of the samples, to a decade.
+
+    The raw samples are judged, not the latent states: so the choice knows neither rotation nor bias, and
+    increments stay differentiable by the bias.
+    """
+    return Smoothness(
+        _likeliest(window.gyroscope_t, window.gyroscope, noise.gyroscope, _DECADES),
+        _likeliest(window.accelerometer_t, window.accelerometer, noise.accelerometer, _DECADES),
+    )
+
+
+@njit(cache=True)
+def _likeliest(t: FloatArray, y: FloatArray, sigma: float, decades: FloatArray) -> float:
+    """Every third decade, then the two on either side of the best."""
+    prior = np.empty(3)
+    variance = prior_variances(t, y, sigma, prior)
+    unit = variance / ((t[-1] - t[0]) / (t.shape[0] - 1)) ** 5
+    best = 0
+    least = np.inf
+    for n in range(0, decades.shape[0], _COARSE):
+        value = evidence(t, y, unit * 10.0 ** decades[n], variance, prior)
+        if value < least:
+            best, least = n, value
+    middle = best
+    for n in range(max(middle - _COARSE + 1, 0), min(middle + _COARSE, decades.shape[0])):
+        if n != middle:
+            value = evidence(t, y, unit * 10.0 ** decades[n], variance, prior)
+            if value < least:
+                best, least = n, value
+    return unit * 10.0 ** decades[best]
+
+
+@njit(cache=True)
+def prior_variances(t: FloatArray, y: FloatArray, sigma: float, prior: FloatArray) -> float:
+    """Write the variances (3,) of [p, p', p''] at the first node, return that of a sample.
+
+    The prior is so wide that the samples `y` (N,3) at `t` (N,) decide, where there are any, and not wider:
+    the filter's rounding grows with the ratio of the two. Made of raw samples, it does not know the bias.
+    """
+    size = np.zeros(3)
+    for n in range(t.shape[0]):
+        for i in range(3):
+            size[0] = max(size[0], abs(y[n, i]))
+            if n > 0:
+                slope = (y[n, i] - y[n - 1, i]) / (t[n] - t[n - 1])
+                size[1] = max(size[1], abs(slope))
+                if n > 1:
+                    before = (y[n - 1, i] - y[n - 2, i]) / (t[n - 1] - t[n - 2])
+                    size[2] = max(size[2], abs(slope - before) / (0.5 * (t[n] - t[n - 2])))
+    period = (t[-1] - t[0]) / (t.shape[0] - 1)
+    sigma = max(sigma, _LEAST_SIGMA * size[0])
+    for i in range(3):
+        prior[i] = (_PRIOR * (size[i] + sigma / period**i)) ** 2
+    return sigma * sigma

@@ -1,0 +1,231 @@
+"""Whole small windows on each motion model, and on a smaller error state, against the dense oracle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from asyneio.estimation.active import active_coordinates
+from asyneio.estimation.covariance import joint_covariance, newest_covariance, relative_scale_sigma
+from asyneio.estimation.linear_system import eliminate_landmarks, linearize
+from asyneio.estimation.marginalization import marginalize_oldest
+from asyneio.estimation.optimizer import OptimizerSettings, Solution, add_prior, difference, optimize
+from asyneio.estimation.problem import Prior, Problem
+from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, MotionModel
+from tests.estimation import naive
+from tests.estimation.toy import SETTINGS, Toy, knots, make_toy, moved
+from tests.models import MODELS, every_model
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+KNOTS = 4
+TO_THE_END = OptimizerSettings(max_iterations=40, relative_decrease=1e-12, damping=1e-6)
+ONE_STEP = OptimizerSettings(max_iterations=1, relative_decrease=1e-12, damping=1e-6)
+#: Pose, velocity and biases: all that a scheme with neither omega nor varpi_dot needs.
+FIFTEEN = np.r_[:6, 9:12, 18:24]
+
+
+def toy_on(model: MotionModel, count: int = KNOTS) -> Toy:
+    return make_toy(count=count, landmarks=8, settings=replace(SETTINGS, motion_model=model))
+
+
+@cache
+def drawn(model: MotionModel, fifteen: bool = False, frozen: int = 0) -> tuple[Problem, Prior]:
+    """A problem whose first `frozen` knots have moved away from their linearisation point."""
+    toy = toy_on(model)
+    problem, prior = toy.problem(0.3)
+    delta = 0.02 * toy.rng.normal(size=(KNOTS, 24))
+    delta[frozen:] = 0.0
+    delta[:, 12:18] = 0.0
+    problem = problem._replace(
+        states=moved(problem.states, delta), linearization=problem.states, frozen=frozen
+    )
+    if fifteen:
+        problem = problem._replace(model=problem.model._replace(active=FIFTEEN))
+    return problem, prior
+
+
+every_set = pytest.mark.parametrize(
+    ("model", "fifteen"),
+    [*((model, False) for model in MODELS.values()), (MotionModel(WNOJ, SE3), True)],
+    ids=[*MODELS, "fifteen coordinates"],
+)
+
+
+def reduced(problem: Problem, prior: Prior) -> tuple[Array, Array]:
+    """Information and gradient of all coordinates of the knots, landmarks eliminated."""
+    system = linearize(problem)
+    add_prior(system, prior, difference(problem.states, prior))
+    eliminate_landmarks(system, problem.landmarks, problem.model)
+    return system.H, system.b
+
+
+def dense(problem: Problem, prior: Prior) -> tuple[Array, Array]:
+    """Of all knots and landmarks, the oracle's Jacobians, the landmarks' weak prior included."""
+    dof = problem.model.landmark_dof
+    normal = naive.normal_equations(problem, prior).damped(problem.model.landmark_damping[:dof])
+    return normal.H, normal.b
+
+
+def of_knots(problem: Problem) -> Indices:
+    free = naive.unknowns(problem)
+    return free[free < 24 * len(problem.states.r)]
+
+
+def assert_same(found: tuple[Array, Array], expected: tuple[Array, Array]) -> None:
+    """In standard deviations, so that rates and positions count alike."""
+    (H, b), (H_expected, b_expected) = found, expected
+    root = np.sqrt(H_expected.diagonal())
+    np.testing.assert_allclose(naive.scaled(H, H_expected), naive.scaled(H_expected, H_expected), atol=1e-7)
+    np.testing.assert_allclose(b / root, b_expected / root, atol=1e-6 * np.abs(b_expected / root).max())
+
+
+def test_coordinates_of_each_model() -> None:
+    for space in (SE3, SO3_X_R3):
+        np.testing.assert_array_equal(active_coordinates(MotionModel(WNOJ, space)), np.arange(24))
+        np.testing.assert_array_equal(active_coordinates(MotionModel(WNOA, space)), np.r_[:12, 18:24])
+
+
+@pytest.mark.parametrize("frozen", [0, 2])
+@every_model
+def test_normal_equations_of_the_window(model: MotionModel, frozen: int) -> None:
+    problem, prior = drawn(model, frozen=frozen)
+    H, b = dense(problem, prior)
+    n, at = 24 * KNOTS, of_knots(problem)
+    H_found, b_found = reduced(problem, prior)
+    H_knots, b_knots = naive.schur(H, b, n)
+    ix = np.ix_(at, at)
+    assert_same((H_found[ix], b_found[at]), (H_knots[ix], b_knots[at]))
+    # What is inactive appears in no factor but the prior that the test puts on the first knot.
+    idle = np.setdiff1d(np.arange(24, n), at)
+    assert not H_found[idle].any()
+    assert np.abs(H_knots[idle]).max(initial=0.0) < 1e-6
+
+
+@every_set
+def test_same_minimum_as_dense_gauss_newton(model: MotionModel, fifteen: bool) -> None:
+    problem, prior = drawn(model, fifteen)
+    solution = optimize(problem, prior, TO_THE_END)
+    found = naive.at(solution.problem.states, solution.problem.landmarks, 3)
+    # Far from the data Gauss-Newton converges linearly: white noise on acceleration leaves large residuals.
+    expected, cost = naive.gauss_newton(problem, prior, 14)
+    assert solution.report.converged
+    r = naive.residuals(problem, prior, found)
+    assert 0.5 * r @ r == pytest.approx(cost, rel=1e-8)
+    np.testing.assert_allclose(found.T, expected.T, atol=2e-6)
+    np.testing.assert_allclose(found.varpi, expected.varpi, atol=1e-4)
+    np.testing.assert_allclose(found.bias, expected.bias, atol=4e-6)
+
+
+@every_set
+def test_inactive_coordinates_never_move(model: MotionModel, fifteen: bool) -> None:
+    problem, prior = drawn(model, fifteen)
+    states = optimize(problem, prior, TO_THE_END).problem.states
+    change = np.column_stack(
+        [
+            states.varpi.reshape(-1, 12) - problem.states.varpi.reshape(-1, 12),
+            states.bias - problem.states.bias,
+        ]
+    )
+    change_of = np.column_stack([np.ones((KNOTS, 6)), change])
+    idle = np.setdiff1d(np.arange(24), problem.model.active)
+    assert not change_of[:, idle].any()
+    assert np.abs(change_of[:, problem.model.active]).min() > 0.0
+
+
+@cache
+def solved(model: MotionModel, fifteen: bool) -> tuple[Solution, Array]:
+    """A solution after one step, and the dense covariance, where it was linearised, of what is active."""
+    problem, prior = drawn(model, fifteen)
+    H, _ = dense(problem, prior)
+    free = naive.unknowns(problem)
+    P = np.zeros_like(H)
+    P[np.ix_(free, free)] = np.linalg.inv(H[np.ix_(free, free)])
+    return optimize(problem, prior, ONE_STEP), P
+
+
+@every_set
+def test_covariances_are_those_of_the_dense_problem(model: MotionModel, fifteen: bool) -> None:
+    solution, P = solved(model, fifteen)
+    active = solution.problem.model.active
+    pairs = [(newest_covariance(solution), P[24 * KNOTS - 24 : 24 * KNOTS, 24 * KNOTS - 24 : 24 * KNOTS])]
+    pairs += [
+        (joint_covariance(solution, k), P[24 * k : 24 * k + 48, 24 * k : 24 * k + 48])
+        for k in range(KNOTS - 1)
+    ]
+    for found, expected in pairs:
+        idle = np.setdiff1d(np.arange(len(found)), [*active, *(24 + active)])
+        assert not found[idle].any()
+        assert not found[:, idle].any()
+        sigma = np.sqrt(np.where(expected.diagonal() > 0.0, expected.diagonal(), 1.0))
+        unit = np.outer(sigma, sigma)
+        np.testing.assert_allclose(found / unit, expected / unit, atol=1e-6)
+
+
+@every_set
+def test_relative_scale(model: MotionModel, fifteen: bool) -> None:
+    """The mean log inverse depth of the landmarks, but for what each landmark alone adds to it."""
+    solution, P = solved(model, fifteen)
+    problem, prior = drawn(model, fifteen)
+    rho, n = solution.problem.landmarks.rho, 24 * KNOTS
+    finite = np.flatnonzero(rho > 1e-3)
+    assert len(finite) >= 5
+    c = np.zeros(len(P))
+    c[n + 3 * finite] = 1.0 / (len(finite) * rho[finite])
+    alone = np.linalg.inv(dense(problem, prior)[0][n:, n:])
+    expected = np.sqrt(c @ P @ c - c[n:] @ alone @ c[n:])
+    assert relative_scale_sigma(solution) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("frozen", [0, 2])
+@every_set
+def test_marginalisation_equals_everything_at_once(model: MotionModel, fifteen: bool, frozen: int) -> None:
+    """The knots that are left, after the oldest and its landmarks have gone, know what they knew before."""
+    problem, prior = drawn(model, fifteen, frozen)
+    H, b = dense(problem, prior)
+    free = naive.unknowns(problem)
+    rest = free[free >= 24]
+    kept = rest[rest < 24 * KNOTS]
+    order = np.r_[kept, free[free < 24], rest[rest >= 24 * KNOTS]]
+    expected = naive.schur(H[np.ix_(order, order)], b[order], len(kept))
+    after = marginalize_oldest(problem, prior)
+    idle = np.setdiff1d(np.arange(24), problem.model.active)
+    assert not after.R.reshape(len(after.R), -1, 24)[:, :, idle].any()
+    H_left, b_left = reduced(_without_oldest(problem), after)
+    at = kept - 24
+    assert_same((H_left[np.ix_(at, at)], b_left[at]), expected)
+
+
+def _without_oldest(problem: Problem) -> Problem:
+    """What is left of a problem when the oldest knot, its interval and its landmarks have gone."""
+    stay = problem.landmarks.anchor > 0
+    visual = problem.visual
+    keep = stay[visual.landmark]
+    interval = np.repeat(np.arange(KNOTS - 1), np.diff(visual.start))[keep]
+    assert (interval > 0).all()
+    number = np.cumsum(stay) - 1
+    landmarks = problem.landmarks._replace(
+        **{name: getattr(problem.landmarks, name)[stay] for name in problem.landmarks._fields}
+    )
+    return problem._replace(
+        states=knots(problem.states, 1, KNOTS),
+        linearization=knots(problem.linearization, 1, KNOTS),
+        frozen=max(problem.frozen - 1, 0),
+        motion=problem.motion[1:],
+        gyroscope=problem.gyroscope._replace(start=problem.gyroscope.start[1:]),
+        accelerometer=problem.accelerometer._replace(start=problem.accelerometer.start[1:]),
+        visual=visual._replace(
+            start=np.searchsorted(interval - 1, np.arange(KNOTS - 1)),
+            weights=visual.weights[keep],
+            landmark=number[visual.landmark[keep]],
+            xy=visual.xy[keep],
+            root_information=visual.root_information[keep],
+        ),
+        landmarks=landmarks._replace(anchor=landmarks.anchor - 1),
+        model=problem.model._replace(dt=problem.model.dt[1:]),
+    )
