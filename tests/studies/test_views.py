@@ -52,7 +52,7 @@ def test_gather_keeps_to_where() -> None:
 
 def test_mixed_conditions_are_refused() -> None:
     mixed = [record("good", 1, 0, 1.0, kind="a"), record("good", 1, 0, 9.0, kind="b")]
-    with pytest.raises(StudyError, match="view v .* mixes 2 conditions"):
+    with pytest.raises(StudyError, match=r"view v .* mixes 2 conditions"):
         gather(_VIEW, mixed)
 
 

@@ -9,7 +9,14 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asyneio.studies.known_motion import MotionKind, angles_between, draw_known_motion, generalized_rates, rms
+from asyneio.studies.known_motion import (
+    MOTION_SETTINGS,
+    MotionKind,
+    angles_between,
+    draw_known_motion,
+    generalized_rates,
+    rms,
+)
 from asyneio.studies.study import QUICK_SEEDS, SEEDS, Contest, Metric, Study, Value, View
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.trajectory.model import motion_model_named
@@ -98,7 +105,12 @@ def expressiveness(quick: bool = False, seeds: int | None = None) -> Study:
         name="expressiveness",
         question="How well does a trajectory through knots follow a known motion between them, by motion "
         "prior (white noise on acceleration, on jerk) and space (SE(3), SO(3) x R^3)?",
-        settings={"duration_ms": _DURATION_MS, "places": _PLACES, "knot_noise": _NOISE},
+        settings={
+            "duration_ms": _DURATION_MS,
+            "places": _PLACES,
+            "knot_noise": _NOISE,
+            "motion": MOTION_SETTINGS,
+        },
         tasks=tasks,
         measure=measure,
         views=tuple(view for motion in motions for view in _views(motion)),

@@ -13,7 +13,7 @@ from asyneio.types import FloatArray
 #: Sinusoids in each coordinate.
 _TERMS = 3
 #: Circle of `ORBIT`: radius [m] and turns a second at speed 1.
-_RADIUS_M, _ORBIT_HZ = 2.0, 0.25
+_RADIUS_M, _ORBIT_HZ = 1.0, 0.5
 
 
 class MotionKind(StrEnum):
@@ -31,14 +31,21 @@ _LEVELS = {
     MotionKind.ROTATION: (1.5, 0.1, 0.5, 2.0),
     MotionKind.TRANSLATION: (0.15, 0.8, 0.5, 2.0),
     MotionKind.BOTH: (1.5, 0.3, 1.0, 4.0),
-    MotionKind.ORBIT: (0.1, 0.05, 0.5, 2.0),
+    MotionKind.ORBIT: (0.1, 0.05, 0.1, 0.5),
+}
+
+#: All that a motion depends on beside its kind, speed and seed.
+MOTION_SETTINGS = {
+    "levels": {kind.value: list(levels) for kind, levels in _LEVELS.items()},
+    "terms": _TERMS,
+    "orbit": [_RADIUS_M, _ORBIT_HZ],
 }
 
 
 def draw_known_motion(kind: str, speed: float, rng: np.random.Generator) -> AnalyticMotion:
     """A random motion of a kind; `speed` is a factor on all frequencies, so the same path is gone faster.
 
-    `orbit` goes round a circle as a vehicle does, heading along it: with what is added at random left out,
+    `orbit` goes round a circle as a vehicle does, heading along it: but for what is added at random, slowly,
     its velocity in the body is constant.
     """
     rate, velocity, lowest, highest = _LEVELS[MotionKind(kind)]

@@ -15,7 +15,7 @@ from asyneio.inertial.preintegration import midpoint, zero_order_hold
 from asyneio.simulation import AnalyticMotion
 from asyneio.simulation.imu import specific_force_b
 from asyneio.studies.imu_noise import NOISE
-from asyneio.studies.known_motion import MotionKind, angles_between, draw_known_motion, rms
+from asyneio.studies.known_motion import MOTION_SETTINGS, MotionKind, angles_between, draw_known_motion, rms
 from asyneio.studies.study import QUICK_SEEDS, SEEDS, Contest, Metric, Study, View
 from asyneio.types import FloatArray
 
@@ -112,6 +112,7 @@ def preintegration(quick: bool = False, seeds: int | None = None) -> Study:
             "windows": _WINDOWS,
             "span_s": _SPAN_S,
             "margin": _MARGIN,
+            "motion": MOTION_SETTINGS,
             "noise": {name: asdict(level) for name, level in NOISE.items()},
         },
         tasks=tasks,
