@@ -99,6 +99,7 @@ def _write_contest(
             tuple(map(str, columns)),
             names,
             tuple(tuple(names.index(w.name) if w else -1 for w in row) for row in winners),
+            tuple(tuple(w is not None and not w.equals for w in row) for row in winners),
             tuple(tuple(winner_words(w, "\n") for w in row) for row in winners),
         )
         picture = _write_figure(folder, contest.name, render_map(contest.title, drawn), written)

@@ -20,6 +20,8 @@ COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#66
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 _PANEL = (4.2, 3.0)
 _COLUMNS = 2
+#: Opacity of a cell of a map, and of one without a clear winner.
+_STRONG, _PALE = 0.5, 0.12
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,10 @@ class Panel:
 
 @dataclass(frozen=True)
 class Map:
-    """A table of winners: `text` and `winner` (an index into `names`, -1 for none) of each row and column."""
+    """A table of winners: `text` and `winner` (an index into `names`, -1 for none) of each row and column.
+
+    Cells that are not `clear` are pale: there others are as good.
+    """
 
     row_title: str
     column_title: str
@@ -54,6 +59,7 @@ class Map:
     columns: tuple[str, ...]
     names: tuple[str, ...]
     winner: tuple[tuple[int, ...], ...]
+    clear: tuple[tuple[bool, ...], ...]
     text: tuple[tuple[str, ...], ...]
 
 
@@ -89,12 +95,12 @@ def render_map(title: str, drawn: Map) -> bytes:
         size = (1.6 * len(drawn.columns) + 1.4, 0.75 * len(drawn.rows) + 1.5)
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots()
-        colors = np.array(
-            [
-                [to_rgba(COLORS[index], 0.35) if index >= 0 else (1.0,) * 4 for index in row]
-                for row in drawn.winner
-            ]
-        )
+        colors = np.ones((len(drawn.rows), len(drawn.columns), 4))
+        for row, winners in enumerate(drawn.winner):
+            for column, index in enumerate(winners):
+                if index >= 0:
+                    strength = _STRONG if drawn.clear[row][column] else _PALE
+                    colors[row, column] = to_rgba(COLORS[index], strength)
         axes.imshow(colors, aspect="auto")
         axes.grid(visible=False)
         axes.set_xticks(range(len(drawn.columns)), drawn.columns)
@@ -104,7 +110,7 @@ def render_map(title: str, drawn: Map) -> bytes:
             for column, text in enumerate(texts):
                 axes.text(column, row, text, ha="center", va="center", fontsize=8.0)
         figure.suptitle(title, fontsize=10.0, fontweight="bold")
-        patches = [Patch(color=to_rgba(COLORS[i], 0.35), label=name) for i, name in enumerate(drawn.names)]
+        patches = [Patch(color=to_rgba(COLORS[i], _STRONG), label=name) for i, name in enumerate(drawn.names)]
         figure.legend(handles=patches, ncols=len(patches), loc="outside lower center")
         return to_png(figure)
 
