@@ -58,7 +58,7 @@ class SchemeTask:
 
 
 #: What single factors are varied from.
-_BASE = SchemeTask("gpif", 100, "medium", 200, "whole", "aggressive", 10.0, 0)
+_BASE = SchemeTask("gpif", 100, "medium", 200, "whole", "aggressive", 8.0, 0)
 _COMMON: dict[str, Value] = {"imu": _BASE.imu, "motion": _BASE.motion, "rate_hz": _BASE.rate_hz}
 
 
