@@ -51,7 +51,7 @@ class PreintegrationTask:
 
 
 def measure(task: PreintegrationTask) -> dict[str, float]:
-    """RMS errors at the ends of the windows, and the median time of one, compilation not included."""
+    """RMS errors at the ends of the windows, and the time of the fastest: others waited for a busy machine."""
     # The same motion, windows and noise for every rule.
     rng = np.random.default_rng([task.seed, round(1e3 * task.window_s), task.rate_hz])
     motion = draw_known_motion(MotionKind.BOTH, 1.0, rng)
@@ -73,7 +73,7 @@ def measure(task: PreintegrationTask) -> dict[str, float]:
         ROTATION.name: rms(np.rad2deg(rotation)),
         VELOCITY.name: 1e3 * rms(velocity),
         POSITION.name: 1e3 * rms(position),
-        COST.name: 1e3 * float(np.median(seconds)),
+        COST.name: 1e3 * min(seconds),
     }
 
 
@@ -112,6 +112,7 @@ def preintegration(quick: bool = False, seeds: int | None = None) -> Study:
             "windows": _WINDOWS,
             "span_s": _SPAN_S,
             "margin": _MARGIN,
+            "cost": "fastest window",
             "motion": MOTION_SETTINGS,
             "noise": {name: asdict(level) for name, level in NOISE.items()},
         },
