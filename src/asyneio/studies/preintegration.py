@@ -51,7 +51,7 @@ class PreintegrationTask:
 
 
 def measure(task: PreintegrationTask) -> dict[str, float]:
-    """RMS errors at the ends of the windows, and the time of the fastest: others waited for a busy machine."""
+    """RMS errors at the ends of the windows, and the time of the fastest: others wait on a busy machine."""
     # The same motion, windows and noise for every rule.
     rng = np.random.default_rng([task.seed, round(1e3 * task.window_s), task.rate_hz])
     motion = draw_known_motion(MotionKind.BOTH, 1.0, rng)
