@@ -4,7 +4,7 @@ Evidence: real IMU and tracks with motion capture. Each track is cut into pieces
 
     python benchmarks/real.py [--sensitivity]
 
-`--sensitivity` repeats the run with other noise settings, to show what the figure owes to them.
+`--sensitivity` repeats the run with other settings, to show what the figure owes to them.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ _VARIANTS: dict[str, dict[str, Any]] = {
     "gravity 9.775": {"inertial": {"gravity": 9.775}},
     "paper's landmarks (1 dof)": {"visual": {"estimate_bearing": False}},
     "frozen linearisation": {"window": {"frozen_linearization": True}},
+    "jerk, SO(3) x R^3": {"motion_prior": {"space": "so3xr3"}},
+    "acceleration, SE(3)": {"motion_prior": {"kind": "wnoa"}},
+    "acceleration, SO(3) x R^3": {"motion_prior": {"kind": "wnoa", "space": "so3xr3"}},
 }
 
 

@@ -81,8 +81,8 @@ def plain_table(title: str) -> list[list[str]]:
 
 
 @cache
-def front_end_rows() -> tuple[Row, ...]:
-    """Lines of Algorithm 1 (as `equations`) and the relations of the tracker (which have no number)."""
+def unnumbered_rows() -> tuple[Row, ...]:
+    """Lines of Algorithm 1 (as `equations`) and relations that have no number in the paper."""
     lines = [
         Row(
             tags(f"({cells[0].replace('-', ')-(')})"),
@@ -93,13 +93,14 @@ def front_end_rows() -> tuple[Row, ...]:
     ]
     relations = [
         Row(frozenset(), tuple(CODE.findall(cells[1])), tuple(CODE.findall(cells[2])))
-        for cells in plain_table("The default tracker")
+        for title in ("The default tracker", "Other motion models")
+        for cells in plain_table(title)
     ]
     return (*lines, *relations)
 
 
 def everything() -> tuple[Row, ...]:
-    return (*rows(), *front_end_rows())
+    return (*rows(), *unnumbered_rows())
 
 
 def mapped() -> frozenset[int]:
@@ -162,14 +163,14 @@ def test_functions_of_the_last_section_exist() -> None:
 
 def test_every_row_names_functions_and_tests() -> None:
     assert len(rows()) > 30
-    assert len(front_end_rows()) > 15
+    assert len(unnumbered_rows()) > 15
     for row in everything():
         assert row.functions, f"{row} names no function"
         assert row.tests, f"{row} names no test"
 
 
 def test_every_line_of_the_algorithm_has_one_place() -> None:
-    lines = [line for row in front_end_rows() for line in row.equations]
+    lines = [line for row in unnumbered_rows() for line in row.equations]
     assert sorted(lines) == sorted(LINES)
 
 

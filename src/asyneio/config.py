@@ -62,8 +62,13 @@ class MotionPriorConfig(_Section):
 
 
 class InertialConfig(_Section):
-    """How far the IMU's noise figures are trusted."""
+    """How inertial samples enter the window, and how far the IMU's noise figures are trusted."""
 
+    scheme: Literal["gpif", "gpp", "preint", "extpreint"] = Field(
+        "gpif",
+        description="every sample a factor; GP preintegration; discrete preintegration; the same with "
+        "fitted rates",
+    )
     noise_inflation: float = Field(5.0, gt=0.0, description="factor on the white-noise densities")
     walk_inflation: float = Field(2.0, gt=0.0, description="factor on the bias walks")
     initial_gyroscope_bias_sigma: float = Field(0.02, gt=0.0, description="rad/s")

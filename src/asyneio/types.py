@@ -165,7 +165,8 @@ class Estimate:
 
     `T_w_b` (4,4); `velocity_w` (3,) [m/s] in the world; `angular_velocity_b` (3,) [rad/s];
     `generalized_acceleration` (6,) `[omega_dot, nu_dot]` in the body; biases (3,);
-    `covariance` (24,24) of the error state in the order of STATE_BLOCKS (right perturbation, body frame).
+    `covariance` (24,24) of the error state in the order of STATE_BLOCKS (right perturbation, body frame);
+    zero in the rows and columns of what is not estimated.
     """
 
     t_ns: int

@@ -109,17 +109,18 @@ def test_normal_equations_of_the_window(model: MotionModel, frozen: int) -> None
 
 @every_set
 def test_same_minimum_as_dense_gauss_newton(model: MotionModel, fifteen: bool) -> None:
+    """From there the oracle finds nothing lower, and its step is a thousandth of a sigma long."""
     problem, prior = drawn(model, fifteen)
     solution = optimize(problem, prior, TO_THE_END)
-    found = naive.at(solution.problem.states, solution.problem.landmarks, 3)
-    # Far from the data Gauss-Newton converges linearly: white noise on acceleration leaves large residuals.
-    expected, cost = naive.gauss_newton(problem, prior, 14)
+    _, cost = naive.gauss_newton(solution.problem, prior, 3)
     assert solution.report.converged
-    r = naive.residuals(problem, prior, found)
-    assert 0.5 * r @ r == pytest.approx(cost, rel=1e-8)
-    np.testing.assert_allclose(found.T, expected.T, atol=2e-6)
-    np.testing.assert_allclose(found.varpi, expected.varpi, atol=1e-4)
-    np.testing.assert_allclose(found.bias, expected.bias, atol=4e-6)
+    assert solution.report.cost < 0.1 * solution.report.initial_cost
+    assert solution.report.cost == pytest.approx(cost, rel=1e-8)
+    normal = naive.normal_equations(solution.problem, prior)
+    free = naive.unknowns(problem)
+    H, b = normal.H[np.ix_(free, free)], normal.b[free]
+    in_sigmas = np.sqrt(b @ np.linalg.solve(H, b))
+    assert in_sigmas < 1e-3, f"a Gauss-Newton step from the solution is {in_sigmas:.2g} sigma long"
 
 
 @every_set

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from asyneio.estimation.problem import Prior, Problem, States
+from asyneio.estimation.schemes import SCHEMES
 from asyneio.estimation.window import TrackObservations, Window, WindowSettings
+from asyneio.inertial.increments import SampleNoise
 from asyneio.trajectory.model import WNOJ_SE3
 from asyneio.types import INERTIAL_DTYPE, RecordArray
 from tests.factors.knots import hat6
@@ -32,8 +34,9 @@ SETTINGS = WindowSettings(
     motion_model=WNOJ_SE3,
     root_density=np.array([20.0, 25.0, 22.0, 30.0, 28.0, 33.0]),
     bias_walk=np.array([1e-3, 2e-3, 1e-3, 1e-2, 2e-2, 1e-2]),
-    gyroscope_sigma=GYROSCOPE_SIGMA,
-    accelerometer_sigma=ACCELEROMETER_SIGMA,
+    scheme=SCHEMES["gpif"],
+    noise=SampleNoise(GYROSCOPE_SIGMA, ACCELEROMETER_SIGMA),
+    noise_inflation=1.0,
     T_b_c=T_B_C,
     robust_scale=1e6,
     gate=1e9,

@@ -266,6 +266,30 @@ def test_frozen_linearization() -> None:
     assert e.tilt < 1.5
 
 
+@pytest.mark.parametrize(
+    ("kind", "space", "knot_interval_s"),
+    [("wnoj", "so3xr3", 0.1), ("wnoa", "so3xr3", 0.1), ("wnoa", "se3", 0.05)],
+)
+def test_other_motion_models_stay_near_the_truth(kind: str, space: str, knot_interval_s: float) -> None:
+    """A cubic on SE(3) needs shorter intervals: its acceleration is biased where the body turns fast."""
+    config = configured(
+        motion_prior={"kind": kind, "space": space}, window={"knot_interval_s": knot_interval_s}
+    )
+    outcome = run(simulated().recording, config)
+    e = errors(simulated(), outcome.estimates)
+    assert e.position < 0.07
+    assert e.tilt < 1.2
+    assert e.velocity < 0.12
+    newest, trajectory = outcome.estimates[-1], outcome.odometry.trajectory()
+    np.testing.assert_allclose(trajectory.pose(newest.t_ns), newest.T_w_b, atol=1e-9)
+    np.testing.assert_allclose(trajectory.velocity(newest.t_ns), newest.velocity_w, atol=1e-9)
+    known = newest.covariance[:12, :12]
+    unit = np.sqrt(np.outer(known.diagonal(), known.diagonal()))
+    found = trajectory.covariance(newest.t_ns)[:12, :12]
+    np.testing.assert_allclose(found / unit, known / unit, atol=1e-6)
+    assert (newest.covariance[12:18].any() or newest.covariance[:, 12:18].any()) == (kind == "wnoj")
+
+
 def test_trajectory_passes_through_the_newest_estimate() -> None:
     odometry, newest = plain_run().odometry, plain_run().estimates[-1]
     trajectory = odometry.trajectory()

@@ -14,7 +14,7 @@ from asyneio.estimation import interval_terms, visual_terms
 from asyneio.estimation.linear_system import linearize
 from asyneio.estimation.problem import States
 from asyneio.odometry import kernels
-from asyneio.odometry.intake import Intake, between
+from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.propagation import predict_knot, propagate, rates_at
 from asyneio.odometry.settings import resolve
 from asyneio.simulation import PinholeCamera
@@ -87,19 +87,19 @@ def test_intake_grows_and_forgets(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(intake.gyroscope["t_ns"], [90, 130, 150, 210, 250])
     assert len(intake.observations.t_ns) == 42
     intake.drop_until(210)
-    # Two samples at or before the instant stay, for interpolation; observations up to it are gone.
-    np.testing.assert_array_equal(intake.gyroscope["t_ns"], [150, 210, 250])
+    # Four samples at or before the instant stay, for what follows; observations up to it are gone.
+    np.testing.assert_array_equal(intake.gyroscope["t_ns"], [90, 130, 150, 210, 250])
     np.testing.assert_array_equal(intake.accelerometer["t_ns"], [100, 180, 260])
     np.testing.assert_array_equal(intake.observations.t_ns, [220])
     for column in (intake.observations.track, intake.observations.xy, intake.observations.root_information):
         assert len(column) == 1
 
 
-def test_samples_between_are_half_open() -> None:
-    samples = stamped(10, 20, 20, 30, 40)
-    np.testing.assert_array_equal(between(samples, 10, 30)["t_ns"], [20, 20, 30])
-    np.testing.assert_array_equal(between(samples, 9, 10)["t_ns"], [10])
-    assert between(samples, 40, 90).size == 0
+def test_samples_of_an_interval_come_with_a_few_before_it() -> None:
+    samples = stamped(1, 2, 3, 4, 5, 10, 20, 30, 40)
+    np.testing.assert_array_equal(around(samples, 10, 30)["t_ns"], [3, 4, 5, 10, 20, 30])
+    np.testing.assert_array_equal(around(samples, 9, 10)["t_ns"], [2, 3, 4, 5, 10])
+    np.testing.assert_array_equal(around(samples, 0, 2)["t_ns"], [1, 2])
 
 
 def test_noise_of_a_sample_follows_its_rate() -> None:
@@ -107,14 +107,15 @@ def test_noise_of_a_sample_follows_its_rate() -> None:
     plain = configured()
     settings = resolve(plain, calibration, 1000.0, 190.0)
     noise = calibration.noise
-    assert settings.window.gyroscope_sigma == pytest.approx(noise.gyroscope_density * np.sqrt(1000.0))
-    assert settings.window.accelerometer_sigma == pytest.approx(noise.accelerometer_density * np.sqrt(190.0))
+    assert settings.window.noise.gyroscope == pytest.approx(noise.gyroscope_density * np.sqrt(1000.0))
+    assert settings.window.noise.accelerometer == pytest.approx(noise.accelerometer_density * np.sqrt(190.0))
     np.testing.assert_allclose(settings.window.bias_walk[:3], noise.gyroscope_walk)
     np.testing.assert_allclose(settings.window.bias_walk[3:], noise.accelerometer_walk)
     trusted_less = resolve(
         configured(inertial={"noise_inflation": 3.0, "walk_inflation": 5.0}), calibration, 1000.0, 190.0
     )
-    assert trusted_less.window.gyroscope_sigma == pytest.approx(3.0 * settings.window.gyroscope_sigma)
+    assert trusted_less.window.noise_inflation == 3.0
+    assert trusted_less.window.noise == settings.window.noise
     assert trusted_less.window.bias_walk[4] == pytest.approx(5.0 * settings.window.bias_walk[4])
     assert settings.knot_interval_ns == 100_000_000
     np.testing.assert_array_equal(settings.window.gravity_w, GRAVITY)

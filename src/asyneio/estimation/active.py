@@ -17,9 +17,14 @@ from asyneio.types import FloatArray, IntArray
 KNOT_DOF = 24
 
 
-def active_coordinates(motion_model: MotionModel) -> IntArray:
-    """Indices (n,) of a knot's coordinates that the window solves for under a motion model."""
+def active_coordinates(motion_model: MotionModel, kinematic_prior: bool = True) -> IntArray:
+    """Indices (n,) of a knot's coordinates that the window solves for under a motion model.
+
+    Without a kinematic prior only pose, velocity and biases are left: nothing else is measured.
+    """
     every = np.arange(KNOT_DOF)
+    if not kinematic_prior:
+        return np.r_[0:6, 9:12, 18:24]
     return np.delete(every, np.s_[12:18]) if motion_model.prior == WNOA else every
 
 

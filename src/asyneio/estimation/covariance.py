@@ -72,7 +72,9 @@ def relative_scale_sigma(solution: Solution) -> float:
     row = np.linalg.solve(L, np.eye(dof)[None].repeat(len(L), axis=0))[:, :, 0]
     row /= landmarks.rho[finite][:, None]
     c = np.zeros((system.W.shape[2], 24))
-    c[:, :18] = np.einsum("ld,ldkc->kc", row, system.W[finite]) / finite.sum()
+    c[:, solution.problem.model.landmark_columns] = (
+        np.einsum("ld,ldkc->kc", row, system.W[finite]) / finite.sum()
+    )
     mean = c.ravel()[active_in_window(solution.problem.model.active, len(c))]
     solved = cho_solve((_factor(solution), True), mean, check_finite=False)
     return float(np.sqrt(max(float(mean @ solved), 0.0)))

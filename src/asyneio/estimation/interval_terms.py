@@ -62,8 +62,8 @@ def interval_chains(states: States, needed: BoolArray, space: int, out: FloatArr
 def motion_terms(
     problem: Problem, local: FloatArray, with_jacobian: bool, H: FloatArray, b: FloatArray
 ) -> float:
-    """Motion prior (16) and bias walk (24) of the intervals in `problem.motion`: linear in the local
-    coordinates."""
+    """Motion prior (16), if any, and bias walk (24) of the intervals in `problem.motion`: linear in the
+    local coordinates."""
     model, bias = problem.model, problem.states.bias
     coefficients = np.empty((3, 5))
     residual = np.empty((3, 6))
@@ -72,16 +72,20 @@ def motion_terms(
     for i in range(local.shape[0]):
         if not problem.motion[i]:
             continue
-        gp_prior_coefficients(model.dt[i], model.motion_model.prior, coefficients)
-        gp_prior_factor(local[i], coefficients, model.root_density, residual)
         bias_factor(bias[i], bias[i + 1], model.bias_walk, model.dt[i], bias_residual)
         for j in range(6):
             cost += 0.5 * bias_residual[j] ** 2
+        if with_jacobian:
+            _add_bias(bias_residual, model, i, H[i], b[i])
+        if not model.kinematic_prior:
+            continue
+        gp_prior_coefficients(model.dt[i], model.motion_model.prior, coefficients)
+        gp_prior_factor(local[i], coefficients, model.root_density, residual)
+        for j in range(6):
             for a in range(3):
                 cost += 0.5 * residual[a, j] ** 2
         if with_jacobian:
             _add_gp_prior(coefficients, residual, model.root_density, H[i], b[i])
-            _add_bias(bias_residual, model, i, H[i], b[i])
     return cost
 
 

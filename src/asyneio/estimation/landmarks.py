@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
-from asyneio.estimation.problem import Landmarks, States, bearing_tangent
+from asyneio.estimation.problem import Landmarks, Propagated, States, bearing_tangent
+from asyneio.factors.preintegration import propagated_pose
 from asyneio.geometry.linalg import matmul, matvec
 from asyneio.geometry.triangulation import triangulate_inverse_depth
 from asyneio.trajectory.interpolation import interval_local, query_pose
@@ -84,6 +85,44 @@ def camera_poses(
             )
             last = i
         query_pose(states.C[i], states.r[i], local, weights[n], space, C, r)
+        matmul(C, C_bc, C_out[n])
+        matvec(C, r_bc, r_out[n])
+        for k in range(3):
+            r_out[n, k] += r[k]
+
+
+@njit(cache=True)
+def propagated_camera_poses(
+    states: States,
+    interval: IntArray,
+    increments: Propagated,
+    bias_ref: FloatArray,
+    gravity_w: FloatArray,
+    C_bc: FloatArray,
+    r_bc: FloatArray,
+    C_out: FloatArray,
+    r_out: FloatArray,
+) -> None:
+    """As `camera_poses`, from increments (N) since the knots `interval`; `bias_ref` (K,6) as these were made
+    with."""
+    C = np.empty((3, 3))
+    r = np.empty(3)
+    for n in range(interval.shape[0]):
+        i = interval[n]
+        propagated_pose(
+            states.C[i],
+            states.r[i],
+            states.varpi[i, 0, 3:],
+            states.bias[i],
+            bias_ref[i],
+            increments.C[n],
+            increments.r[n],
+            increments.d_bias[n],
+            increments.tau[n],
+            gravity_w,
+            C,
+            r,
+        )
         matmul(C, C_bc, C_out[n])
         matvec(C, r_bc, r_out[n])
         for k in range(3):

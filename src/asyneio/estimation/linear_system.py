@@ -20,13 +20,16 @@ from asyneio.estimation.interval_terms import (
     interval_locals,
     motion_terms,
 )
+from asyneio.estimation.preintegration_terms import preintegration_terms
 from asyneio.estimation.problem import Landmarks, Model, Problem
+from asyneio.estimation.propagated_terms import propagated_terms
 from asyneio.estimation.visual_terms import VisualSums, empty_sums, visual_terms
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 
 class LinearSystem(NamedTuple):
-    """Normal equations. `H` (24K,24K) symmetric, `b` (24K,) gradient; landmarks: `W` (L,dof,K,18) coupling,
+    """Normal equations. `H` (24K,24K) symmetric, `b` (24K,) gradient; landmarks: `W` (L,dof,K,18) coupling
+    with the coordinates `Model.landmark_columns` of the knots,
 
     `H_l` (L,3,3), `b_l` (L,3), `end` (L,) one past the last knot each touches. `cost` is the total,
     `visual_cost` that of the observations; `rejected` observations had no influence.
@@ -53,8 +56,9 @@ def linearize(problem: Problem) -> LinearSystem:
     H_local, b_local = np.zeros((knots - 1, 48, 48)), np.zeros((knots - 1, 48))
     dof = problem.model.landmark_dof
     sums = empty_sums(knots - 1, knots, len(problem.landmarks.rho), dof)
-    cost, visual_cost, rejected = _terms(problem, local, local_lin, chain, True, H_local, b_local, sums)
     H, b = np.zeros((24 * knots, 24 * knots)), np.zeros(24 * knots)
+    by_interval, by_knot = (H_local, b_local), (H, b)
+    cost, visual_cost, rejected = _terms(problem, local, local_lin, chain, True, by_interval, by_knot, sums)
     _move_to_knots(needed, chain, H_local, b_local, sums, H, b)
     return LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.end, cost, visual_cost, rejected)
 
@@ -63,8 +67,9 @@ def evaluate_cost(problem: Problem) -> float:
     """Cost of all factors except the marginal prior."""
     local = np.empty((len(problem.states.r) - 1, 5, 6))
     interval_locals(problem.states, problem.model.motion_model.space, local)
-    none = np.zeros((0, 48, 48))
-    return _terms(problem, local, local, none, False, none, np.zeros((0, 48)), _NO_SUMS)[0]
+    by_interval = (np.zeros((0, 48, 48)), np.zeros((0, 48)))
+    by_knot = (np.zeros((0, 0)), np.zeros(0))
+    return _terms(problem, local, local, by_interval[0], False, by_interval, by_knot, _NO_SUMS)[0]
 
 
 def _terms(
@@ -73,12 +78,16 @@ def _terms(
     local_lin: FloatArray,
     chain: FloatArray,
     with_jacobian: bool,
-    H: FloatArray,
-    b: FloatArray,
+    by_interval: tuple[FloatArray, FloatArray],
+    by_knot: tuple[FloatArray, FloatArray],
     sums: VisualSums,
 ) -> tuple[float, float, int]:
-    """All terms of the cost (39): total, that of the observations, observations without influence."""
+    """All terms of the cost (39): total, that of the observations, observations without influence.
+
+    Adds to the sums in the intervals' local coordinates and to those in the knots' own.
+    """
     states = problem.states
+    H, b = by_interval
     cost = motion_terms(problem, local, with_jacobian, H, b)
     cost += gyroscope_terms(problem.gyroscope, states.bias, local, local_lin, with_jacobian, H, b)
     cost += accelerometer_terms(
@@ -93,7 +102,12 @@ def _terms(
         H,
         b,
     )
-    visual, rejected = visual_terms(problem, local, local_lin, chain, with_jacobian, H, b, sums)
+    if len(problem.preintegrated.present):
+        cost += preintegration_terms(problem, with_jacobian, *by_knot)
+    if len(problem.propagated.tau):
+        visual, rejected = propagated_terms(problem, with_jacobian, *by_knot, sums)
+    else:
+        visual, rejected = visual_terms(problem, local, local_lin, chain, with_jacobian, H, b, sums)
     return float(cost + visual), float(visual), int(rejected)
 
 
@@ -243,7 +257,8 @@ def _whiten_landmarks(
 
 @njit(cache=True)
 def landmark_steps(system: LinearSystem, anchor: IntArray, step: FloatArray, out: FloatArray) -> None:
-    """Back-substitution: steps `out` (L,3) of whitened landmarks for knot steps `step` (K,24)."""
+    """Back-substitution: steps `out` (L,3) of whitened landmarks for steps `step` (K,18) of the knots'
+    `landmark_columns`."""
     dof = system.W.shape[1]
     for j in range(system.W.shape[0]):
         L = system.H_l[j]
@@ -277,6 +292,15 @@ def eliminate_landmarks(system: LinearSystem, landmarks: Landmarks, model: Model
         span = slice(18 * anchor, 18 * end)
         S[span, span] += W.T @ W
         g[span] += W.T @ system.b_l[mine, : model.landmark_dof].ravel()
-    H = system.H.reshape(knots, 24, knots, 24)
-    H[:, :18, :, :18] -= S.reshape(knots, 18, knots, 18)
-    system.b.reshape(knots, 24)[:, :18] -= g.reshape(knots, 18)
+    _subtract(S, g, model.landmark_columns, system.H, system.b)
+
+
+@njit(cache=True)
+def _subtract(S: FloatArray, g: FloatArray, columns: IntArray, H: FloatArray, b: FloatArray) -> None:
+    """Take `S` (18K,18K) and `g` (18K,) off the `columns` (18,) of every knot in `H` (24K,24K), `b`."""
+    for p in range(g.shape[0]):
+        at = p // 18 * 24 + columns[p % 18]
+        b[at] -= g[p]
+        for k in range(g.shape[0] // 18):
+            for c in range(18):
+                H[at, 24 * k + columns[c]] -= S[p, 18 * k + c]

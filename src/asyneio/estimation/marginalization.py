@@ -23,7 +23,15 @@ from asyneio.errors import EstimationError
 from asyneio.estimation.active import active_in_window, active_part, with_inactive_zero
 from asyneio.estimation.linear_system import eliminate_landmarks, linearize
 from asyneio.estimation.optimizer import add_prior, difference
-from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem, States, Visual
+from asyneio.estimation.problem import (
+    Inertial,
+    Landmarks,
+    Preintegrated,
+    Prior,
+    Problem,
+    States,
+    Visual,
+)
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: A pivot below this, relative to the diagonal, is rounding and not information.
@@ -82,7 +90,7 @@ def _square_root(information: FloatArray, gradient: FloatArray) -> tuple[FloatAr
 def _factors_of_oldest(problem: Problem, prior: Prior) -> Problem:
     """The sub-problem of interval 0 and of the landmarks anchored in knot 0, on the knots that it touches."""
     keep = problem.landmarks.anchor == 0
-    visual = _of_landmarks(problem.visual, keep)
+    visual, chosen = _of_landmarks(problem.visual, keep)
     observed = np.flatnonzero(np.diff(visual.start))
     knots = max(int(observed[-1]) + 2 if len(observed) else 2, prior.knots)
     motion = np.zeros(knots - 1, dtype=np.bool_)
@@ -96,7 +104,16 @@ def _factors_of_oldest(problem: Problem, prior: Prior) -> Problem:
         accelerometer=_first_interval(problem.accelerometer, knots),
         visual=visual._replace(start=visual.start[:knots]),
         landmarks=Landmarks(*(np.ascontiguousarray(a[keep]) for a in problem.landmarks)),
+        # The others' biases are still what their observations were propagated with.
+        preintegrated=_only_first(problem.preintegrated, knots),
+        propagated=problem.propagated.chosen(chosen),
     )
+
+
+def _only_first(preintegrated: Preintegrated, knots: int) -> Preintegrated:
+    """Preintegrated samples of interval 0 alone, for `knots` knots."""
+    part = preintegrated.first(knots - 1)
+    return part._replace(present=part.present & (np.arange(len(part.present)) == 0))
 
 
 def _first_interval(samples: Inertial, knots: int) -> Inertial:
@@ -106,15 +123,16 @@ def _first_interval(samples: Inertial, knots: int) -> Inertial:
     return samples._replace(start=start)
 
 
-def _of_landmarks(visual: Visual, keep: BoolArray) -> Visual:
-    """Observations of the landmarks in `keep`, renumbered."""
+def _of_landmarks(visual: Visual, keep: BoolArray) -> tuple[Visual, BoolArray]:
+    """Observations of the landmarks in `keep`, renumbered, and which those are."""
     chosen = keep[visual.landmark]
     interval = np.repeat(np.arange(len(visual.start) - 1), np.diff(visual.start))[chosen]
     number: IntArray = np.cumsum(keep) - 1
-    return Visual(
+    kept = Visual(
         start=np.searchsorted(interval, np.arange(len(visual.start))),
         weights=visual.weights[chosen],
         landmark=number[visual.landmark[chosen]],
         xy=visual.xy[chosen],
         root_information=visual.root_information[chosen],
     )
+    return kept, chosen

@@ -8,9 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.problem import Inertial, Visual
+from asyneio.estimation.problem import (
+    NOTHING_PREINTEGRATED,
+    NOTHING_PROPAGATED,
+    Inertial,
+    Preintegrated,
+    Propagated,
+    Visual,
+)
+from asyneio.estimation.schemes import DirectSamples, IntervalInertial
 from asyneio.trajectory.motion_prior import interpolation_weights_many
-from asyneio.types import BoolArray, FloatArray, IntArray, RecordArray
+from asyneio.types import BoolArray, FloatArray, IntArray
 
 
 def _weights(
@@ -35,15 +43,15 @@ class InertialBuffer:
         self._alpha: FloatArray = np.empty(0)
         self._root: FloatArray = np.empty(0)
 
-    def append(self, samples: RecordArray, sigma: float, interval: int, start_ns: int, end_ns: int) -> None:
-        """Samples (INERTIAL_DTYPE) of one interval, with standard deviation `sigma` per axis."""
-        n = len(samples)
-        weights, alpha = _weights(samples["t_ns"], np.full(n, start_ns), np.full(n, end_ns), self._prior)
+    def append(self, samples: DirectSamples, interval: int, start_ns: int, end_ns: int) -> None:
+        """Samples of one interval."""
+        n = len(samples.t_ns)
+        weights, alpha = _weights(samples.t_ns, np.full(n, start_ns), np.full(n, end_ns), self._prior)
         self._interval = np.concatenate([self._interval, np.full(n, interval)])
-        self._value = np.concatenate([self._value, samples["xyz"]])
+        self._value = np.concatenate([self._value, samples.value])
         self._weights = np.concatenate([self._weights, weights])
         self._alpha = np.concatenate([self._alpha, alpha])
-        self._root = np.concatenate([self._root, np.full(n, 1.0 / sigma)])
+        self._root = np.concatenate([self._root, 1.0 / samples.sigma])
 
     def drop_before(self, interval: int) -> None:
         """Forget the samples of intervals before `interval`."""
@@ -60,6 +68,38 @@ class InertialBuffer:
         return Inertial(start, self._value, self._weights, self._alpha, self._root)
 
 
+class PreintegrationBuffer:
+    """Increments of the intervals inside the window; empty under a scheme that has none."""
+
+    def __init__(self) -> None:
+        self._entries: dict[int, Preintegrated] = {}
+
+    def append(self, measured: IntervalInertial, interval: int) -> None:
+        """Increments of one interval, if it has any."""
+        if measured.preintegration is None or measured.covariance is None:
+            return
+        end = measured.preintegration.end()
+        # L^{-1} with covariance L L^T.
+        root = np.linalg.inv(np.linalg.cholesky(measured.covariance))
+        present = np.ones(1, dtype=np.bool_)
+        bias = measured.preintegration.bias[None]
+        self._entries[interval] = Preintegrated(present, end.C, end.nu, end.r, end.d_bias, bias, root[None])
+
+    def drop_before(self, interval: int) -> None:
+        """Forget the increments of intervals before `interval`."""
+        self._entries = {k: entry for k, entry in self._entries.items() if k >= interval}
+
+    def arrays(self, first: int, intervals: int) -> Preintegrated:
+        """Arrays for the intervals `first .. first + intervals - 1`."""
+        if not self._entries:
+            return NOTHING_PREINTEGRATED
+        some = next(iter(self._entries.values()))
+        missing = some._replace(present=np.zeros(1, dtype=np.bool_))
+        chosen = [self._entries.get(first + i, missing) for i in range(intervals)]
+        present, *others = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
+        return Preintegrated(present, *others)
+
+
 class VisualBuffer:
     """Observations inside the window, of tracks with and without a landmark yet; motion prior as above."""
 
@@ -71,6 +111,7 @@ class VisualBuffer:
         self.xy: FloatArray = np.empty((0, 2))
         self.root_information: FloatArray = np.empty((0, 2, 2))
         self.weights: FloatArray = np.empty((0, 5))
+        self.propagated: Propagated = NOTHING_PROPAGATED
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -83,8 +124,10 @@ class VisualBuffer:
         root_information: FloatArray,
         interval: int,
         bounds_ns: tuple[int, int],
+        propagated: Propagated = NOTHING_PROPAGATED,
     ) -> None:
-        """Undistorted observations `xy` (N,2) of one interval that spans `bounds_ns`."""
+        """Undistorted observations `xy` (N,2) of one interval that spans `bounds_ns`, and increments at their
+        times where the scheme has them."""
         n = len(t_ns)
         weights, _ = _weights(t_ns, np.full(n, bounds_ns[0]), np.full(n, bounds_ns[1]), self._prior)
         self.t_ns = np.concatenate([self.t_ns, t_ns])
@@ -93,6 +136,8 @@ class VisualBuffer:
         self.xy = np.concatenate([self.xy, xy])
         self.root_information = np.concatenate([self.root_information, root_information])
         self.weights = np.concatenate([self.weights, weights[:, 0]])
+        both = zip(self.propagated, propagated, strict=True)
+        self.propagated = Propagated(*(np.concatenate(pair) for pair in both))
 
     def keep(self, mask: BoolArray) -> None:
         """Forget the observations outside `mask`."""
@@ -102,8 +147,11 @@ class VisualBuffer:
         self.xy = self.xy[mask]
         self.root_information = self.root_information[mask]
         self.weights = self.weights[mask]
+        self.propagated = self.propagated.chosen(mask)
 
-    def arrays(self, landmark: IntArray, anchor: IntArray, first: int, intervals: int) -> Visual:
+    def arrays(
+        self, landmark: IntArray, anchor: IntArray, first: int, intervals: int
+    ) -> tuple[Visual, Propagated]:
         """Arrays for the observations with `landmark >= 0`, sorted by interval, anchor and landmark.
 
         `landmark` (N,) is the index of each observation's landmark, `anchor` (L,) the landmarks' anchors.
@@ -112,10 +160,11 @@ class VisualBuffer:
         mine = landmark[chosen]
         chosen = chosen[np.lexsort((mine, anchor[mine], self.interval[chosen]))]
         start = np.searchsorted(self.interval[chosen], first + np.arange(intervals + 1))
-        return Visual(
+        visual = Visual(
             start,
             self.weights[chosen],
             landmark[chosen],
             self.xy[chosen],
             self.root_information[chosen],
         )
+        return visual, self.propagated.chosen(chosen)

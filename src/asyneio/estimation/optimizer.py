@@ -201,7 +201,8 @@ def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem
     linearization = problem.linearization.copied()
     landmarks = problem.landmarks.copied()
     landmark_step = np.zeros((len(landmarks.rho), 3))
-    landmark_steps(system, landmarks.anchor, step, landmark_step)
+    columns = np.ascontiguousarray(step[:, problem.model.landmark_columns])
+    landmark_steps(system, landmarks.anchor, columns, landmark_step)
     _retract(states, linearization, problem.frozen, step, landmarks, landmark_step)
     return problem._replace(states=states, linearization=linearization, landmarks=landmarks)
 

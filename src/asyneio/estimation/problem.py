@@ -48,6 +48,47 @@ class Visual(NamedTuple):
     root_information: FloatArray  # (M,2,2)
 
 
+class Preintegrated(NamedTuple):
+    """Preintegrated samples of the intervals (29), computed with `bias`; no interval has any where I is 0."""
+
+    present: BoolArray  # (I,) whether the interval has them
+    C: FloatArray  # (I,3,3)
+    nu: FloatArray  # (I,3)
+    r: FloatArray  # (I,3)
+    d_bias: FloatArray  # (I,9,6)
+    bias: FloatArray  # (I,6)
+    root_information: FloatArray  # (I,9,9) whitens [phi, nu, r]
+
+    def first(self, intervals: int) -> Preintegrated:
+        """Those of the first intervals."""
+        n = intervals
+        return Preintegrated(
+            self.present[:n],
+            self.C[:n],
+            self.nu[:n],
+            self.r[:n],
+            self.d_bias[:n],
+            self.bias[:n],
+            self.root_information[:n],
+        )
+
+
+class Propagated(NamedTuple):
+    """Increments (29) at the times of the observations, computed with the bias of `Preintegrated`.
+
+    Empty (M = 0) where the pose at an observation is interpolated between knots.
+    """
+
+    tau: FloatArray  # (M,) seconds after the knot before
+    C: FloatArray  # (M,3,3)
+    r: FloatArray  # (M,3)
+    d_bias: FloatArray  # (M,9,6)
+
+    def chosen(self, index: IntArray | BoolArray) -> Propagated:
+        """Those of some observations."""
+        return self if len(self.tau) == 0 else Propagated(*(a[index] for a in self))
+
+
 class Landmarks(NamedTuple):
     """Landmarks: bearing and inverse depth in the camera at the anchor knot."""
 
@@ -75,6 +116,23 @@ class Prior(NamedTuple):
         return self.R.shape[1] // 24
 
 
+#: Coordinates of a knot that an observation between two knots of a GP trajectory depends on.
+KINEMATIC_COLUMNS = np.arange(18)
+#: And one whose pose is propagated from the knot before: eps, varpi, biases.
+PROPAGATED_COLUMNS = np.r_[0:12, 18:24]
+
+NOTHING_PREINTEGRATED = Preintegrated(
+    np.zeros(0, dtype=np.bool_),
+    np.zeros((0, 3, 3)),
+    np.zeros((0, 3)),
+    np.zeros((0, 3)),
+    np.zeros((0, 9, 6)),
+    np.zeros((0, 6)),
+    np.zeros((0, 9, 9)),
+)
+NOTHING_PROPAGATED = Propagated(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 9, 6)))
+
+
 class Model(NamedTuple):
     """Constants of the window."""
 
@@ -90,6 +148,8 @@ class Model(NamedTuple):
     gate: float
     landmark_dof: int  # 1 inverse depth; 3 inverse depth and bearing
     landmark_damping: FloatArray  # (3,) information added on the diagonal, no gradient
+    kinematic_prior: bool = True  # False: nothing but the inertial samples ties two knots
+    landmark_columns: IntArray = KINEMATIC_COLUMNS  # (18,) coordinates of a knot that observations depend on
 
 
 class Problem(NamedTuple):
@@ -104,6 +164,8 @@ class Problem(NamedTuple):
     visual: Visual
     landmarks: Landmarks
     model: Model
+    preintegrated: Preintegrated = NOTHING_PREINTEGRATED
+    propagated: Propagated = NOTHING_PROPAGATED
 
 
 def bearing_tangent(kappa: FloatArray) -> FloatArray:

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from asyneio.estimation.observation import differentiate, observe
 from asyneio.estimation.problem import Problem
-from asyneio.factors.reprojection import landmark_direction, reprojection_jacobian, reprojection_residual
-from asyneio.factors.robust import cauchy
 from asyneio.geometry.se3 import rows_times_adjoint_inverse
 from asyneio.trajectory.interpolation import query_pose_with_step, rows_times_step_jacobian
 from asyneio.trajectory.model import SE3
@@ -100,9 +99,9 @@ def _fill_rows(
 ) -> tuple[float, int]:
     """Rows of the observations of interval i: residuals at the states, Jacobians at the linearisation
     point."""
-    visual, landmarks, model = problem.visual, problem.landmarks, problem.model
+    visual, anchor = problem.visual, problem.landmarks.anchor
     states, linearization = problem.states, problem.linearization
-    space = model.motion_model.space
+    space = problem.model.motion_model.space
     xi, C_d, r_d, C, r = np.empty(6), np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
     x_a, x_b, h, residual, c = np.empty(3), np.empty(3), np.empty(3), np.empty(2), np.empty(4)
     d_anchor, d_pose, d_landmark = np.empty((2, 6)), np.empty((2, 6)), np.empty((2, 3))
@@ -110,55 +109,20 @@ def _fill_rows(
     cost = 0.0
     rejected = 0
     for n in range(visual.start[i], visual.start[i + 1]):
-        j = visual.landmark[n]
-        a = landmarks.anchor[j]
-        w, root = visual.weights[n], visual.root_information[n]
-        kappa, rho = landmarks.kappa[j], landmarks.rho[j]
+        w = visual.weights[n]
         query_pose_with_step(states.C[i], states.r[i], local, w, space, xi, C_d, r_d, C, r)
-        landmark_direction(states.C[a], states.r[a], C, r, model.C_bc, model.r_bc, kappa, rho, x_a, x_b, h)
-        visible = reprojection_residual(h, visual.xy[n], root, residual)
-        squared = residual[0] ** 2 + residual[1] ** 2 if visible else np.inf
-        robust_cost, robust = cauchy(squared, model.robust_scale, model.gate)
-        cost += robust_cost
+        observed_cost, robust = observe(problem, n, C, r, x_a, x_b, h, residual)
+        cost += observed_cost
         if robust == 0.0:
             rejected += 1
         if robust == 0.0 or not with_jacobian:
             continue
-        if i < problem.frozen or a < problem.frozen:
+        moved = i < problem.frozen or anchor[visual.landmark[n]] < problem.frozen
+        if moved:
             query_pose_with_step(
                 linearization.C[i], linearization.r[i], local_lin, w, space, xi, C_d, r_d, C, r
             )
-            landmark_direction(
-                linearization.C[a],
-                linearization.r[a],
-                C,
-                r,
-                model.C_bc,
-                model.r_bc,
-                kappa,
-                rho,
-                x_a,
-                x_b,
-                h,
-            )
-        usable = reprojection_jacobian(
-            linearization.C[a],
-            linearization.r[a],
-            C,
-            r,
-            model.C_bc,
-            model.r_bc,
-            rho,
-            landmarks.tangent[j],
-            x_a,
-            x_b,
-            h,
-            root,
-            d_anchor,
-            d_pose,
-            d_landmark,
-        )
-        if not usable:
+        if not differentiate(problem, n, C, r, moved, x_a, x_b, h, d_anchor, d_pose, d_landmark):
             rejected += 1
             continue
         rows_times_adjoint_inverse(d_pose, C_d, r_d, E)

@@ -7,11 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.estimation.active import active_coordinates
-from asyneio.estimation.landmarks import LandmarkTable, born_landmark, camera_poses
+from asyneio.estimation.landmarks import (
+    LandmarkTable,
+    born_landmark,
+    camera_poses,
+    propagated_camera_poses,
+)
 from asyneio.estimation.marginalization import marginalize_oldest
-from asyneio.estimation.measurements import InertialBuffer, VisualBuffer
+from asyneio.estimation.measurements import InertialBuffer, PreintegrationBuffer, VisualBuffer
 from asyneio.estimation.optimizer import OptimizerSettings, Solution, optimize
-from asyneio.estimation.problem import Model, Prior, Problem, States
+from asyneio.estimation.problem import (
+    KINEMATIC_COLUMNS,
+    NOTHING_PROPAGATED,
+    PROPAGATED_COLUMNS,
+    Model,
+    Prior,
+    Problem,
+    Propagated,
+    States,
+)
+from asyneio.estimation.schemes import Scheme, measure
+from asyneio.inertial.increments import Preintegration, SampleNoise
 from asyneio.trajectory.model import MotionModel
 from asyneio.types import FloatArray, IntArray, RecordArray
 
@@ -27,8 +43,9 @@ class WindowSettings:
     motion_model: MotionModel
     root_density: FloatArray  # (6,) motion prior
     bias_walk: FloatArray  # (6,)
-    gyroscope_sigma: float  # rad/s of one sample
-    accelerometer_sigma: float  # m/s^2 of one sample
+    scheme: Scheme
+    noise: SampleNoise
+    noise_inflation: float
     T_b_c: FloatArray  # (4,4)
     robust_scale: float
     gate: float
@@ -69,6 +86,7 @@ class Window:
         prior_kind = settings.motion_model.prior
         self._gyroscope = InertialBuffer(prior_kind)
         self._accelerometer = InertialBuffer(prior_kind)
+        self._preintegrations = PreintegrationBuffer()
         self._visual = VisualBuffer(prior_kind)
         self.landmarks = LandmarkTable()
 
@@ -95,11 +113,19 @@ class Window:
         observations: TrackObservations,
     ) -> None:
         """Append a predicted knot (States with K = 1) at `t_ns` and the measurements of the interval
-        before it."""
+        before it; inertial samples from shortly before the interval settle what happens at its start.
+
+        Raises:
+            EstimationError, InertialError: as `schemes.measure`.
+        """
+        s = self._settings
         interval = self.first + self.knots - 1
         bounds = (int(self.t_ns[-1]), t_ns)
-        self._gyroscope.append(gyroscope, self._settings.gyroscope_sigma, interval, *bounds)
-        self._accelerometer.append(accelerometer, self._settings.accelerometer_sigma, interval, *bounds)
+        bias = self.states.bias[-1]
+        measured = measure(s.scheme, gyroscope, accelerometer, bounds, bias, s.noise, s.noise_inflation)
+        self._gyroscope.append(measured.gyroscope, interval, *bounds)
+        self._accelerometer.append(measured.accelerometer, interval, *bounds)
+        self._preintegrations.append(measured, interval)
         self._visual.append(
             observations.t_ns,
             observations.track,
@@ -107,6 +133,7 @@ class Window:
             observations.root_information,
             interval,
             bounds,
+            self._increments(measured.preintegration, observations.t_ns),
         )
         self.t_ns = np.append(self.t_ns, t_ns)
         self.states = States(*(np.concatenate(pair) for pair in zip(self.states, knot, strict=True)))
@@ -114,9 +141,20 @@ class Window:
             *(np.concatenate(pair) for pair in zip(self._linearization, knot, strict=True))
         )
 
+    def _increments(self, preintegration: Preintegration | None, t_ns: IntArray) -> Propagated:
+        """Increments since the newest knot at times (N,), where the scheme propagates."""
+        if preintegration is None or not self._settings.scheme.propagates:
+            return NOTHING_PROPAGATED
+        tau = (t_ns - self.t_ns[-1]) * 1e-9
+        at = preintegration.at(np.minimum(tau, preintegration.duration))
+        return Propagated(tau, at.C, at.r, at.d_bias)
+
     def problem(self) -> Problem:
         """The optimisation problem of the present window."""
         intervals = self.knots - 1
+        visual, propagated = self._visual.arrays(
+            self.landmarks.index_of(self._visual.track), self.landmarks.anchor, self.first, intervals
+        )
         return Problem(
             states=self.states,
             linearization=self._linearization,
@@ -124,18 +162,19 @@ class Window:
             motion=np.ones(intervals, dtype=np.bool_),
             gyroscope=self._gyroscope.arrays(self.first, intervals),
             accelerometer=self._accelerometer.arrays(self.first, intervals),
-            visual=self._visual.arrays(
-                self.landmarks.index_of(self._visual.track), self.landmarks.anchor, self.first, intervals
-            ),
+            visual=visual,
             landmarks=self.landmarks.arrays(self.first),
             model=self._model(),
+            preintegrated=self._preintegrations.arrays(self.first, intervals),
+            propagated=propagated,
         )
 
     def _model(self) -> Model:
         s = self._settings
+        kinematic = not s.scheme.propagates
         return Model(
             motion_model=s.motion_model,
-            active=active_coordinates(s.motion_model),
+            active=active_coordinates(s.motion_model, kinematic),
             dt=np.diff(self.t_ns) * 1e-9,
             gravity_w=s.gravity_w,
             root_density=s.root_density,
@@ -146,6 +185,8 @@ class Window:
             gate=s.gate,
             landmark_dof=s.landmark_dof,
             landmark_damping=s.landmark_damping,
+            kinematic_prior=kinematic,
+            landmark_columns=KINEMATIC_COLUMNS if kinematic else PROPAGATED_COLUMNS,
         )
 
     def optimize(self, settings: OptimizerSettings) -> Solution:
@@ -168,6 +209,7 @@ class Window:
         self.first += 1
         self._gyroscope.drop_before(self.first)
         self._accelerometer.drop_before(self.first)
+        self._preintegrations.drop_before(self.first)
         self.t_ns = self.t_ns[1:]
         self.states = States(*(a[1:] for a in self.states))
         self._linearization = States(*(a[1:] for a in self._linearization))
@@ -229,20 +271,7 @@ class Window:
         if not self._refines_bearing:
             anchor += 1
             direction[0] = self._direction_at(group, anchor)
-        model = self._model()
-        # The anchor's own camera pose is the query at the start of its interval: weights zero.
-        weights = np.vstack([np.zeros((1, 5)), self._visual.weights[group]])
-        C, r = np.empty((len(weights), 3, 3)), np.empty((len(weights), 3))
-        camera_poses(
-            self.states,
-            np.concatenate([[anchor], interval]),
-            weights,
-            model.C_bc,
-            model.r_bc,
-            model.motion_model.space,
-            C,
-            r,
-        )
+        C, r = self._cameras(group, anchor)
         if not self._refines_bearing:
             C[1], r[1] = C[0], r[0]
         kappa = np.empty(3)
@@ -250,6 +279,28 @@ class Window:
             C[1:], r[1:], direction, 0, C[0], r[0], default_rho, self._settings.bearing_sigma, kappa
         )
         return anchor + self.first, kappa, rho
+
+    def _cameras(self, group: IntArray, anchor: int) -> tuple[FloatArray, FloatArray]:
+        """Camera poses in the world at a knot and at some observations: (1+N,3,3), (1+N,3)."""
+        model = self._model()
+        interval = np.concatenate([[anchor], self._visual.interval[group] - self.first])
+        C, r = np.empty((len(interval), 3, 3)), np.empty((len(interval), 3))
+        if self._settings.scheme.propagates:
+            chosen = self._visual.propagated.chosen(group)
+            start = Propagated(np.zeros(1), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 9, 6)))
+            increments = Propagated(*(np.concatenate(pair) for pair in zip(start, chosen, strict=True)))
+            bias = self._preintegrations.arrays(self.first, self.knots - 1).bias
+            # The newest knot has no increments after it, and the anchor's own pose needs none.
+            bias = np.concatenate([bias, self.states.bias[-1:]])
+            propagated_camera_poses(
+                self.states, interval, increments, bias, model.gravity_w, model.C_bc, model.r_bc, C, r
+            )
+        else:
+            # Weights zero: the pose at the start of the interval.
+            weights = np.vstack([np.zeros((1, 5)), self._visual.weights[group]])
+            space = model.motion_model.space
+            camera_poses(self.states, interval, weights, model.C_bc, model.r_bc, space, C, r)
+        return C, r
 
     def _direction_at(self, group: IntArray, knot: int) -> FloatArray:
         """Unit bearing (3,) of a track, interpolated linearly in the image to the time of a knot."""

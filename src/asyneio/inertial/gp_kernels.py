@@ -28,7 +28,7 @@ from asyneio.types import FloatArray, IntArray
 SHIFT = 3
 _MOST_ITERATIONS = 60
 #: Change of phi [rad], and relative change of derivatives, below which the iterations end.
-_SETTLED = 1e-13
+_SETTLED = 1e-12
 
 
 @njit(cache=True)
@@ -65,10 +65,10 @@ def rotation_states(
     omega: FloatArray,
     x: FloatArray,
     limit: float,
-) -> int:
-    """Table `x` (n,5,3) of phi_dot at the nodes from bias-free `omega` (N,3); 0, or a status.
+) -> bool:
+    """Table `x` (n,5,3) of phi_dot at the nodes from bias-free `omega` (N,3).
 
-    1: phi reaches `limit` rad; 2: no fixed point.
+    False where there is no fixed point with phi below `limit` rad.
     """
     nodes, samples = t.shape[0], omega.shape[0]
     phi = np.zeros((samples, 3))
@@ -95,10 +95,10 @@ def rotation_states(
                 _inverse_jacobian_times(phi[n], omega[n], series, J_inv, D)
                 matvec(J_inv, omega[n], rho[n])
         if not largest < limit * limit:
-            return 1
+            return False
         if change < _SETTLED:
-            return 0
-    return 2
+            return True
+    return False
 
 
 @njit(cache=True)

@@ -53,11 +53,18 @@ class GpPreintegration:
             noise.accelerometer,
         )
         self._samples = len(omega)
-        self._turn_x = self._solved_turn(omega)
+        self._turn_x = np.empty((len(self._turn.t), 5, 3))
         self._turn_dx = np.empty((len(self._turn.t), 5, 12))
         turn = self._turn
-        if not rotation_derivatives(*turn, omega, self._turn_x, self._turn_dx):
-            raise InertialError(_no_fixed_point(self._duration))
+        if not (
+            rotation_states(*turn, omega, self._turn_x, _LARGEST_TURN)
+            and rotation_derivatives(*turn, omega, self._turn_x, self._turn_dx)
+        ):
+            raise InertialError(
+                f"the rotation of {self._duration} s does not stay below {_LARGEST_TURN} rad; expected less "
+                "than half a turn, where the rotation vector is smooth: shorten the interval, or look for "
+                "outliers or wrong units in the gyroscope's samples"
+            )
         self._alpha = np.empty_like(force)
         self._push_x = np.empty((len(self._push.t), 5, 24))
         push = self._push
@@ -71,19 +78,6 @@ class GpPreintegration:
             self._alpha,
             self._push_x,
         )
-
-    def _solved_turn(self, omega: FloatArray) -> FloatArray:
-        turn = self._turn
-        x = np.empty((len(turn.t), 5, 3))
-        status = rotation_states(*turn, omega, x, _LARGEST_TURN)
-        if status == 1:
-            raise InertialError(
-                f"the body turns by more than {_LARGEST_TURN} rad within {self._duration} s; expected less "
-                "than half a turn, where the rotation vector is smooth: shorten the interval"
-            )
-        if status == 2:
-            raise InertialError(_no_fixed_point(self._duration))
-        return x
 
     @property
     def bias(self) -> FloatArray:
@@ -170,10 +164,3 @@ def gp_preintegration(
         InertialError: the bias is not six finite numbers, or the body turns by half a turn or more.
     """
     return GpPreintegration(window, bias, noise, smoothness or find_smoothness(window, noise))
-
-
-def _no_fixed_point(duration: float) -> str:
-    return (
-        f"the latent rotation rates over {duration} s do not settle; expected samples of a motion below half "
-        "a turn: shorten the interval or look for outliers in the gyroscope"
-    )

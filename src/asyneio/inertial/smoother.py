@@ -111,8 +111,11 @@ def gains(
 
 
 @njit(cache=True)
-def evidence(t: FloatArray, y: FloatArray, density: float, variance: float, prior: FloatArray) -> float:
-    """Minus twice the log likelihood of samples `y` (n,c) at `t` (n,), without its constant."""
+def evidence(
+    t: FloatArray, y: FloatArray, density: float, variance: float, prior: FloatArray
+) -> tuple[float, float]:
+    """Volume and misfit, whose sum is minus twice the log likelihood of samples `y` (n,c) at `t` (n,) but for
+    its constant: c times the log determinant of their covariance, and their squares whitened with it."""
     P = np.zeros((3, 3))
     ahead = np.empty((3, 3))
     K = np.empty(3)
@@ -120,7 +123,8 @@ def evidence(t: FloatArray, y: FloatArray, density: float, variance: float, prio
     x = np.zeros((3, columns))
     for i in range(3):
         P[i, i] = prior[i]
-    total = 0.0
+    volume = 0.0
+    misfit = 0.0
     for j in range(t.shape[0]):
         if j > 0:
             dt = t[j] - t[j - 1]
@@ -130,14 +134,13 @@ def evidence(t: FloatArray, y: FloatArray, density: float, variance: float, prio
                 x[0, c] += dt * x[1, c] + 0.5 * dt * dt * x[2, c]
                 x[1, c] += dt * x[2, c]
         S = _update(P, variance, K)
-        misfit = 0.0
+        volume += columns * np.log(S)
         for c in range(columns):
             v = y[j, c] - x[0, c]
-            misfit += v * v
+            misfit += v * v / S
             for i in range(3):
                 x[i, c] += K[i] * v
-        total += columns * np.log(S) + misfit / S
-    return total
+    return volume, misfit
 
 
 @njit(cache=True)

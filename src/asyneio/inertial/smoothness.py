@@ -16,6 +16,8 @@ from asyneio.types import FloatArray
 #: a parabola through everything to a spline through every sample.
 _DECADES = np.arange(-14.0, 5.0)
 _COARSE = 3
+#: How many values the declared noise is worth against what the samples show of theirs.
+_BELIEF = 6.0
 #: Standard deviations of the prior at the first node, in units of the largest value and differences seen.
 _PRIOR = 3.0
 #: Smallest standard deviation of a sample, in units of the largest sample: below, interpolation is the same.
@@ -63,16 +65,30 @@ def _likeliest(t: FloatArray, y: FloatArray, sigma: float, decades: FloatArray) 
     best = 0
     least = np.inf
     for n in range(0, decades.shape[0], _COARSE):
-        value = evidence(t, y, unit * 10.0 ** decades[n], variance, prior)
+        value = _surprise(t, y, unit * 10.0 ** decades[n], variance, prior)
         if value < least:
             best, least = n, value
     middle = best
     for n in range(max(middle - _COARSE + 1, 0), min(middle + _COARSE, decades.shape[0])):
         if n != middle:
-            value = evidence(t, y, unit * 10.0 ** decades[n], variance, prior)
+            value = _surprise(t, y, unit * 10.0 ** decades[n], variance, prior)
             if value < least:
                 best, least = n, value
     return unit * 10.0 ** decades[best]
+
+
+@njit(cache=True)
+def _surprise(t: FloatArray, y: FloatArray, density: float, variance: float, prior: FloatArray) -> float:
+    """Minus twice the log marginal likelihood, all variances scaled down to what suits the samples best.
+
+    Declared noise is often inflated, and would then smooth motion away. It is never scaled up: fast motion
+    would pass for noise.
+    """
+    volume, misfit = evidence(t, y, density, variance, prior)
+    # Three values an axis fix the parabola that the prior leaves free.
+    free = max(t.shape[0] - 3, 0) * y.shape[1]
+    scale = min((_BELIEF + misfit) / (_BELIEF + free), 1.0)
+    return volume + (_BELIEF + free) * np.log(scale) + (_BELIEF + misfit) / scale
 
 
 @njit(cache=True)

@@ -8,6 +8,9 @@ from asyneio.estimation.window import TrackObservations
 from asyneio.geometry.camera import CameraModel
 from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, FloatArray, Packet, RecordArray
 
+#: Inertial samples before an interval that settle what happens at its start.
+_EARLIER = 4
+
 
 class Intake:
     """Keeps what the window has not taken yet, and the last inertial samples before it."""
@@ -56,7 +59,7 @@ class Intake:
         return np.asarray(root @ np.linalg.inv(d_xy_d_uv))
 
     def drop_until(self, t_ns: int) -> None:
-        """Forget what the window has taken; two earlier inertial samples stay for interpolation."""
+        """Forget what the window has taken; a few earlier inertial samples stay for the next interval."""
         self.gyroscope = _tail(self.gyroscope, t_ns)
         self.accelerometer = _tail(self.accelerometer, t_ns)
         o = self.observations
@@ -64,10 +67,9 @@ class Intake:
         self.observations = TrackObservations(o.t_ns[n:], o.track[n:], o.xy[n:], o.root_information[n:])
 
 
-def between(samples: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
-    """Samples with start < t <= end."""
-    a, b = np.searchsorted(samples["t_ns"], [start_ns, end_ns], side="right")
-    return samples[a:b]
+def around(samples: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
+    """Samples with start < t <= end, and a few earlier ones."""
+    return _tail(until(samples, end_ns), start_ns)
 
 
 def until(samples: RecordArray, end_ns: int) -> RecordArray:
@@ -77,4 +79,4 @@ def until(samples: RecordArray, end_ns: int) -> RecordArray:
 
 def _tail(samples: RecordArray, t_ns: int) -> RecordArray:
     n = int(np.searchsorted(samples["t_ns"], t_ns, side="right"))
-    return samples[max(n - 2, 0) :]
+    return samples[max(n - _EARLIER, 0) :]

@@ -9,7 +9,7 @@ from asyneio.errors import EstimationError
 from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
-from asyneio.odometry.intake import Intake, between, until
+from asyneio.odometry.intake import Intake, until
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
@@ -82,8 +82,7 @@ class Odometry:
         # A packet may reach beyond the knot: its first guess uses nothing later than itself.
         streams = (until(intake.gyroscope, knot_ns), until(intake.accelerometer, knot_ns))
         knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
-        gyroscope, accelerometer = (between(s, from_ns, knot_ns) for s in streams)
-        window.extend(knot_ns, knot, gyroscope, accelerometer, intake.observations.between(from_ns, knot_ns))
+        window.extend(knot_ns, knot, *streams, intake.observations.between(from_ns, knot_ns))
         window.add_landmarks()
         self._solution = window.optimize(settings.optimizer)
         intake.drop_until(knot_ns)

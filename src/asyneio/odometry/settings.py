@@ -9,7 +9,9 @@ import numpy as np
 from asyneio.config import Config, MotionPriorConfig
 from asyneio.errors import CalibrationError
 from asyneio.estimation.optimizer import OptimizerSettings
+from asyneio.estimation.schemes import SCHEMES
 from asyneio.estimation.window import WindowSettings
+from asyneio.inertial.increments import SampleNoise
 from asyneio.trajectory.model import motion_model_named
 from asyneio.types import NS_PER_S, Calibration, FloatArray
 
@@ -62,10 +64,12 @@ def resolve(
         motion_model=motion_model_named(prior.kind, prior.space),
         root_density=_root_density(prior),
         bias_walk=np.maximum(walk, 1e-9),
-        gyroscope_sigma=inertial.noise_inflation * noise.gyroscope_density * np.sqrt(gyroscope_hz),
-        accelerometer_sigma=inertial.noise_inflation
-        * noise.accelerometer_density
-        * np.sqrt(accelerometer_hz),
+        scheme=SCHEMES[inertial.scheme],
+        noise=SampleNoise(
+            noise.gyroscope_density * np.sqrt(gyroscope_hz),
+            noise.accelerometer_density * np.sqrt(accelerometer_hz),
+        ),
+        noise_inflation=inertial.noise_inflation,
         T_b_c=calibration.T_b_c,
         robust_scale=visual.robust_scale,
         gate=visual.gate_sigma,

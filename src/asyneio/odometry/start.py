@@ -14,7 +14,7 @@ from asyneio.estimation.problem import Prior, States
 from asyneio.estimation.window import TrackObservations, Window
 from asyneio.initialization.alignment import AlignmentData, align
 from asyneio.initialization.warm_up import warm_up
-from asyneio.odometry.intake import Intake, between
+from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.propagation import propagate, rates_at
 from asyneio.odometry.settings import Settings
 from asyneio.types import FloatArray, IntArray
@@ -204,8 +204,8 @@ def _filled_window(intake: Intake, settings: Settings, knots_ns: IntArray, state
         window.extend(
             span[1],
             knot(k),
-            between(intake.gyroscope, *span),
-            between(intake.accelerometer, *span),
+            around(intake.gyroscope, *span),
+            around(intake.accelerometer, *span),
             intake.observations.between(*span),
         )
     window.add_landmarks()

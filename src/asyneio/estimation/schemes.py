@@ -1,0 +1,198 @@
+"""Four ways for inertial samples to enter the window, behind one interface (`measure`).
+
+| scheme    | factors of an interval                                  | pose between two knots      | state |
+|-----------|---------------------------------------------------------|-----------------------------|-------|
+| GPIF      | every sample on the trajectory (21)                     | interpolated (20)           | 24    |
+| Preint    | increments by the midpoint rule (30)                    | interpolated (20)           | 24    |
+| ExtPreint | as Preint, and rates fitted at both ends, as (21)       | interpolated (20)           | 24    |
+| GPP       | increments by Gaussian processes over the samples (30)  | increments at its time (29) | 15    |
+
+GPP has no kinematic prior; the others have the motion prior (16).
+
+*ExtPreint counts samples twice.* The paper gives it no equation. The rates at a knot are fitted to the
+samples within `_END_S` of it, which the increments have used as well; so the fit's variance is doubled, and
+what the signal may bend within the fit is added (`_BEND`).
+
+*Gaps.* Preintegration needs samples up to both ends. Where they are missing, the nearest is held, and every
+gap adds what the motion may have done in it to the covariance of the increments (`_GAP_SLOPE`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.errors import EstimationError
+from asyneio.inertial.end_fit import line_at
+from asyneio.inertial.gp_preintegration import gp_preintegration
+from asyneio.inertial.increments import ImuWindow, Preintegration, SampleNoise
+from asyneio.inertial.preintegration import midpoint
+from asyneio.types import FloatArray, IntArray, RecordArray
+
+#: Samples so near to an end of the interval [s] tell the rates there; at least so many.
+_END_S = 0.015
+_END_SAMPLES = 3
+#: Second derivatives of angular velocity [rad/s^3] and of specific force [m/s^4] that a fit may meet.
+_BEND = (200.0, 1000.0)
+#: First derivatives [rad/s^2, m/s^3] that a gap may hide.
+_GAP_SLOPE = (20.0, 100.0)
+#: More than so many sample periods without a sample is a gap.
+_GAP_PERIODS = 2.5
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """What a scheme does with the samples of an interval."""
+
+    name: str
+    direct: bool = False  # every sample is a factor
+    rule: Callable[[ImuWindow, FloatArray, SampleNoise], Preintegration] | None = None
+    ends: bool = False  # rates fitted at both ends are factors too
+    propagates: bool = False  # poses between knots come from increments, and there is no kinematic prior
+
+
+SCHEMES = {
+    scheme.name: scheme
+    for scheme in (
+        Scheme("gpif", direct=True),
+        Scheme("gpp", rule=gp_preintegration, propagates=True),
+        Scheme("preint", rule=midpoint),
+        Scheme("extpreint", rule=midpoint, ends=True),
+    )
+}
+
+
+@dataclass(frozen=True)
+class DirectSamples:
+    """Samples that are factors on the trajectory: `t_ns` (N,), `value` (N,3), `sigma` (N,)."""
+
+    t_ns: IntArray
+    value: FloatArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True)
+class IntervalInertial:
+    """What an interval's samples are to the window; `covariance` (9,9) is that of the increments."""
+
+    gyroscope: DirectSamples
+    accelerometer: DirectSamples
+    preintegration: Preintegration | None
+    covariance: FloatArray | None
+
+
+def measure(
+    scheme: Scheme,
+    gyroscope: RecordArray,
+    accelerometer: RecordArray,
+    bounds_ns: tuple[int, int],
+    bias: FloatArray,
+    noise: SampleNoise,
+    inflation: float,
+) -> IntervalInertial:
+    """The measurements of the interval `bounds_ns` under a scheme.
+
+    Args:
+        scheme: one of `SCHEMES`.
+        gyroscope, accelerometer: INERTIAL_DTYPE, those of the interval and a few before it.
+        bounds_ns: start and end of the interval; a sample at its start belongs to the interval before.
+        bias: (6,) [b_g, b_a], where increments are linearised.
+        noise: of one sample, as the sensor's.
+        inflation: factor on that noise in all factors.
+
+    Raises:
+        EstimationError: the scheme has nothing but increments, and there are no samples to make them of.
+        InertialError: samples are not finite, not in order, or turn too far in one interval.
+    """
+    sigmas = inflation * noise.gyroscope, inflation * noise.accelerometer
+    streams = gyroscope, accelerometer
+    preintegration = covariance = None
+    if scheme.rule is not None:
+        window, gap_s = _window(streams, bounds_ns)
+        if window is not None:
+            preintegration = scheme.rule(window, bias, noise)
+            covariance = inflation**2 * preintegration.covariance(window.duration)
+            covariance += _gap_covariance(gap_s, window.duration)
+        elif scheme.propagates:
+            raise EstimationError(
+                f"no inertial samples between {bounds_ns[0]} and {bounds_ns[1]} ns or shortly before; the "
+                f"scheme {scheme.name} has nothing else to tie two knots: use gpif over such gaps"
+            )
+    first, second = (
+        _direct(scheme, s, bounds_ns, sigma, bend)
+        for s, sigma, bend in zip(streams, sigmas, _BEND, strict=True)
+    )
+    return IntervalInertial(first, second, preintegration, covariance)
+
+
+def _direct(
+    scheme: Scheme, samples: RecordArray, bounds_ns: tuple[int, int], sigma: float, bend: float
+) -> DirectSamples:
+    """What of one sensor's samples is a factor on the trajectory."""
+    if scheme.direct:
+        return _inside(samples, bounds_ns, sigma)
+    if scheme.ends:
+        return _at_ends(samples, bounds_ns, sigma, bend)
+    return _inside(samples[:0], bounds_ns, sigma)
+
+
+def _inside(samples: RecordArray, bounds_ns: tuple[int, int], sigma: float) -> DirectSamples:
+    """Samples with start < t <= end."""
+    a, b = np.searchsorted(samples["t_ns"], bounds_ns, side="right")
+    return DirectSamples(samples["t_ns"][a:b], samples["xyz"][a:b], np.full(b - a, sigma))
+
+
+def _at_ends(samples: RecordArray, bounds_ns: tuple[int, int], sigma: float, bend: float) -> DirectSamples:
+    """Rates at both ends of the interval, each from the samples inside and next to it."""
+    inside = _inside(samples, bounds_ns, sigma)
+    n = len(inside.t_ns)
+    times, values, sigmas = [], [], []
+    for end, near in ((0, slice(None, n)), (1, slice(None, None, -1))):
+        # From the end inwards.
+        distance = np.abs(inside.t_ns[near] - bounds_ns[end]) * 1e-9
+        count = max(int(np.searchsorted(distance, _END_S, side="right")), min(_END_SAMPLES, n))
+        if count == 0 or distance[0] > _END_S:
+            continue
+        value, factor = line_at(distance[:count], inside.value[near][:count], 0.0)
+        bent = bend * distance[count - 1] ** 2 / 6.0
+        times.append(bounds_ns[end])
+        values.append(value)
+        sigmas.append(np.sqrt(2.0 * factor * sigma**2 + bent**2))
+    return DirectSamples(
+        np.array(times, dtype=np.int64), np.array(values).reshape(-1, 3), np.array(sigmas, dtype=np.float64)
+    )
+
+
+def _window(
+    streams: tuple[RecordArray, RecordArray], bounds_ns: tuple[int, int]
+) -> tuple[ImuWindow | None, tuple[float, float]]:
+    """Samples over the interval, held where an end is bare, and the seconds of each sensor's gaps.
+
+    No window where a sensor has no sample at all.
+    """
+    duration = (bounds_ns[1] - bounds_ns[0]) * 1e-9
+    parts: list[FloatArray] = []
+    gaps = []
+    for samples in streams:
+        if len(samples) == 0:
+            return None, (0.0, 0.0)
+        t = (samples["t_ns"] - bounds_ns[0]) * 1e-9
+        value = samples["xyz"]
+        period = float(np.median(np.diff(t))) if len(t) > 1 else duration
+        if len(t) == 1 or t[-1] < duration - period * _GAP_PERIODS:
+            t, value = np.append(t, max(duration, t[-1] + period)), np.vstack([value, value[-1:]])
+        if t[0] > period * _GAP_PERIODS:
+            t, value = np.append(0.0, t), np.vstack([value[:1], value])
+        parts += [t, value]
+        steps = np.diff(np.clip(t, 0.0, duration))
+        gaps.append(float((steps[steps > _GAP_PERIODS * period] - period).sum()))
+    return ImuWindow(parts[0], parts[1], parts[2], parts[3], duration), (gaps[0], gaps[1])
+
+
+def _gap_covariance(gap_s: tuple[float, float], duration: float) -> FloatArray:
+    """Variance (9,9) of [phi, nu, r] for what happens unseen in gaps of the two sensors."""
+    turn = _GAP_SLOPE[0] * gap_s[0] ** 2
+    push = _GAP_SLOPE[1] * gap_s[1] ** 2
+    return np.diag(np.repeat([turn, push, push * duration], 3) ** 2)
