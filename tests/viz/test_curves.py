@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from asyneio.viz import VisualizationError, style
-from asyneio.viz.curves import Curve, Map, Panel, render_map, render_panels
+from asyneio.viz.curves import Curve, Map, Panel, render_map, render_panels, vertical_scale
 
 _X = np.array([1.0, 2.0, 5.0, 10.0])
 _CURVE = Curve("gpp", _X, _X**2, 0.9 * _X**2, 1.1 * _X**2)
@@ -53,6 +53,15 @@ def test_what_is_not_finite_is_not_drawn() -> None:
     closed = replace(_CURVE, high=np.where(_X < 5.0, _CURVE.high, _CURVE.middle))
     one, other = (render_panels("title", [Panel("error", "x", (curve,))]) for curve in (open_ended, closed))
     assert one == other
+
+
+def test_axes_are_logarithmic_where_that_has_labels() -> None:
+    flat = replace(_CURVE, middle=np.array([1.0, 1.2, np.inf, 2.9]))
+    assert vertical_scale([_CURVE]) == "log"
+    assert vertical_scale([flat]) == "linear"
+    assert vertical_scale([flat, replace(flat, middle=4.0 * flat.middle)]) == "log"
+    assert vertical_scale([replace(flat, middle=np.array([0.0, 1.0, 2.0, 9.0]))]) == "linear"
+    assert vertical_scale([replace(flat, middle=np.full(4, np.inf))]) == "linear"
 
 
 def test_maps_color_winners() -> None:

@@ -64,7 +64,7 @@ class Map:
 
 
 def render_panels(title: str, panels: Sequence[Panel]) -> bytes:
-    """Panels side by side on logarithmic axes, with one legend, as a PNG file.
+    """Panels side by side with one legend, as a PNG file.
 
     Raises:
         VisualizationError: matplotlib is not installed.
@@ -115,6 +115,14 @@ def render_map(title: str, drawn: Map) -> bytes:
         return to_png(figure)
 
 
+def vertical_scale(curves: Sequence[Curve]) -> str:
+    """`log` where positive curves span a factor of three at least: else a logarithmic axis has no labels."""
+    middles = np.concatenate([curve.middle for curve in curves])
+    middles = middles[np.isfinite(middles)]
+    wide = middles.size > 0 and 0.0 < 3.0 * middles.min() < middles.max()
+    return "log" if wide else "linear"
+
+
 def _draw(axes: Axes, panel: Panel) -> None:
     for index, curve in enumerate(panel.curves):
         color, marker = COLORS[index % len(COLORS)], _MARKERS[index % len(_MARKERS)]
@@ -124,7 +132,7 @@ def _draw(axes: Axes, panel: Panel) -> None:
         high = np.where(np.isfinite(curve.high), curve.high, curve.middle)[drawn]
         axes.plot(x, middle, color=color, marker=marker, markersize=4.0, label=curve.label)
         axes.fill_between(x, curve.low[drawn], high, color=color, alpha=0.18, linewidth=0.0)
-    axes.set(title=panel.title, xlabel=panel.x_title, yscale="log")
+    axes.set(title=panel.title, xlabel=panel.x_title, yscale=vertical_scale(panel.curves))
     if panel.log_x:
         axes.set_xscale("log")
         values = np.unique(np.concatenate([curve.x for curve in panel.curves]))
