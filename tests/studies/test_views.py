@@ -73,6 +73,12 @@ def test_certain_but_tiny_differences_are_no_victory() -> None:
     assert winner.equals == ("bad",)
 
 
+def test_few_seeds_decide_nothing() -> None:
+    few = [found for found in records() if found.task["seed"] != 0]
+    (first, *_) = decide(Contest("c", "title", _ERROR, ("method",), "size", "kind"), few).values()
+    assert (first.name, first.equals) == ("good", ("bad",))
+
+
 def test_only_common_seeds_are_compared() -> None:
     partial = [record("good", 1, 0, 1.0), record("good", 1, 1, 100.0), record("bad", 1, 0, 2.0)]
     contest = Contest("c", "title", _ERROR, ("method",), "size", "kind")

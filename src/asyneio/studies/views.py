@@ -12,6 +12,8 @@ from asyneio.studies.study import Contest, Metric, Value, View
 
 #: Relative differences smaller than this are of no use to anybody, however certain.
 _SAME = 0.005
+#: Of fewer pairs even all on one side prove nothing: half to the power of four is still 6 %.
+_FEWEST = 5
 
 #: A point of a view: value of the factor across, label of the line.
 Place = tuple[Value, str]
@@ -32,7 +34,7 @@ class Winner:
     """The best of one cell of a contest.
 
     `equals` are rivals that cannot be told from the winner: the 95 % interval of their ratio to it, paired by
-    seed, reaches 1, or they are within half a percent of it. `margin` is the ratio of the second best to the
+    seed, reaches 1, or they are within half a percent of it, or there are fewer than five seeds. `margin` is the ratio of the second best to the
     winner, infinite where it failed.
     """
 
@@ -96,7 +98,11 @@ def _winner(rivals: Mapping[str, Mapping[int, float]]) -> Winner | None:
     middles = {name: median_interval(values).middle for name, values in figures.items()}
     best, second, *_ = sorted(middles, key=lambda name: middles[name])
     ratios = {name: median_ratio(values, figures[best]) for name, values in figures.items() if name != best}
-    equals = tuple(name for name, ratio in ratios.items() if min(ratio.low, ratio.middle - _SAME) <= 1.0)
+    equals = tuple(
+        name
+        for name, ratio in ratios.items()
+        if len(seeds) < _FEWEST or min(ratio.low, ratio.middle - _SAME) <= 1.0
+    )
     return Winner(best, middles[best], ratios[second], equals)
 
 
