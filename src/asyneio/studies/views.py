@@ -34,8 +34,8 @@ class Winner:
     """The best of one cell of a contest.
 
     `equals` are rivals that cannot be told from the winner: the 95 % interval of their ratio to it, paired by
-    seed, reaches 1, or they are within half a percent of it, or there are fewer than five seeds. `margin` is the ratio of the second best to the
-    winner, infinite where it failed.
+    seed, reaches 1, or they are within half a percent of it, or there are fewer than five seeds. `margin` is
+    the ratio of the second best to the winner, infinite where it failed.
     """
 
     name: str
