@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from asyneio.estimation.landmarks import LandmarkTable
 from asyneio.estimation.measurements import InertialBuffer, VisualBuffer
+from asyneio.estimation.schemes import DirectSamples
 from asyneio.trajectory.model import WNOA, WNOJ
 from asyneio.types import INERTIAL_DTYPE, RecordArray
 from tests.estimation.toy import KNOT_NS, make_toy
@@ -29,7 +30,8 @@ def inertial(first: int = 5, prior: int = WNOJ) -> InertialBuffer:
     buffer = InertialBuffer(prior)
     for k, chunk in enumerate([samples(25, 50, 100), samples(), samples(210, 300)]):
         bounds = (START + 100 * k * MS, START + 100 * (k + 1) * MS)
-        buffer.append(chunk, 0.25, first + k, *bounds)
+        direct = DirectSamples(chunk["t_ns"], chunk["xyz"], np.full(len(chunk), 0.25))
+        buffer.append(direct, first + k, *bounds)
     return buffer
 
 
@@ -115,7 +117,7 @@ def test_observations_are_sorted_by_interval_anchor_and_landmark() -> None:
     # Tracks 1, 2, 3 are landmarks 0, 1, 2 anchored in knots 7, 7, 6; track 9 has none yet.
     index = {1: 0, 2: 1, 3: 2, 9: -1}
     landmark = np.array([index[int(track)] for track in buffer.track])
-    arrays = buffer.arrays(landmark, np.array([7, 7, 6]), 7, 3)
+    arrays, _ = buffer.arrays(landmark, np.array([7, 7, 6]), 7, 3)
     np.testing.assert_array_equal(arrays.start, [0, 4, 6, 8])
     np.testing.assert_array_equal(arrays.landmark, [2, 0, 0, 1, 2, 0, 0, 1])
     np.testing.assert_array_equal(arrays.xy[:, 0], [1, 0, 3, 2, 4, 6, 8, 7])
@@ -128,7 +130,7 @@ def test_observations_kept_by_mask() -> None:
     buffer.keep(buffer.track == 1)
     assert len(buffer) == 2
     np.testing.assert_array_equal(buffer.interval, [3, 4])
-    arrays = buffer.arrays(np.zeros(2, dtype=np.int64), np.array([3]), 3, 2)
+    arrays, _ = buffer.arrays(np.zeros(2, dtype=np.int64), np.array([3]), 3, 2)
     np.testing.assert_array_equal(arrays.xy[:, 0], [0, 2])
     np.testing.assert_array_equal(arrays.start, [0, 1, 2])
 

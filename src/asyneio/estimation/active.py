@@ -34,15 +34,23 @@ def active_in_window(active: IntArray, knots: int) -> IntArray:
 
 
 def active_part(matrix: FloatArray, active: IntArray) -> FloatArray:
-    """Rows and columns of the active coordinates, a copy, of a matrix (24 K, 24 K) over K knots."""
+    """Rows and columns (n K, n K) of the active coordinates of a matrix (24 K, 24 K) over K knots.
+
+    Where all are active this is the matrix itself.
+    """
     if len(active) == KNOT_DOF:
-        return matrix.copy()
+        return matrix
     indices = active_in_window(active, len(matrix) // KNOT_DOF)
     return matrix[np.ix_(indices, indices)]
 
 
 def with_inactive_zero(values: FloatArray, active: IntArray) -> FloatArray:
-    """`values` (..., n K) of the active coordinates, with zeros (..., 24 K) for the others."""
+    """`values` (..., n K) of the active coordinates, with zeros (..., 24 K) for the others.
+
+    Where all are active these are the values themselves.
+    """
+    if len(active) == KNOT_DOF:
+        return values
     knots = values.shape[-1] // len(active)
     out = np.zeros((*values.shape[:-1], KNOT_DOF * knots))
     out[..., active_in_window(active, knots)] = values

@@ -145,7 +145,7 @@ def _predicted_decrease(system: LinearSystem, step: FloatArray) -> float:
 def _solve(system: LinearSystem, active: IntArray, diagonal: FloatArray, damping: float) -> FloatArray | None:
     """Knot steps (K,24), zero where not active, or None where the matrix is not positive definite."""
     chosen = active_in_window(active, len(diagonal) // KNOT_DOF)
-    H = active_part(system.H, active)
+    H = active_part(system.H, active).copy()
     H[np.diag_indices_from(H)] += damping * diagonal[chosen]
     try:
         factor = cho_factor(H, lower=True, overwrite_a=True, check_finite=False)
