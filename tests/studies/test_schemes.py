@@ -57,6 +57,19 @@ def test_the_recording_is_the_same_for_every_scheme_and_interval() -> None:
     assert other.accelerometer_offset_s > 0.0
 
 
+@pytest.mark.parametrize("scheme", study.SCHEMES)
+def test_a_real_run_of_every_scheme(scheme: str) -> None:
+    task = replace(
+        _TASK, scheme=scheme, motion="aggressive", imu="50 ms gaps" if scheme == "gpif" else "whole"
+    )
+    measured = study.measure(task)
+    # Three seconds from a cold start: centimetres, where a wrong frame or clock makes decimetres.
+    assert 0.0 < measured["ate_cm"] < 5.0
+    assert 0.0 < measured["orientation_deg"] < 2.0
+    assert 0.0 < measured["velocity_cm_s"] < 15.0
+    assert measured["cost_ms_per_s"] > 0.0
+
+
 def test_a_run_that_is_not_whole_has_no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "config_of", lambda task: Config())
     monkeypatch.setattr(pipeline, "Odometry", LosesTrack)
