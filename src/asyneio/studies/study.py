@@ -109,7 +109,10 @@ def code_fingerprint() -> str:
     """Hash of the package's source files: tells results of an edited program from those of this one."""
     root = Path(__file__).resolve().parents[1]
     return _short_hash(
-        [[str(path.relative_to(root)), path.read_text()] for path in sorted(root.rglob("*.py"))]
+        [
+            [str(path.relative_to(root)), path.read_text(encoding="utf-8")]
+            for path in sorted(root.rglob("*.py"))
+        ]
     )
 
 
