@@ -76,4 +76,4 @@ def test_a_run_that_is_not_whole_has_no_figures(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
     measured = study.measure(_TASK)
     assert all(math.isnan(value) for value in measured.values())
-    assert set(measured) == {"ate_cm", "orientation_deg", "velocity_cm_s", "relative_cm", "cost_ms_per_s"}
+    assert set(measured) == {"ate_cm", "orientation_deg", "velocity_cm_s", "cost_ms_per_s"}
