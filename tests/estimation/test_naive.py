@@ -7,27 +7,27 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import expm, logm
 
-from tests.estimation import naive
+from tests.estimation import naive, naive_lie
 from tests.estimation.toy import SETTINGS, first_knot_prior, make_toy
 from tests.factors.knots import hat6
 
 
 def test_exponential_and_logarithm_are_scipys(rng: np.random.Generator) -> None:
     xi = rng.normal(size=(2, 4, 6))
-    T = naive.exp_se3(xi)
+    T = naive_lie.exp_se3(xi)
     for index in np.ndindex(2, 4):
         np.testing.assert_allclose(T[index], expm(hat6(xi[index])), atol=1e-12)
-        np.testing.assert_allclose(hat6(naive.log_se3(T)[index]), logm(T[index]).real, atol=1e-9)
+        np.testing.assert_allclose(hat6(naive_lie.log_se3(T)[index]), logm(T[index]).real, atol=1e-9)
 
 
 def test_right_jacobian_and_its_rate_are_derivatives(rng: np.random.Generator) -> None:
     xi, xi_dot = rng.normal(size=(2, 1, 6))
     h = 1e-5
-    ahead, behind = naive.exp_se3(xi + h * xi_dot), naive.exp_se3(xi - h * xi_dot)
-    body = naive.log_se3(np.linalg.inv(behind) @ ahead) / (2 * h)
-    np.testing.assert_allclose(naive.times(naive.right_jacobian(xi), xi_dot), body, atol=1e-8)
-    slope = (naive.right_jacobian(xi + h * xi_dot) - naive.right_jacobian(xi - h * xi_dot)) / (2 * h)
-    np.testing.assert_allclose(naive.right_jacobian_rate(xi, xi_dot), slope, atol=1e-8)
+    ahead, behind = naive_lie.exp_se3(xi + h * xi_dot), naive_lie.exp_se3(xi - h * xi_dot)
+    body = naive_lie.log_se3(np.linalg.inv(behind) @ ahead) / (2 * h)
+    np.testing.assert_allclose(naive_lie.times(naive_lie.right_jacobian(xi), xi_dot), body, atol=1e-8)
+    slope = (naive_lie.right_jacobian(xi + h * xi_dot) - naive_lie.right_jacobian(xi - h * xi_dot)) / (2 * h)
+    np.testing.assert_allclose(naive_lie.right_jacobian_rate(xi, xi_dot), slope, atol=1e-8)
 
 
 def test_truth_explains_noise_free_measurements() -> None:
