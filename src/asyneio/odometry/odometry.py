@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.config import Config
-from asyneio.errors import EstimationError
+from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
@@ -50,7 +50,7 @@ class Odometry:
                 self._advance(knot_ns)
                 estimates.append(self._newest())
                 self._slide()
-        except EstimationError as error:
+        except (EstimationError, InertialError) as error:
             self._failure = str(error)
             return estimates, StepReport(packet.t_end_ns, Health.LOST, self._failure)
         return estimates, self._report(packet.t_end_ns)

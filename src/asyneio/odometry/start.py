@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asyneio.errors import EstimationError
+from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import relative_scale_sigma
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import Prior, States
@@ -60,7 +60,7 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
             return states
         window = _filled_window(intake, settings, knots_ns, states)
         solution = window.optimize(settings.start.optimizer)
-    except EstimationError as error:
+    except (EstimationError, InertialError) as error:
         return str(error)
     reason = _refusal(window, solution, settings)
     return reason if reason else Start(window, solution)
