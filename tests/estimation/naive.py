@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem, States
 from asyneio.trajectory.model import SE3, WNOJ
+from tests.estimation.naive_increments import preintegration_residuals, propagated_poses
+from tests.estimation.naive_lie import exp_se3, log_se3, right_jacobian, right_jacobian_rate, times
 
 Array = NDArray[np.float64]
 
-_TERMS = 24
 _STEP = 2e-5
 _AT_ONCE = 64
 
@@ -71,65 +71,6 @@ def poses(states: States) -> Array:
     T = np.tile(np.eye(4), (len(states.r), 1, 1))
     T[:, :3, :3], T[:, :3, 3] = states.C, states.r
     return T
-
-
-def times(A: Array, v: Array) -> Array:
-    return np.asarray((A @ v[..., None])[..., 0])
-
-
-def hat3(v: Array) -> Array:
-    out = np.zeros((*v.shape[:-1], 3, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return out - np.swapaxes(out, -1, -2)
-
-
-def power_series(X: Array, shift: int) -> Array:
-    """`sum_n X^n / (n + shift)!`: the exponential for shift 0, a left Jacobian for shift 1."""
-    term = np.broadcast_to(np.eye(X.shape[-1]), X.shape) / math.factorial(shift)
-    total = term.copy()
-    for n in range(1, _TERMS):
-        term = term @ X / (n + shift)
-        total += term
-        if np.abs(term).max(initial=0.0) < 1e-20:
-            break
-    return total
-
-
-def exp_se3(xi: Array) -> Array:
-    X = np.zeros((*xi.shape[:-1], 4, 4))
-    X[..., :3, :3], X[..., :3, 3] = hat3(xi[..., :3]), xi[..., 3:]
-    return power_series(X, 0)
-
-
-def log_se3(T: Array) -> Array:
-    phi = Rotation.from_matrix(T[..., :3, :3].reshape(-1, 3, 3)).as_rotvec().reshape(*T.shape[:-2], 3)
-    rho = np.linalg.solve(power_series(hat3(phi), 1), T[..., :3, 3:])
-    return np.concatenate([phi, rho[..., 0]], axis=-1)
-
-
-def curly_hat(xi: Array) -> Array:
-    out = np.zeros((*xi.shape[:-1], 6, 6))
-    out[..., :3, :3] = out[..., 3:, 3:] = hat3(xi[..., :3])
-    out[..., 3:, :3] = hat3(xi[..., 3:])
-    return out
-
-
-def right_jacobian(xi: Array) -> Array:
-    return power_series(-curly_hat(xi), 1)
-
-
-def right_jacobian_rate(xi: Array, xi_dot: Array) -> Array:
-    """Time derivative of the right Jacobian: its power series, differentiated term by term."""
-    X, dX = -curly_hat(xi), -curly_hat(xi_dot)
-    power, d_power = np.broadcast_to(np.eye(6), X.shape), np.zeros_like(X)
-    total = np.zeros_like(X)
-    for n in range(1, _TERMS):
-        d_power = (d_power @ X + power @ dX) / (n + 1)
-        power = power @ X / (n + 1)
-        total += d_power
-        if np.abs(d_power).max(initial=0.0) < 1e-20:
-            break
-    return total
 
 
 def local_variables(problem: Problem, point: Point) -> Array:
@@ -187,10 +128,14 @@ def _rows(residual: Array, axes: int) -> Array:
 
 
 def motion_residuals(problem: Problem, local: Array, bias: Array) -> list[Array]:
-    """White noise on jerk or acceleration and random walk of the biases, of the intervals that count."""
+    """White noise on jerk or acceleration, if any, and random walk of the biases, of the intervals that
+    count."""
     out = []
     for i in np.flatnonzero(problem.motion):
         dt = problem.model.dt[i]
+        out.append((bias[..., i + 1, :] - bias[..., i, :]) / (problem.model.bias_walk * np.sqrt(dt)))
+        if not problem.model.kinematic_prior:
+            continue
         varpi, varpi_dot, xi, xi_dot, xi_ddot = np.moveaxis(local[..., i, :, :], -2, 0)
         if problem.model.motion_model.prior == WNOJ:
             predicted = [dt * varpi + dt**2 / 2 * varpi_dot, varpi + dt * varpi_dot, varpi_dot]
@@ -205,7 +150,6 @@ def motion_residuals(problem: Problem, local: Array, bias: Array) -> list[Array]
             Q = [[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]
         whitened = np.linalg.solve(np.linalg.cholesky(Q), error) / problem.model.root_density
         out.append(_rows(whitened, 2))
-        out.append((bias[..., i + 1, :] - bias[..., i, :]) / (problem.model.bias_walk * np.sqrt(dt)))
     return out
 
 
@@ -248,10 +192,13 @@ def projections(problem: Problem, local: Array, point: Point) -> Array:
     T_bc = np.eye(4)
     T_bc[:3, :3], T_bc[:3, 3] = model.C_bc, model.r_bc
     T_w_a = point.T[..., problem.landmarks.anchor[j], :, :] @ T_bc
-    xi = (visual.weights[:, None] @ local[..., i, :, :])[..., 0, :]
-    T_w_c = point.T[..., i, :, :] @ step_pose(problem, xi) @ T_bc
+    if len(problem.propagated.tau):
+        T_w_b = propagated_poses(problem, i, point.T, point.varpi, point.bias)
+    else:
+        xi = (visual.weights[:, None] @ local[..., i, :, :])[..., 0, :]
+        T_w_b = point.T[..., i, :, :] @ step_pose(problem, xi)
     homogeneous = np.concatenate([point.kappa[..., j, :], point.rho[..., j, None]], axis=-1)
-    return times(np.linalg.inv(T_w_c) @ T_w_a, homogeneous)[..., :3]
+    return times(np.linalg.inv(T_w_b @ T_bc) @ T_w_a, homogeneous)[..., :3]
 
 
 def reprojection_residuals(problem: Problem, local: Array, point: Point) -> Array:
@@ -280,6 +227,8 @@ def residuals(problem: Problem, prior: Prior | None, point: Point, weights: Arra
         accelerometer_residuals(problem, local, point),
         _rows(visual, 2),
     ]
+    if problem.preintegrated.present.any():
+        rows.insert(0, preintegration_residuals(problem, point.T, point.varpi, point.bias))
     if prior is not None:
         rows.insert(0, prior_residuals(prior, point))
     return np.concatenate(rows, axis=-1)

@@ -1,8 +1,8 @@
-"""Whole small windows on each motion model, and on a smaller error state, against the dense oracle."""
+"""Whole small windows on each motion model, and under each inertial scheme, against the dense oracle."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -14,11 +14,12 @@ from asyneio.estimation.covariance import joint_covariance, newest_covariance, r
 from asyneio.estimation.linear_system import eliminate_landmarks, linearize
 from asyneio.estimation.marginalization import marginalize_oldest
 from asyneio.estimation.optimizer import OptimizerSettings, Solution, add_prior, difference, optimize
-from asyneio.estimation.problem import Prior, Problem
+from asyneio.estimation.problem import Preintegrated, Prior, Problem, Propagated
+from asyneio.estimation.schemes import SCHEMES
 from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, MotionModel
 from tests.estimation import naive
 from tests.estimation.toy import SETTINGS, Toy, knots, make_toy, moved
-from tests.models import MODELS, every_model
+from tests.models import MODELS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -26,35 +27,52 @@ Indices = NDArray[np.int64]
 KNOTS = 4
 TO_THE_END = OptimizerSettings(max_iterations=40, relative_decrease=1e-12, damping=1e-6)
 ONE_STEP = OptimizerSettings(max_iterations=1, relative_decrease=1e-12, damping=1e-6)
-#: Pose, velocity and biases: all that a scheme with neither omega nor varpi_dot needs.
-FIFTEEN = np.r_[:6, 9:12, 18:24]
 
 
-def toy_on(model: MotionModel, count: int = KNOTS) -> Toy:
-    return make_toy(count=count, landmarks=8, settings=replace(SETTINGS, motion_model=model))
+@dataclass(frozen=True)
+class Case:
+    """A motion model and an inertial scheme."""
+
+    model: MotionModel
+    scheme: str
+
+    def toy(self) -> Toy:
+        settings = replace(SETTINGS, motion_model=self.model, scheme=SCHEMES[self.scheme])
+        return make_toy(count=KNOTS, landmarks=8, settings=settings)
+
+
+CASES = {
+    **{name: Case(model, "gpif") for name, model in MODELS.items()},
+    "gpp": Case(MODELS["wnoj-se3"], "gpp"),
+    **{
+        f"{scheme}-{name}": Case(MODELS[name], scheme)
+        for scheme, names in (
+            ("preint", ("wnoj-se3", "wnoa-so3xr3")),
+            ("extpreint", ("wnoj-se3", "wnoj-so3xr3")),
+        )
+        for name in names
+    },
+}
+every_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 
 
 @cache
-def drawn(model: MotionModel, fifteen: bool = False, frozen: int = 0) -> tuple[Problem, Prior]:
-    """A problem whose first `frozen` knots have moved away from their linearisation point."""
-    toy = toy_on(model)
+def drawn(case: Case, frozen: int = 0) -> tuple[Problem, Prior]:
+    """A problem whose first `frozen` knots have moved away from their linearisation point, and whose
+    increments, if any, were made with other biases."""
+    toy = case.toy()
     problem, prior = toy.problem(0.3)
     delta = 0.02 * toy.rng.normal(size=(KNOTS, 24))
     delta[frozen:] = 0.0
     delta[:, 12:18] = 0.0
+    sums = problem.preintegrated
     problem = problem._replace(
-        states=moved(problem.states, delta), linearization=problem.states, frozen=frozen
+        states=moved(problem.states, delta),
+        linearization=problem.states,
+        frozen=frozen,
+        preintegrated=sums._replace(bias=sums.bias - 0.02),
     )
-    if fifteen:
-        problem = problem._replace(model=problem.model._replace(active=FIFTEEN))
     return problem, prior
-
-
-every_set = pytest.mark.parametrize(
-    ("model", "fifteen"),
-    [*((model, False) for model in MODELS.values()), (MotionModel(WNOJ, SE3), True)],
-    ids=[*MODELS, "fifteen coordinates"],
-)
 
 
 def reduced(problem: Problem, prior: Prior) -> tuple[Array, Array]:
@@ -89,12 +107,15 @@ def test_coordinates_of_each_model() -> None:
     for space in (SE3, SO3_X_R3):
         np.testing.assert_array_equal(active_coordinates(MotionModel(WNOJ, space)), np.arange(24))
         np.testing.assert_array_equal(active_coordinates(MotionModel(WNOA, space)), np.r_[:12, 18:24])
+        # No omega and no varpi_dot: nothing measures them without a kinematic prior.
+        fifteen = np.r_[:6, 9:12, 18:24]
+        np.testing.assert_array_equal(active_coordinates(MotionModel(WNOJ, space), False), fifteen)
 
 
 @pytest.mark.parametrize("frozen", [0, 2])
-@every_model
-def test_normal_equations_of_the_window(model: MotionModel, frozen: int) -> None:
-    problem, prior = drawn(model, frozen=frozen)
+@every_case
+def test_normal_equations_of_the_window(case: Case, frozen: int) -> None:
+    problem, prior = drawn(case, frozen)
     H, b = dense(problem, prior)
     n, at = 24 * KNOTS, of_knots(problem)
     H_found, b_found = reduced(problem, prior)
@@ -107,10 +128,10 @@ def test_normal_equations_of_the_window(model: MotionModel, frozen: int) -> None
     assert np.abs(H_knots[idle]).max(initial=0.0) < 1e-6
 
 
-@every_set
-def test_same_minimum_as_dense_gauss_newton(model: MotionModel, fifteen: bool) -> None:
+@every_case
+def test_same_minimum_as_dense_gauss_newton(case: Case) -> None:
     """From there the oracle finds nothing lower, and its step is a thousandth of a sigma long."""
-    problem, prior = drawn(model, fifteen)
+    problem, prior = drawn(case)
     solution = optimize(problem, prior, TO_THE_END)
     _, cost = naive.gauss_newton(solution.problem, prior, 3)
     assert solution.report.converged
@@ -123,9 +144,9 @@ def test_same_minimum_as_dense_gauss_newton(model: MotionModel, fifteen: bool) -
     assert in_sigmas < 1e-3, f"a Gauss-Newton step from the solution is {in_sigmas:.2g} sigma long"
 
 
-@every_set
-def test_inactive_coordinates_never_move(model: MotionModel, fifteen: bool) -> None:
-    problem, prior = drawn(model, fifteen)
+@every_case
+def test_inactive_coordinates_never_move(case: Case) -> None:
+    problem, prior = drawn(case)
     states = optimize(problem, prior, TO_THE_END).problem.states
     change = np.column_stack(
         [
@@ -140,9 +161,9 @@ def test_inactive_coordinates_never_move(model: MotionModel, fifteen: bool) -> N
 
 
 @cache
-def solved(model: MotionModel, fifteen: bool) -> tuple[Solution, Array]:
+def solved(case: Case) -> tuple[Solution, Array]:
     """A solution after one step, and the dense covariance, where it was linearised, of what is active."""
-    problem, prior = drawn(model, fifteen)
+    problem, prior = drawn(case)
     H, _ = dense(problem, prior)
     free = naive.unknowns(problem)
     P = np.zeros_like(H)
@@ -150,9 +171,9 @@ def solved(model: MotionModel, fifteen: bool) -> tuple[Solution, Array]:
     return optimize(problem, prior, ONE_STEP), P
 
 
-@every_set
-def test_covariances_are_those_of_the_dense_problem(model: MotionModel, fifteen: bool) -> None:
-    solution, P = solved(model, fifteen)
+@every_case
+def test_covariances_are_those_of_the_dense_problem(case: Case) -> None:
+    solution, P = solved(case)
     active = solution.problem.model.active
     pairs = [(newest_covariance(solution), P[24 * KNOTS - 24 : 24 * KNOTS, 24 * KNOTS - 24 : 24 * KNOTS])]
     pairs += [
@@ -168,11 +189,11 @@ def test_covariances_are_those_of_the_dense_problem(model: MotionModel, fifteen:
         np.testing.assert_allclose(found / unit, expected / unit, atol=1e-6)
 
 
-@every_set
-def test_relative_scale(model: MotionModel, fifteen: bool) -> None:
+@every_case
+def test_relative_scale(case: Case) -> None:
     """The mean log inverse depth of the landmarks, but for what each landmark alone adds to it."""
-    solution, P = solved(model, fifteen)
-    problem, prior = drawn(model, fifteen)
+    solution, P = solved(case)
+    problem, prior = drawn(case)
     rho, n = solution.problem.landmarks.rho, 24 * KNOTS
     finite = np.flatnonzero(rho > 1e-3)
     assert len(finite) >= 5
@@ -184,10 +205,10 @@ def test_relative_scale(model: MotionModel, fifteen: bool) -> None:
 
 
 @pytest.mark.parametrize("frozen", [0, 2])
-@every_set
-def test_marginalisation_equals_everything_at_once(model: MotionModel, fifteen: bool, frozen: int) -> None:
+@every_case
+def test_marginalisation_equals_everything_at_once(case: Case, frozen: int) -> None:
     """The knots that are left, after the oldest and its landmarks have gone, know what they knew before."""
-    problem, prior = drawn(model, fifteen, frozen)
+    problem, prior = drawn(case, frozen)
     H, b = dense(problem, prior)
     free = naive.unknowns(problem)
     rest = free[free >= 24]
@@ -229,4 +250,6 @@ def _without_oldest(problem: Problem) -> Problem:
         ),
         landmarks=landmarks._replace(anchor=landmarks.anchor - 1),
         model=problem.model._replace(dt=problem.model.dt[1:]),
+        preintegrated=Preintegrated(*(a[1:] for a in problem.preintegrated)),
+        propagated=Propagated(*(a[keep] if len(problem.propagated.tau) else a for a in problem.propagated)),
     )

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 KNOT_NS = 100_000_000
+#: How long before an interval inertial samples still come along.
+EARLIER_NS = 70_000_000
 GRAVITY = np.array([0.0, 0.0, -9.81])
 T_B_C = expm(hat6(np.array([0.10, -0.05, 0.08, 0.03, -0.02, 0.05])))
 GYROSCOPE_SIGMA, ACCELEROMETER_SIGMA = 0.01, 0.05
@@ -74,10 +76,13 @@ class Toy:
         return window
 
     def between(self, k: int) -> tuple[RecordArray, RecordArray, TrackObservations]:
-        """Measurements of the interval that ends at knot k."""
+        """Measurements of the interval that ends at knot k, and the inertial samples shortly before it."""
         start, end = int(self.t_ns[k - 1]), int(self.t_ns[k])
-        inside = [(s["t_ns"] > start) & (s["t_ns"] <= end) for s in (self.gyroscope, self.accelerometer)]
-        return self.gyroscope[inside[0]], self.accelerometer[inside[1]], self.observations.between(start, end)
+        gyroscope, accelerometer = (
+            s[(s["t_ns"] > start - EARLIER_NS) & (s["t_ns"] <= end)]
+            for s in (self.gyroscope, self.accelerometer)
+        )
+        return gyroscope, accelerometer, self.observations.between(start, end)
 
     def problem(self, scale: float = 1.0) -> tuple[Problem, Prior]:
         """A window around the truth, ready to be optimised, with a prior that fixes the frame."""
@@ -93,12 +98,14 @@ def make_toy(
     noise: float = 1.0,
     settings: WindowSettings = SETTINGS,
     interval_ns: int = KNOT_NS,
+    periods_ns: tuple[int, int] = (20_000_000, 29_000_000),
 ) -> Toy:
-    """`count` knots; tracks of 3 to 9 observations begin and end anywhere; `noise` scales that of sensors."""
+    """`count` knots; tracks of 3 to 9 observations begin and end anywhere; `noise` scales that of sensors,
+    `periods_ns` are those of gyroscope and accelerometer."""
     rng = np.random.default_rng(seed)
     t_ns = START_NS + interval_ns * np.arange(count, dtype=np.int64)
     bias = 0.05 * rng.normal(size=6) * np.repeat([0.2, 1.0], 3)
-    gyroscope, accelerometer = _inertial(t_ns, bias, noise, rng)
+    gyroscope, accelerometer = _inertial(t_ns, bias, noise, periods_ns, rng)
     observations, points_w = _observations(t_ns, landmarks, noise, rng)
     at_knots = simulated(t_ns)
     truth = States(
@@ -115,16 +122,13 @@ def with_dof(dof: int, **changes: object) -> WindowSettings:
 
 
 def _inertial(
-    t_ns: Times, bias: Array, noise: float, rng: np.random.Generator
+    t_ns: Times, bias: Array, noise: float, periods_ns: tuple[int, int], rng: np.random.Generator
 ) -> tuple[RecordArray, RecordArray]:
     """Two streams of different rates; the first interval's end is an instant of the gyroscope's."""
     span = int(t_ns[-1] - t_ns[0])
-    gyroscope, accelerometer = (
-        np.zeros(len(times), dtype=INERTIAL_DTYPE)
-        for times in (np.arange(0, span, 20_000_000), np.arange(1_700_000, span, 29_000_000))
-    )
-    gyroscope["t_ns"] = t_ns[0] + np.arange(0, span, 20_000_000)
-    accelerometer["t_ns"] = t_ns[0] + np.arange(1_700_000, span, 29_000_000)
+    times = [np.arange(first, span, step) for first, step in zip((0, 1_700_000), periods_ns, strict=True)]
+    gyroscope, accelerometer = (np.zeros(len(t), dtype=INERTIAL_DTYPE) for t in times)
+    gyroscope["t_ns"], accelerometer["t_ns"] = t_ns[0] + times[0], t_ns[0] + times[1]
     omega = simulated(gyroscope["t_ns"]).varpi[:, 0, :3]
     gyroscope["xyz"] = omega + bias[:3] + noise * GYROSCOPE_SIGMA * rng.normal(size=omega.shape)
     force = specific_force(simulated(accelerometer["t_ns"]))

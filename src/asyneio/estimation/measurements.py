@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from asyneio.errors import EstimationError
 from asyneio.estimation.problem import (
     NOTHING_PREINTEGRATED,
     NOTHING_PROPAGATED,
@@ -77,12 +78,22 @@ class PreintegrationBuffer:
         self._rules: dict[int, Preintegration] = {}
 
     def append(self, measured: IntervalInertial, interval: int) -> None:
-        """Increments of one interval, if it has any."""
+        """Increments of one interval, if it has any.
+
+        Raises:
+            EstimationError: their covariance is not positive definite.
+        """
         if measured.preintegration is None or measured.covariance is None:
             return
         end = measured.preintegration.end()
         # L^{-1} with covariance L L^T.
-        root = np.linalg.inv(np.linalg.cholesky(measured.covariance))
+        try:
+            root = np.linalg.inv(np.linalg.cholesky(measured.covariance))
+        except np.linalg.LinAlgError as error:
+            raise EstimationError(
+                "the covariance of the preintegrated samples is not positive definite; expected samples of "
+                "ordinary size: check the recording for corrupt values"
+            ) from error
         present = np.ones(1, dtype=np.bool_)
         bias = measured.preintegration.bias[None]
         self._entries[interval] = Preintegrated(present, end.C, end.nu, end.r, end.d_bias, bias, root[None])

@@ -114,7 +114,7 @@ def measure(
         if window is not None:
             preintegration = scheme.rule(window, bias, noise)
             covariance = inflation**2 * preintegration.covariance(window.duration)
-            covariance += _gap_covariance(gap_s, window.duration)
+            covariance += _gap_covariance(gap_s, preintegration)
         elif scheme.propagates:
             raise EstimationError(
                 f"no inertial samples between {bounds_ns[0]} and {bounds_ns[1]} ns or shortly before; the "
@@ -153,7 +153,8 @@ def _at_ends(samples: RecordArray, bounds_ns: tuple[int, int], sigma: float, ben
         # From the end inwards.
         distance = np.abs(inside.t_ns[near] - bounds_ns[end]) * 1e-9
         count = max(int(np.searchsorted(distance, _END_S, side="right")), min(_END_SAMPLES, n))
-        if count == 0 or distance[0] > _END_S:
+        # One sample alone does not tell how its rate changes until the end.
+        if count < 2 or distance[0] > _END_S:
             continue
         value, factor = line_at(distance[:count], inside.value[near][:count], 0.0)
         bent = bend * distance[count - 1] ** 2 / 6.0
@@ -180,9 +181,11 @@ def _window(
             return None, (0.0, 0.0)
         t = (samples["t_ns"] - bounds_ns[0]) * 1e-9
         value = samples["xyz"]
-        period = float(np.median(np.diff(t))) if len(t) > 1 else duration
+        # A single sample tells nothing of a period: the whole interval is a gap.
+        period = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
         if len(t) == 1 or t[-1] < duration - period * _GAP_PERIODS:
-            t, value = np.append(t, max(duration, t[-1] + period)), np.vstack([value, value[-1:]])
+            until = duration if t[-1] < duration else t[-1] + duration
+            t, value = np.append(t, until), np.vstack([value, value[-1:]])
         if t[0] > period * _GAP_PERIODS:
             t, value = np.append(0.0, t), np.vstack([value[:1], value])
         parts += [t, value]
@@ -191,8 +194,15 @@ def _window(
     return ImuWindow(parts[0], parts[1], parts[2], parts[3], duration), (gaps[0], gaps[1])
 
 
-def _gap_covariance(gap_s: tuple[float, float], duration: float) -> FloatArray:
-    """Variance (9,9) of [phi, nu, r] for what happens unseen in gaps of the two sensors."""
+def _gap_covariance(gap_s: tuple[float, float], preintegration: Preintegration) -> FloatArray:
+    """Variance (9,9) of [phi, nu, r] for what happens unseen in gaps of the two sensors.
+
+    An unseen turn tilts the increments that follow it: all of them, where it comes first, which is assumed.
+    How its error and theirs go together nobody knows: they count as independent.
+    """
     turn = _GAP_SLOPE[0] * gap_s[0] ** 2
     push = _GAP_SLOPE[1] * gap_s[1] ** 2
-    return np.diag(np.repeat([turn, push, push * duration], 3) ** 2)
+    end = preintegration.end()
+    speed, way = np.linalg.norm(end.nu), np.linalg.norm(end.r)
+    sigmas = [turn, np.hypot(push, turn * speed), np.hypot(push * preintegration.duration, turn * way)]
+    return np.diag(np.repeat(sigmas, 3) ** 2)

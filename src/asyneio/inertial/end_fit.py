@@ -8,12 +8,10 @@ from asyneio.types import FloatArray
 
 
 def line_at(t: FloatArray, value: FloatArray, at: float) -> tuple[FloatArray, float]:
-    """Least-squares line through samples `value` (N,3) at `t` (N,), taken at the time `at` [s].
+    """Least-squares line through two or more samples `value` (N,3) at `t` (N,), taken at the time `at` [s].
 
-    Returns the value (3,) and its variance in units of that of one sample; one sample is taken as it is.
+    Returns the value (3,) and its variance in units of that of one sample.
     """
-    if len(t) == 1:
-        return value[0].copy(), 1.0
     middle = t.mean()
     spread = t - middle
     square = float(spread @ spread)
