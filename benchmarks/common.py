@@ -55,6 +55,28 @@ def score(recording: Recording, result: RunResult, protocol: str = "posyaw") -> 
     return evaluate(pose_trajectory(result.run.estimates), recording.ground_truth, protocol_named(protocol))
 
 
+#: What `accuracy_cells` gives.
+ACCURACY_HEADER = ["ATE cm", "orientation deg", "MPE %", "scale %", "start s", "x real time"]
+
+
+def accuracy_cells(recording: Recording, config: Config) -> list[str]:
+    """Accuracy under `posyaw` and speed of one whole run.
+
+    Raises:
+        RuntimeError: the run is not whole.
+    """
+    result = run(recording, config)
+    e, s = score(recording, result), result.summary
+    return [
+        f"{100 * e.position_m.rmse:.3f}",
+        f"{e.orientation_deg.rmse:.3f}",
+        f"{e.mpe_percent:.3f}",
+        f"{e.scale_error_percent:+.2f}",
+        f"{s.first_estimate_s:.2f}",
+        f"{s.real_time_factor:.2f}",
+    ]
+
+
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]

@@ -15,7 +15,7 @@ from typing import Any
 from asyneio.config import Config
 from asyneio.io import read_tracks_folder
 from batch_bound import batch_bound
-from common import data_folder, parallel, run, score, table
+from common import ACCURACY_HEADER, accuracy_cells, data_folder, parallel, table
 
 _VARIANTS: dict[str, dict[str, Any]] = {
     "defaults": {},
@@ -37,17 +37,7 @@ _VARIANTS: dict[str, dict[str, Any]] = {
 
 def _row(name: str) -> list[str]:
     recording = read_tracks_folder(data_folder() / "tumvi_calib", max_track_seconds=1.0)
-    result = run(recording, Config.model_validate(_VARIANTS[name]))
-    e, s = score(recording, result), result.summary
-    return [
-        name,
-        f"{100 * e.position_m.rmse:.3f}",
-        f"{e.orientation_deg.rmse:.3f}",
-        f"{e.mpe_percent:.3f}",
-        f"{e.scale_error_percent:+.2f}",
-        f"{s.first_estimate_s:.2f}",
-        f"{s.real_time_factor:.2f}",
-    ]
+    return [name, *accuracy_cells(recording, Config.model_validate(_VARIANTS[name]))]
 
 
 def main() -> None:
@@ -59,8 +49,7 @@ def main() -> None:
     sensitivity = parser.parse_args().sensitivity
     names = list(_VARIANTS) if sensitivity else ["defaults"]
     rows = parallel(_row, names, "tumvi_calib", jobs=2 if sensitivity else 1)
-    header = ["settings", "ATE cm", "orientation deg", "MPE %", "scale %", "start s", "x real time"]
-    print(table(header, rows))
+    print(table(["settings", *ACCURACY_HEADER], rows))
     for gravity in (9.81, 9.775):
         bound = batch_bound(data_folder() / "tumvi_calib", gravity)
         print(

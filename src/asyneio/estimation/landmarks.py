@@ -55,6 +55,17 @@ class LandmarkTable:
 
 
 @njit(cache=True)
+def _camera_of(
+    C: FloatArray, r: FloatArray, C_bc: FloatArray, r_bc: FloatArray, C_out: FloatArray, r_out: FloatArray
+) -> None:
+    """Camera pose in the world of a body pose."""
+    matmul(C, C_bc, C_out)
+    matvec(C, r_bc, r_out)
+    for k in range(3):
+        r_out[k] += r[k]
+
+
+@njit(cache=True)
 def camera_poses(
     states: States,
     interval: IntArray,
@@ -85,10 +96,7 @@ def camera_poses(
             )
             last = i
         query_pose(states.C[i], states.r[i], local, weights[n], space, C, r)
-        matmul(C, C_bc, C_out[n])
-        matvec(C, r_bc, r_out[n])
-        for k in range(3):
-            r_out[n, k] += r[k]
+        _camera_of(C, r, C_bc, r_bc, C_out[n], r_out[n])
 
 
 @njit(cache=True)
@@ -123,10 +131,7 @@ def propagated_camera_poses(
             C,
             r,
         )
-        matmul(C, C_bc, C_out[n])
-        matvec(C, r_bc, r_out[n])
-        for k in range(3):
-            r_out[n, k] += r[k]
+        _camera_of(C, r, C_bc, r_bc, C_out[n], r_out[n])
 
 
 @njit(cache=True)
