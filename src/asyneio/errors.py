@@ -42,3 +42,7 @@ class EvaluationError(AsyneioError):
 
 class SimulationError(AsyneioError):
     """A simulation was asked for something impossible."""
+
+
+class StudyError(AsyneioError):
+    """A study is incomplete, or its folder cannot be used."""

@@ -32,11 +32,15 @@ def random_increments(seed: int, change: float = 0.02) -> tuple[Increments, np.n
     return Increments(C, rng.normal(size=3), rng.normal(size=3), d_bias), change * rng.normal(size=6)
 
 
+def factor_of(a: Knot, b: Knot, found: Increments, reference: np.ndarray, dt: float):  # type: ignore[no-untyped-def]
+    """Arguments that the residual and its Jacobian share."""
+    nu_0, nu_1 = (np.ascontiguousarray(knot.varpi[0, 3:]) for knot in (a, b))
+    return a.C, a.r, nu_0, b.C, b.r, nu_1, a.bias, reference, *found, dt, GRAVITY
+
+
 def residual_of(a: Knot, b: Knot, found: Increments, reference: np.ndarray, dt: float) -> np.ndarray:
     out = np.empty(9)
-    preintegration_residual(
-        a.C, a.r, a.varpi[0, 3:], b.C, b.r, b.varpi[0, 3:], a.bias, reference, *found, dt, GRAVITY, out
-    )
+    preintegration_residual(*factor_of(a, b, found, reference, dt), out)
     return out
 
 
@@ -48,20 +52,7 @@ def test_residual_jacobian(seed: int, dt: float, scale: float) -> None:
     found, reference = random_increments(seed)
     reference += k0.bias - 0.2
     jacobian = np.empty((9, 48))
-    preintegration_jacobian(
-        k0.C,
-        k0.r,
-        k0.varpi[0, 3:],
-        k1.C,
-        k1.r,
-        k1.varpi[0, 3:],
-        k0.bias,
-        reference,
-        *found,
-        dt,
-        GRAVITY,
-        jacobian,
-    )
+    preintegration_jacobian(*factor_of(k0, k1, found, reference, dt), jacobian)
 
     def f(d: np.ndarray) -> np.ndarray:
         return residual_of(k0.perturbed(d[:24]), k1.perturbed(d[24:]), found, reference, dt)
@@ -111,13 +102,16 @@ def test_bias_correction_is_that_of_first_order(seed: int) -> None:
     np.testing.assert_allclose(errors[0] / errors[1], 4.0, rtol=0.2)
 
 
+def propagation_of(knot: Knot, found: Increments, reference: np.ndarray, tau: float):  # type: ignore[no-untyped-def]
+    """Arguments that `propagated_pose` and its Jacobian share."""
+    state = knot.C, knot.r, np.ascontiguousarray(knot.varpi[0, 3:]), knot.bias
+    return *state, reference, found.C, found.r, found.d_bias, tau, GRAVITY
+
+
 def pose_of(knot: Knot, found: Increments, reference: np.ndarray, tau: float) -> np.ndarray:
     T = np.eye(4)
     C, r = np.empty((3, 3)), np.empty(3)
-    propagated_pose(
-        knot.C, knot.r, knot.varpi[0, 3:], knot.bias, reference, found.C, found.r, found.d_bias, tau,
-        GRAVITY, C, r,
-    )  # fmt: skip
+    propagated_pose(*propagation_of(knot, found, reference, tau), C, r)
     T[:3, :3], T[:3, 3] = C, r
     return T
 
@@ -129,10 +123,7 @@ def test_propagated_pose_jacobian(seed: int, dt: float, scale: float) -> None:
     found, reference = random_increments(seed)
     reference += knot.bias - 0.2
     d_eps, d_nu, d_bias = np.empty((6, 6)), np.empty((6, 3)), np.empty((6, 6))
-    propagated_pose_jacobian(
-        knot.C, knot.r, knot.varpi[0, 3:], knot.bias, reference, found.C, found.r, found.d_bias, dt,
-        GRAVITY, d_eps, d_nu, d_bias,
-    )  # fmt: skip
+    propagated_pose_jacobian(*propagation_of(knot, found, reference, dt), d_eps, d_nu, d_bias)
     T_inv = np.linalg.inv(pose_of(knot, found, reference, dt))
 
     def f(d: np.ndarray) -> np.ndarray:

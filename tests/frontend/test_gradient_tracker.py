@@ -160,4 +160,5 @@ def test_memory_does_not_grow(simulation: EventSimulation) -> None:
         used.append(tracemalloc.get_traced_memory()[0])
         events["t_ns"] += NS_PER_S
     tracemalloc.stop()
-    assert used[2] - used[1] < 10_000
+    # The interpreter keeps up to 2000 small tuples for later use.
+    assert used[2] - used[1] < 150_000, used

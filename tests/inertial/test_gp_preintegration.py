@@ -19,6 +19,7 @@ from asyneio.simulation import AnalyticMotion
 from ..factors.jacobian_checker import check_jacobian, numeric_jacobian
 from .dense_gp import DenseRegression, SquaredExponential
 from .windows import (
+    START,
     Array,
     altered,
     covariance_by_differences,
@@ -320,6 +321,22 @@ def test_jitter_gaps_and_missing_ends(
     error = true_error(motion, found.end(), np.array([duration]))[0]
     assert (error < [0.05, 1.0, 0.2]).all()
     assert np.linalg.eigvalsh(found.covariance(duration)).min() > 0.0
+
+
+@pytest.mark.parametrize("apart", [1e-9, 1e-7, 1e-5])
+@pytest.mark.parametrize("factor", [1.0, 100.0])
+def test_samples_almost_at_once(apart: float, factor: float) -> None:
+    """Stamps nanoseconds apart with noise between them are no slope."""
+    motion, noise = shaken(1), noise_at(200.0)
+    window = window_of(motion, 0.2, 200.0, noise=noise_at(200.0, factor))
+    t = np.sort(np.concatenate([window.gyroscope_t, window.gyroscope_t[::3] + apart]))
+    omega = motion.angular_velocity_b(START + t)
+    omega = omega + factor * noise.gyroscope * np.random.default_rng(2).normal(size=omega.shape)
+    doubled = ImuWindow(t, omega, window.accelerometer_t, window.accelerometer, 0.2)
+    found = gp_preintegration(doubled, NO_BIAS, noise)
+    error = true_error(motion, found.end(), END)[0]
+    assert (error < factor * np.array([1e-3, 1e-2, 1e-3])).all()
+    assert np.linalg.eigvalsh(found.covariance(0.2)).min() > 0.0
 
 
 def test_two_samples_are_enough() -> None:

@@ -16,6 +16,7 @@ from asyneio.cli.demo import demo
 from asyneio.cli.evaluate import evaluate
 from asyneio.cli.run import run
 from asyneio.cli.simulate import simulate
+from asyneio.cli.study import study
 from asyneio.cli.track import track
 from asyneio.errors import AsyneioError
 
@@ -41,6 +42,7 @@ app.command(epilog="Example: asyneio simulate moderate -o recordings/simulated -
 )
 app.command(epilog="Example: asyneio track recordings/slider_depth -o results/slider --animation")(track)
 app.command(epilog="Example: asyneio demo -o results/demo")(demo)
+app.command(epilog="Example: asyneio study expressiveness -o results/expressiveness --quick")(study)
 
 
 def _print_version(wanted: bool) -> None:

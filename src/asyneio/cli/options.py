@@ -16,6 +16,23 @@ class TrackerName(StrEnum):
     HASTE = "haste"
 
 
+class SchemeName(StrEnum):
+    """How inertial samples enter the window."""
+
+    GPIF = "gpif"
+    GPP = "gpp"
+    PREINT = "preint"
+    EXTPREINT = "extpreint"
+
+
+def with_scheme(config: Config, scheme: SchemeName | None) -> Config:
+    """The configuration with another inertial scheme, if one was asked for."""
+    if scheme is None:
+        return config
+    inertial = config.inertial.model_copy(update={"scheme": scheme.value})
+    return config.model_copy(update={"inertial": inertial})
+
+
 def with_tracker(config: Config, tracker: TrackerName | None) -> Config:
     """The configuration with another tracker, if one was asked for."""
     if tracker is None:

@@ -6,7 +6,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 
 
 @contextmanager
@@ -18,3 +25,33 @@ def share_progress(what: str) -> Iterator[Callable[[float], None]]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(what, total=1.0)
         yield lambda share: bar.update(task, completed=share)
+
+
+@contextmanager
+def task_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
+    """A bar on standard error for equal tasks, with their rate and the time left.
+
+    Call what is given with the numbers of tasks done, of all tasks, and of those that failed.
+    """
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=None, rate="")
+        reused: list[int] = []
+
+        def advance(done: int, total: int, failed: int) -> None:
+            # Results of an earlier run took no time: only what comes after the first call has a rate.
+            if not reused:
+                reused.append(done)
+                bar.reset(task, total=total, completed=done)
+            elapsed_s = bar.tasks[0].elapsed or 0.0
+            rate = f"{(done - reused[0]) / elapsed_s:.2f}/s" if elapsed_s > 1.0 else ""
+            bar.update(task, completed=done, rate=f"{rate}, {failed} failed" if failed else rate)
+
+        yield advance

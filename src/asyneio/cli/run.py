@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from asyneio.cli.options import TrackerName, with_tracker
+from asyneio.cli.options import SchemeName, TrackerName, with_scheme, with_tracker
 
 _EVIDENCE = (
     "A recording, processed causally: each estimate uses only what was measured before it; observations of "
@@ -35,6 +35,10 @@ def run(
         TrackerName | None,
         typer.Option(help="How features are followed in events.", show_default="the configuration's"),
     ] = None,
+    scheme: Annotated[
+        SchemeName | None,
+        typer.Option(help="How inertial samples are used.", show_default="the configuration's"),
+    ] = None,
     max_track_seconds: Annotated[
         float | None,
         typer.Option(help="Of a tracks folder: cut tracks into pieces shorter than this, with new ids."),
@@ -51,7 +55,7 @@ def run(
     from asyneio.config import load_config
     from asyneio.io import open_recording
 
-    settings = with_tracker(load_config(config), tracker)
+    settings = with_scheme(with_tracker(load_config(config), tracker), scheme)
     with share_progress("reading") as progress:
         loaded = open_recording(recording, calibration, imu, progress, max_track_seconds)
     for note in loaded.notes:

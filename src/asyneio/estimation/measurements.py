@@ -18,6 +18,7 @@ from asyneio.estimation.problem import (
     Visual,
 )
 from asyneio.estimation.schemes import DirectSamples, IntervalInertial
+from asyneio.inertial.increments import Preintegration
 from asyneio.trajectory.motion_prior import interpolation_weights_many
 from asyneio.types import BoolArray, FloatArray, IntArray
 
@@ -74,6 +75,7 @@ class PreintegrationBuffer:
 
     def __init__(self) -> None:
         self._entries: dict[int, Preintegrated] = {}
+        self._rules: dict[int, Preintegration] = {}
 
     def append(self, measured: IntervalInertial, interval: int) -> None:
         """Increments of one interval, if it has any.
@@ -95,10 +97,16 @@ class PreintegrationBuffer:
         present = np.ones(1, dtype=np.bool_)
         bias = measured.preintegration.bias[None]
         self._entries[interval] = Preintegrated(present, end.C, end.nu, end.r, end.d_bias, bias, root[None])
+        self._rules[interval] = measured.preintegration
 
     def drop_before(self, interval: int) -> None:
         """Forget the increments of intervals before `interval`."""
         self._entries = {k: entry for k, entry in self._entries.items() if k >= interval}
+        self._rules = {k: rule for k, rule in self._rules.items() if k >= interval}
+
+    def rules(self) -> list[Preintegration]:
+        """What made the increments, in order of the intervals."""
+        return [self._rules[k] for k in sorted(self._rules)]
 
     def arrays(self, first: int, intervals: int) -> Preintegrated:
         """Arrays for the intervals `first .. first + intervals - 1`."""

@@ -100,6 +100,11 @@ class Window:
         """Number of observations held, of tracks with and without a landmark."""
         return len(self._visual)
 
+    @property
+    def preintegrations(self) -> list[Preintegration]:
+        """Increments of the intervals, in order; none under a scheme without."""
+        return self._preintegrations.rules()
+
     def span_s(self) -> float:
         """Time from the first to the last knot [s]."""
         return float(self.t_ns[-1] - self.t_ns[0]) * 1e-9

@@ -63,33 +63,30 @@ def is_corner(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) ->
     height, width = latest_ns.shape[:2]
     if x < MARGIN or y < MARGIN or x >= width - MARGIN or y >= height - MARGIN:
         return False
-    if not _has_arc(latest_ns, p, x, y, INNER, 3, 6, scratch):
+    # Flat and with indices that cannot be negative: nothing is checked for them.
+    flat = latest_ns.reshape(-1)
+    middle = (y * width + x) * 2 + p
+    if not _has_arc(flat, width, middle, INNER, 3, 6, scratch):
         return False
-    if not _has_arc(latest_ns, p, x, y, OUTER, 4, 8, scratch):
+    if not _has_arc(flat, width, middle, OUTER, 4, 8, scratch):
         return False
     return harris_score(latest_ns, p, x, y, scratch) > HARRIS_THRESHOLD
 
 
 @nb.njit(cache=True)
 def _has_arc(
-    latest_ns: IntArray,
-    p: int,
-    x: int,
-    y: int,
-    circle: IntArray,
-    shortest: int,
-    longest: int,
-    scratch: IntArray,
+    flat: IntArray, width: int, middle: int, circle: IntArray, shortest: int, longest: int, scratch: IntArray
 ) -> bool:
     """Whether the newest pixels of a circle form one arc of `shortest`..`longest`, or its complement does.
 
+    `flat` is the surface (H W 2,), `middle` the place of the circle's centre on it.
     The complement is an arc of the oldest pixels, which are the newest when time runs backwards.
     """
     n = circle.shape[0]
     newest = oldest = 0
-    newest_ns = oldest_ns = latest_ns[y + circle[0, 1], x + circle[0, 0], p]
+    newest_ns = oldest_ns = flat[np.uint64(middle + 2 * (circle[0, 1] * width + circle[0, 0]))]
     for i in range(n):
-        t_ns = latest_ns[y + circle[i, 1], x + circle[i, 0], p]
+        t_ns = flat[np.uint64(middle + 2 * (circle[i, 1] * width + circle[i, 0]))]
         scratch[i] = t_ns
         if t_ns > newest_ns:
             newest, newest_ns = i, t_ns
@@ -144,9 +141,11 @@ def harris_score(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray)
     """
     side = 2 * HARRIS_RADIUS + 1
     count = side * side
+    flat, width = latest_ns.reshape(-1), latest_ns.shape[1]
     for v in range(side):
+        first = np.uint64(((y + v - HARRIS_RADIUS) * width + x - HARRIS_RADIUS) * 2 + p)
         for u in range(side):
-            scratch[v * side + u] = latest_ns[y + v - HARRIS_RADIUS, x + u - HARRIS_RADIUS, p]
+            scratch[v * side + u] = flat[first + np.uint64(2 * u)]
     threshold = _nth_largest(scratch, count, HARRIS_EVENTS)
     latest = np.empty(count, dtype=np.float32)
     for k in range(count):

@@ -32,6 +32,8 @@ ENDED, REFUSED, MOVED = -1, 0, 1
 #: Least sharpening by motion compensation that shows a patch to move as one.
 _SHARPENING = 1.05
 _ITERATIONS = 3
+#: Share of the motion that a birth needs, below which neighbours' motion is taken for a no.
+_HOPEFUL = 0.5
 
 
 class GradientSettings(NamedTuple):
@@ -85,10 +87,13 @@ def try_birth(
     span_s = (last - first) * 1e-9
     work.t_ns, work.x, work.y, work.roll, work.roll_rate = mean, feature.x, feature.y, 0.0, roll_rate
     sharpening = 0.0
-    if count >= settings.birth_events and span_s > 1e-4:
+    # What neighbours moved in this time tells whether there can be enough motion yet.
+    guessed_px = np.hypot(work.vx, work.vy) * span_s
+    hopeful = guessed_px == 0.0 or guessed_px > _HOPEFUL * settings.birth_px
+    if hopeful and count >= settings.birth_events and span_s > 1e-4:
         sharpening = find_flow(rings, slot, newest, count, span_s, reach_px, work)
     moved = np.hypot(work.vx, work.vy) * span_s
-    if moved < settings.birth_px or sharpening < _SHARPENING:
+    if not hopeful or moved < settings.birth_px or sharpening < _SHARPENING:
         _wait(feature, rings, slot)
         return False
     feature.vx, feature.vy = work.vx, work.vy

@@ -8,12 +8,23 @@ Errors are ordered [phi, nu, r], phi on the right of C.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from asyneio.geometry.linalg import matmul, matvec
 from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
 from asyneio.types import FloatArray, IntArray
+
+
+class Samples(NamedTuple):
+    """Both sensors' times [s] (Ng,), (Na,) and samples (Ng,3), (Na,3), as kernels take them."""
+
+    gyroscope_t: FloatArray
+    gyroscope: FloatArray
+    accelerometer_t: FloatArray
+    accelerometer: FloatArray
 
 
 @njit(cache=True)
@@ -108,55 +119,11 @@ def _step_jacobians(
 
 
 @njit(cache=True)
-def integrate(
-    grid: FloatArray,
-    index: IntArray,
-    gyroscope_t: FloatArray,
-    gyroscope: FloatArray,
-    accelerometer_t: FloatArray,
-    accelerometer: FloatArray,
-    bias: FloatArray,
-    hold: bool,
-    C: FloatArray,
-    nu: FloatArray,
-    r: FloatArray,
-    d_bias: FloatArray,
-) -> None:
-    """Write rows 1.. of C (M,3,3), nu (M,3), r (M,3), d_bias (M,9,6) at `grid` (M,); rows 0 hold the start.
-
-    `index` (M,2): the sample at or before each step, of gyroscope and accelerometer.
-    """
-    for n in range(grid.shape[0] - 1):
-        advance(
-            grid[n],
-            grid[n + 1],
-            index[n],
-            gyroscope_t,
-            gyroscope,
-            accelerometer_t,
-            accelerometer,
-            bias,
-            hold,
-            C[n],
-            nu[n],
-            r[n],
-            d_bias[n],
-            C[n + 1],
-            nu[n + 1],
-            r[n + 1],
-            d_bias[n + 1],
-        )
-
-
-@njit(cache=True)
 def advance(
     t_0: float,
     t_1: float,
     index: IntArray,
-    gyroscope_t: FloatArray,
-    gyroscope: FloatArray,
-    accelerometer_t: FloatArray,
-    accelerometer: FloatArray,
+    samples: Samples,
     bias: FloatArray,
     hold: bool,
     C: FloatArray,
@@ -175,8 +142,9 @@ def advance(
     B = np.empty((9, 6))
     middle = 0.5 * (t_0 + t_1)
     fraction = 0.0 if hold else 0.5
-    _value(gyroscope, index[0], _blend(gyroscope_t, index[0], middle, hold), bias[:3], omega)
-    _value(accelerometer, index[1], _blend(accelerometer_t, index[1], middle, hold), bias[3:], force)
+    i, j = index[0], index[1]
+    _value(samples.gyroscope, i, _blend(samples.gyroscope_t, i, middle, hold), bias[:3], omega)
+    _value(samples.accelerometer, j, _blend(samples.accelerometer_t, j, middle, hold), bias[3:], force)
     _step(t_1 - t_0, omega, force, fraction, C, nu, r, C_out, nu_out, r_out)
     _step_jacobians(t_1 - t_0, omega, force, fraction, C, F, B)
     matmul(F, d_bias, d_bias_out)
@@ -184,14 +152,33 @@ def advance(
 
 
 @njit(cache=True)
+def integrate(
+    grid: FloatArray,
+    index: IntArray,
+    samples: Samples,
+    bias: FloatArray,
+    hold: bool,
+    C: FloatArray,
+    nu: FloatArray,
+    r: FloatArray,
+    d_bias: FloatArray,
+) -> None:
+    """Write rows 1.. of C (M,3,3), nu (M,3), r (M,3), d_bias (M,9,6) at `grid` (M,); rows 0 hold the start.
+
+    `index` (M,2): the sample at or before each step, of gyroscope and accelerometer.
+    """
+    for n in range(grid.shape[0] - 1):
+        before = C[n], nu[n], r[n], d_bias[n]
+        after = C[n + 1], nu[n + 1], r[n + 1], d_bias[n + 1]
+        advance(grid[n], grid[n + 1], index[n], samples, bias, hold, *before, *after)
+
+
+@njit(cache=True)
 def query(
     tau: FloatArray,
     grid: FloatArray,
     index: IntArray,
-    gyroscope_t: FloatArray,
-    gyroscope: FloatArray,
-    accelerometer_t: FloatArray,
-    accelerometer: FloatArray,
+    samples: Samples,
     bias: FloatArray,
     hold: bool,
     C: FloatArray,
@@ -206,25 +193,9 @@ def query(
     """Increments at `tau` (N,): a shorter step of the same rule from the grid time before."""
     for q in range(tau.shape[0]):
         n = min(np.searchsorted(grid, tau[q], side="right") - 1, grid.shape[0] - 2)
-        advance(
-            grid[n],
-            tau[q],
-            index[n],
-            gyroscope_t,
-            gyroscope,
-            accelerometer_t,
-            accelerometer,
-            bias,
-            hold,
-            C[n],
-            nu[n],
-            r[n],
-            d_bias[n],
-            C_out[q],
-            nu_out[q],
-            r_out[q],
-            d_bias_out[q],
-        )
+        before = C[n], nu[n], r[n], d_bias[n]
+        after = C_out[q], nu_out[q], r_out[q], d_bias_out[q]
+        advance(grid[n], tau[q], index[n], samples, bias, hold, *before, *after)
 
 
 @njit(cache=True)
@@ -232,10 +203,7 @@ def sample_sensitivity(
     tau: float,
     grid: FloatArray,
     index: IntArray,
-    gyroscope_t: FloatArray,
-    gyroscope: FloatArray,
-    accelerometer_t: FloatArray,
-    accelerometer: FloatArray,
+    samples: Samples,
     bias: FloatArray,
     hold: bool,
     C: FloatArray,
@@ -258,10 +226,10 @@ def sample_sensitivity(
         t_1 = tau if n == last else grid[n + 1]
         middle = 0.5 * (grid[n] + t_1)
         i, j = index[n, 0], index[n, 1]
-        u = _blend(gyroscope_t, i, middle, hold)
-        v = _blend(accelerometer_t, j, middle, hold)
-        _value(gyroscope, i, u, bias[:3], omega)
-        _value(accelerometer, j, v, bias[3:], force)
+        u = _blend(samples.gyroscope_t, i, middle, hold)
+        v = _blend(samples.accelerometer_t, j, middle, hold)
+        _value(samples.gyroscope, i, u, bias[:3], omega)
+        _value(samples.accelerometer, j, v, bias[3:], force)
         _step_jacobians(t_1 - grid[n], omega, force, fraction, C[n], F, B)
         matmul(after, B, gain)
         by_gyroscope[i] += (1.0 - u) * gain[:, :3]

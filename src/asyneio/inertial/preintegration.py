@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.inertial.discrete_kernels import integrate, query, sample_sensitivity
+from asyneio.inertial.discrete_kernels import Samples, integrate, query, sample_sensitivity
 from asyneio.inertial.increments import ImuWindow, Increments, SampleNoise, checked_bias, checked_times
 from asyneio.types import FloatArray, IntArray
 
@@ -22,7 +22,9 @@ class DiscretePreintegration:
         self._duration = window.duration
         self._noise = noise
         self._hold = hold
-        self._samples = (window.gyroscope_t, window.gyroscope, window.accelerometer_t, window.accelerometer)
+        self._samples = Samples(
+            window.gyroscope_t, window.gyroscope, window.accelerometer_t, window.accelerometer
+        )
         self._grid = _union(window)
         self._index = np.stack(
             [_sample_before(t, self._grid, hold) for t in (window.gyroscope_t, window.accelerometer_t)],
@@ -36,7 +38,7 @@ class DiscretePreintegration:
         integrate(
             self._grid,
             self._index,
-            *self._samples,
+            self._samples,
             self._bias,
             hold,
             self._C,
@@ -70,7 +72,7 @@ class DiscretePreintegration:
             times,
             self._grid,
             self._index,
-            *self._samples,
+            self._samples,
             self._bias,
             self._hold,
             self._C,
@@ -96,14 +98,13 @@ class DiscretePreintegration:
             InertialError: the time is outside [0, duration].
         """
         time = float(checked_times(np.array([tau]), self._duration)[0])
-        gyroscope_t, _, accelerometer_t, _ = self._samples
-        by_gyroscope = np.empty((len(gyroscope_t), 9, 3))
-        by_accelerometer = np.empty((len(accelerometer_t), 9, 3))
+        by_gyroscope = np.empty((len(self._samples.gyroscope_t), 9, 3))
+        by_accelerometer = np.empty((len(self._samples.accelerometer_t), 9, 3))
         sample_sensitivity(
             time,
             self._grid,
             self._index,
-            *self._samples,
+            self._samples,
             self._bias,
             self._hold,
             self._C,

@@ -99,16 +99,17 @@ def prior_variances(t: FloatArray, y: FloatArray, sigma: float, prior: FloatArra
     the filter's rounding grows with the ratio of the two. Made of raw samples, it does not know the bias.
     """
     size = np.zeros(3)
+    period = (t[-1] - t[0]) / (t.shape[0] - 1)
     for n in range(t.shape[0]):
         for i in range(3):
             size[0] = max(size[0], abs(y[n, i]))
             if n > 0:
-                slope = (y[n, i] - y[n - 1, i]) / (t[n] - t[n - 1])
+                # Between stamps closer than a period there is noise, not motion.
+                slope = (y[n, i] - y[n - 1, i]) / max(t[n] - t[n - 1], period)
                 size[1] = max(size[1], abs(slope))
                 if n > 1:
-                    before = (y[n - 1, i] - y[n - 2, i]) / (t[n - 1] - t[n - 2])
-                    size[2] = max(size[2], abs(slope - before) / (0.5 * (t[n] - t[n - 2])))
-    period = (t[-1] - t[0]) / (t.shape[0] - 1)
+                    before = (y[n - 1, i] - y[n - 2, i]) / max(t[n - 1] - t[n - 2], period)
+                    size[2] = max(size[2], abs(slope - before) / max(0.5 * (t[n] - t[n - 2]), period))
     sigma = max(sigma, _LEAST_SIGMA * size[0])
     for i in range(3):
         prior[i] = (_PRIOR * (size[i] + sigma / period**i)) ** 2

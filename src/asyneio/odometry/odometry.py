@@ -10,6 +10,7 @@ from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.intake import Intake, until
+from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
@@ -55,8 +56,10 @@ class Odometry:
             return estimates, StepReport(packet.t_end_ns, Health.LOST, self._failure)
         return estimates, self._report(packet.t_end_ns)
 
-    def trajectory(self) -> GPTrajectory:
+    def trajectory(self) -> GPTrajectory | PropagatedTrajectory:
         """The continuous-time trajectory through the present window, with covariance.
+
+        Under the scheme GPP, which has no kinematic prior, one that propagates each knot.
 
         Raises:
             EstimationError: the odometry has not started.
@@ -64,6 +67,15 @@ class Odometry:
         window, _, settings = self._active()
         solution = self._solved()
         dropped = len(solution.problem.states.r) - window.knots
+        if settings.window.scheme.propagates:
+            return PropagatedTrajectory(
+                window.t_ns,
+                window.states,
+                window.preintegrations,
+                settings.window.gravity_w,
+                lambda knot: joint_covariance(solution, knot + dropped)[:24, :24],
+                settings.window.noise_inflation,
+            )
         return GPTrajectory(
             window.t_ns,
             window.states.C,

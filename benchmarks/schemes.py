@@ -1,0 +1,69 @@
+"""The four inertial schemes at several knot intervals on a real IMU and real feature tracks (`tumvi_calib`).
+
+Evidence: real IMU and tracks with motion capture; each track is cut into pieces of at most 1 s with new ids.
+One parameter set; only scheme and knot interval change. Speeds are those of runs that share the machine with
+`--jobs` - 1 others.
+
+    python benchmarks/schemes.py [--knots 0.025 0.05 0.1 0.2] [--jobs 1] [--markdown FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from asyneio.config import Config
+from asyneio.estimation.schemes import SCHEMES
+from asyneio.io import read_tracks_folder
+from asyneio.io.atomic import write_text
+from common import data_folder, parallel, run, score, table
+
+_BAR_CM = 0.4
+_HEADER = ["scheme", "knots s", "ATE cm", "orientation deg", "MPE %", "scale %", "start s", "x real time"]
+
+
+def _row(case: tuple[str, float]) -> list[str]:
+    scheme, knots_s = case
+    recording = read_tracks_folder(data_folder() / "tumvi_calib", max_track_seconds=1.0)
+    config = Config.model_validate({"inertial": {"scheme": scheme}, "window": {"knot_interval_s": knots_s}})
+    try:
+        result = run(recording, config)
+    except RuntimeError as error:
+        return [scheme, f"{knots_s:g}", str(error), *[""] * 5]
+    e, s = score(recording, result), result.summary
+    return [
+        scheme,
+        f"{knots_s:g}",
+        f"{100 * e.position_m.rmse:.3f}",
+        f"{e.orientation_deg.rmse:.3f}",
+        f"{e.mpe_percent:.3f}",
+        f"{e.scale_error_percent:+.2f}",
+        f"{s.first_estimate_s:.2f}",
+        f"{s.real_time_factor:.2f}",
+    ]
+
+
+def main() -> None:
+    """Print the table, and the best row against the bar."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--knots", type=float, nargs="+", default=[0.025, 0.05, 0.1, 0.2])
+    parser.add_argument("--schemes", nargs="+", default=list(SCHEMES), choices=list(SCHEMES))
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--markdown", type=Path, help="also write the table here")
+    options = parser.parse_args()
+    cases = [(scheme, knots_s) for scheme in options.schemes for knots_s in options.knots]
+    rows = parallel(_row, cases, "tumvi_calib", jobs=options.jobs)
+    whole = [row for row in rows if row[3]]
+    best = min(whole, key=lambda row: float(row[2]))
+    met = "met" if float(best[2]) <= _BAR_CM else "MISSED"
+    verdict = f"{met}: best ATE {best[2]} cm ({best[0]}, knots {best[1]} s), bar {_BAR_CM} cm"
+    text = f"{table(_HEADER, rows)}\n\n* {verdict}\n* {len(whole)} of {len(rows)} runs whole\n"
+    print(text)
+    if options.markdown:
+        write_text(options.markdown, text)
+
+
+if __name__ == "__main__":
+    main()

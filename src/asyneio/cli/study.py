@@ -1,0 +1,86 @@
+"""`asyneio study`: a comparison over many conditions and seeds, as tables and figures."""
+
+from __future__ import annotations
+
+import os
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from asyneio.studies.runner import StudyResult
+
+#: How many reasons of failure are shown; all of them stand in the index.
+_SHOWN = 3
+
+
+class StudyName(StrEnum):
+    """Studies by name."""
+
+    EXPRESSIVENESS = "expressiveness"
+    PREINTEGRATION = "preintegration"
+    SCHEMES = "schemes"
+
+
+def study(
+    name: Annotated[StudyName, typer.Argument(help="Which comparison.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for the results.", show_default="results/study-NAME"),
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(help="Seeds of each condition.", min=1, show_default="10, with --quick 2"),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="Processes at a time.", min=1, show_default="number of cores")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Few conditions and seeds, in a minute.")] = False,
+) -> None:
+    """Compare priors, preintegration rules or inertial schemes over many conditions and seeds.
+
+    Writes README.md (the index), tables/ and, with matplotlib, figures/. Every result is kept in
+    results.jsonl as it comes: the same command goes on where it was stopped, and measures only what is
+    missing. The exit status is not 0 when a measurement failed.
+    """
+    from asyneio.cli import console
+    from asyneio.cli.progress import task_progress
+    from asyneio.errors import StudyError
+    from asyneio.io.atomic import make_folder
+    from asyneio.studies.catalogue import STUDIES
+    from asyneio.studies.runner import run_study
+
+    chosen = STUDIES[name](quick, seeds)
+    folder = output or Path("results") / f"study-{name}"
+    make_folder(folder)
+    workers = jobs or os.cpu_count() or 1
+    count = seeds or len({task.seed for task in chosen.tasks})
+    command = f"asyneio study {name} --seeds {count}{' --quick' if quick else ''}"
+    console.say(f"{name}: {len(chosen.tasks)} tasks, {workers} at a time ...")
+    with task_progress(name) as progress:
+        result = run_study(chosen, folder, workers, command, progress)
+    _show(result)
+    if result.failures:
+        reasons = "; ".join(f"{record.task}: {record.failure}" for record in result.failures[:_SHOWN])
+        raise StudyError(
+            f"{len(result.failures)} of {len(chosen.tasks)} tasks failed, so tables and figures lack them: "
+            f"{reasons}. The same command tries them again"
+        )
+
+
+def _show(result: StudyResult) -> None:
+    from asyneio.cli import console
+    from asyneio.viz import available
+
+    if result.reused:
+        console.say(f"note: {result.reused} results of an earlier run were kept")
+    if result.other_code:
+        console.say(
+            f"note: some of them are of other code ({', '.join(result.other_code)}); "
+            f"remove {result.written[0]} to measure them anew"
+        )
+    if not available():
+        console.say("note: no figures without matplotlib: pip install 'asyneio[report]'")
+    console.say(f"wrote {len(result.written)} files; the index is {result.written[-1]}")

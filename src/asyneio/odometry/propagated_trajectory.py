@@ -1,0 +1,99 @@
+"""The trajectory of a window without a kinematic prior: every knot carried on by its increments (29)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from asyneio.errors import TrajectoryError
+from asyneio.estimation.problem import States
+from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
+from asyneio.inertial.increments import Increments, Preintegration
+from asyneio.types import FloatArray, IntArray
+
+
+class PropagatedTrajectory:
+    """Poses, velocities and their covariance at any int64 nanosecond between the first and last knot.
+
+    A time belongs to the interval of the knot before it, and the state there follows from that knot and the
+    increments alone: at the end of an interval it meets the next knot up to the residual of (30).
+    Every query takes times (N,) and raises TrajectoryError for one outside the knots.
+    """
+
+    def __init__(
+        self,
+        t_ns: IntArray,
+        states: States,
+        preintegrations: Sequence[Preintegration],
+        gravity_w: FloatArray,
+        covariance: Callable[[int], FloatArray],
+        inflation: float,
+    ) -> None:
+        """K knots at `t_ns`, the K-1 intervals' increments, `covariance(k)` (24,24) of knot k's errors, and
+        the factor `inflation` on the samples' noise."""
+        self._t_ns = t_ns.copy()
+        self._states = states.copied()
+        self._preintegrations = list(preintegrations)
+        self._gravity_w = gravity_w
+        self._covariance = covariance
+        self._inflation = inflation
+
+    def pose(self, t_ns: IntArray) -> FloatArray:
+        """Poses `T_w_b` (N,4,4)."""
+        out = np.tile(np.eye(4), (len(t_ns), 1, 1))
+        for n, (k, tau, at) in enumerate(self._increments(t_ns)):
+            C, r = np.empty((3, 3)), np.empty(3)
+            propagated_pose(*self._knot(k), at.C[0], at.r[0], at.d_bias[0], tau, self._gravity_w, C, r)
+            out[n, :3, :3], out[n, :3, 3] = C, r
+        return out
+
+    def velocity(self, t_ns: IntArray) -> FloatArray:
+        """Velocity (N,3) of the body's origin in the world [m/s]."""
+        out = np.empty((len(t_ns), 3))
+        for n, (k, tau, at) in enumerate(self._increments(t_ns)):
+            C, _, nu, bias, reference = self._knot(k)
+            out[n] = C @ (nu + at.nu[0] + at.d_bias[0, 3:6] @ (bias - reference)) + self._gravity_w * tau
+        return out
+
+    def covariance(self, t_ns: IntArray) -> FloatArray:
+        """Covariance (N,6,6) of the poses' errors eps, on the right, in the body (43).
+
+        The knot's covariance carried on, and that of the increments. What the next knot knows is not used, so
+        just before a knot this is larger than that knot's own.
+        """
+        out = np.empty((len(t_ns), 6, 6))
+        d_eps, d_nu, d_bias = np.empty((6, 6)), np.empty((6, 3)), np.empty((6, 6))
+        for n, (k, tau, at) in enumerate(self._increments(t_ns)):
+            increments = at.C[0], at.r[0], at.d_bias[0]
+            propagated_pose_jacobian(*self._knot(k), *increments, tau, self._gravity_w, d_eps, d_nu, d_bias)
+            J = np.zeros((6, 24))
+            J[:, :6], J[:, 9:12], J[:, 18:] = d_eps, d_nu, d_bias
+            # [phi, r] of the increments; r lies in the frame of the knot, the error in that of the query.
+            noise = self._inflation**2 * self._preintegrations[k].covariance(tau)
+            turn = np.zeros((6, 9))
+            turn[:3, :3], turn[3:, 6:] = np.eye(3), at.C[0].T
+            out[n] = J @ self._covariance(k) @ J.T + turn @ noise @ turn.T
+        return out
+
+    def _knot(self, k: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """C, r, nu, bias of a knot, and the bias its increments were made with."""
+        s = self._states
+        return s.C[k], s.r[k], s.varpi[k, 0, 3:], s.bias[k], self._preintegrations[k].bias
+
+    def _increments(self, t_ns: IntArray) -> list[tuple[int, float, Increments]]:
+        """Knot before, seconds since then and increments, of every time."""
+        times = np.asarray(t_ns, dtype=np.int64)
+        first, last = int(self._t_ns[0]), int(self._t_ns[-1])
+        if len(times) and not first <= times.min() <= times.max() <= last:
+            raise TrajectoryError(
+                f"asked for times {times.min()} .. {times.max()} ns; "
+                f"expected times within the knots, {first} .. {last} ns"
+            )
+        found = []
+        for time in times:
+            k = min(int(np.searchsorted(self._t_ns, time, side="right")) - 1, len(self._t_ns) - 2)
+            rule = self._preintegrations[k]
+            tau = min(float(time - self._t_ns[k]) * 1e-9, rule.duration)
+            found.append((k, tau, rule.at(np.array([tau]))))
+        return found

@@ -1,0 +1,32 @@
+"""Levels of inertial noise that studies share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Densities of white noise [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)]."""
+
+    gyroscope: float
+    accelerometer: float
+
+    @property
+    def assumed_gyroscope(self) -> float:
+        """What a method is told: never less than a hundredth of a good MEMS unit's, for nothing is exact."""
+        return max(self.gyroscope, 1.7e-6)
+
+    @property
+    def assumed_accelerometer(self) -> float:
+        """As `assumed_gyroscope`."""
+        return max(self.accelerometer, 2e-5)
+
+
+#: From none over a good and an inexpensive MEMS unit to a bad one.
+NOISE = {
+    "none": NoiseLevel(0.0, 0.0),
+    "low": NoiseLevel(1.7e-4, 2e-3),
+    "medium": NoiseLevel(5e-4, 5e-3),
+    "high": NoiseLevel(2e-3, 2e-2),
+}

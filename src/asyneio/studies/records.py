@@ -1,0 +1,83 @@
+"""The file of results: one line of JSON a finished task, appended as they end, so that a study can resume."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import IO
+
+from asyneio.errors import StudyError
+from asyneio.studies.study import Value, task_key
+
+
+@dataclass(frozen=True)
+class Record:
+    """What became of one task.
+
+    `settings` and `code` are the fingerprints it was measured under. `measured` is empty and `failure` says
+    why where the measurement failed.
+    """
+
+    task: dict[str, Value]
+    settings: str
+    code: str
+    measured: dict[str, float]
+    failure: str = ""
+
+
+def read_records(path: Path) -> list[Record]:
+    """All records of a file, none without the file; half a last line, of a run that was killed, is left out.
+
+    Raises:
+        StudyError: another line is damaged, or the file cannot be read.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise StudyError(f"cannot read {path}: {error.strerror or error}") from error
+    lines = data[: data.rfind(b"\n") + 1].splitlines()
+    return [_parse(path, number, line) for number, line in enumerate(lines, start=1)]
+
+
+def latest(records: Iterable[Record], settings: str) -> dict[str, Record]:
+    """The last record of every task under these settings, by task key."""
+    return {task_key(record.task): record for record in records if record.settings == settings}
+
+
+@contextmanager
+def appending(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file of results to append to; half a last line is cut off first."""
+    with path.open("ab+") as stream:
+        stream.seek(0)
+        stream.truncate(stream.read().rfind(b"\n") + 1)
+        yield stream
+
+
+def append(stream: IO[bytes], record: Record) -> None:
+    """Write a record so that it survives the end of this process; what is not finite becomes null."""
+    content = asdict(record)
+    content["measured"] = {
+        name: value if math.isfinite(value) else None for name, value in record.measured.items()
+    }
+    stream.write(json.dumps(content).encode() + b"\n")
+    stream.flush()
+
+
+def _parse(path: Path, number: int, line: bytes) -> Record:
+    try:
+        content = json.loads(line)
+        measured = {
+            name: math.nan if value is None else float(value) for name, value in content["measured"].items()
+        }
+        return Record(**{**content, "measured": measured})
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise StudyError(
+            f"line {number} of {path} is not a result of a study ({error}); "
+            "remove that line, or choose another folder"
+        ) from error
