@@ -93,7 +93,7 @@ def unnumbered_rows() -> tuple[Row, ...]:
     ]
     relations = [
         Row(frozenset(), tuple(CODE.findall(cells[1])), tuple(CODE.findall(cells[2])))
-        for title in ("The default tracker", "Other motion models")
+        for title in ("The default tracker", "Other motion models", "Inertial schemes")
         for cells in plain_table(title)
     ]
     return (*lines, *relations)

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+from asyneio.errors import EstimationError
 from asyneio.estimation.landmarks import LandmarkTable
-from asyneio.estimation.measurements import InertialBuffer, VisualBuffer
-from asyneio.estimation.schemes import DirectSamples
+from asyneio.estimation.measurements import InertialBuffer, PreintegrationBuffer, VisualBuffer
+from asyneio.estimation.problem import Propagated
+from asyneio.estimation.schemes import DirectSamples, IntervalInertial
+from asyneio.inertial.increments import SampleNoise
+from asyneio.inertial.preintegration import midpoint
 from asyneio.trajectory.model import WNOA, WNOJ
 from asyneio.types import INERTIAL_DTYPE, RecordArray
 from tests.estimation.toy import KNOT_NS, make_toy
+from tests.inertial.windows import shaken, window_of
 
 Array = NDArray[np.float64]
 MS = 1_000_000
@@ -155,3 +163,72 @@ def test_landmark_table(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(arrays.anchor, [1, 0, 2, 0])
     frame = np.concatenate([arrays.kappa[:, :, None], arrays.tangent], axis=2)
     np.testing.assert_allclose(np.swapaxes(frame, 1, 2) @ frame, np.tile(np.eye(3), (4, 1, 1)), atol=1e-12)
+
+
+def increments(seed: int) -> IntervalInertial:
+    """Those of a random window, with a covariance of every direction."""
+    rng = np.random.default_rng(seed)
+    window = window_of(shaken(seed), 0.1, 200.0)
+    found = midpoint(window, 0.01 * rng.normal(size=6), SampleNoise(0.01, 0.1))
+    empty = DirectSamples(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty(0))
+    return IntervalInertial(empty, empty, found, found.covariance(0.1))
+
+
+def test_increments_of_intervals_that_have_any() -> None:
+    buffer = PreintegrationBuffer()
+    assert len(buffer.arrays(7, 3).present) == 0
+    held = {7: increments(0), 9: increments(1)}
+    for interval, entry in held.items():
+        buffer.append(entry, interval)
+    buffer.append(replace(held[7], preintegration=None, covariance=None), 8)
+    arrays = buffer.arrays(7, 4)
+    np.testing.assert_array_equal(arrays.present, [True, False, True, False])
+    for interval, entry in held.items():
+        at = interval - 7
+        assert entry.preintegration is not None
+        for found, expected in zip(arrays[1:5], entry.preintegration.end(), strict=True):
+            np.testing.assert_array_equal(found[at], expected[0])
+        np.testing.assert_array_equal(arrays.bias[at], entry.preintegration.bias)
+        root = arrays.root_information[at]
+        np.testing.assert_allclose(root @ entry.covariance @ root.T, np.eye(9), atol=1e-9)
+    buffer.drop_before(8)
+    np.testing.assert_array_equal(buffer.arrays(8, 3).present, [False, True, False])
+    buffer.drop_before(10)
+    assert len(buffer.arrays(10, 1).present) == 0
+
+
+def test_increments_without_a_proper_covariance_are_refused() -> None:
+    entry = replace(increments(0), covariance=np.diag(np.r_[np.ones(8), 0.0]))
+    with pytest.raises(EstimationError, match="not positive definite; expected"):
+        PreintegrationBuffer().append(entry, 0)
+
+
+def test_increments_stay_with_their_observations(rng: np.random.Generator) -> None:
+    """Sorted, kept by mask and left out where a track has no landmark yet."""
+    buffer = VisualBuffer(WNOJ)
+    for interval, tracks in ((3, [5, 2, 9, 2]), (4, [9, 2, 5])):
+        n, bounds = len(tracks), (START + 100 * interval * MS, START + 100 * (interval + 1) * MS)
+        t_ns = bounds[0] + np.sort(rng.integers(1, 100 * MS, n))
+        tau = (t_ns - bounds[0]) * 1e-9
+        propagated = Propagated(
+            tau,
+            tau[:, None, None] * np.eye(3),
+            tau[:, None] * np.ones(3),
+            np.ones((n, 9, 6)) * tau[:, None, None],
+        )
+        # The coordinates tell the time after the start of the interval.
+        xy = np.column_stack([tau, tau])
+        buffer.append(t_ns, np.array(tracks), xy, np.tile(np.eye(2), (n, 1, 1)), interval, bounds, propagated)
+    index = {2: 1, 5: 0, 9: -1}
+
+    def assert_together(count: int) -> None:
+        landmark = np.array([index[int(track)] for track in buffer.track])
+        visual, propagated = buffer.arrays(landmark, np.array([3, 3]), 3, 2)
+        assert len(visual.xy) == count
+        np.testing.assert_array_equal(propagated.tau, visual.xy[:, 0])
+        for part in propagated[1:]:
+            np.testing.assert_array_equal(part.reshape(count, -1)[:, 0], visual.xy[:, 0])
+
+    assert_together(5)
+    buffer.keep(buffer.interval == 4)
+    assert_together(2)

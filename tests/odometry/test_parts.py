@@ -242,4 +242,5 @@ def test_kernels_are_compiled_for_the_types_in_use() -> None:
     kernels.compile_intervals()
     kernels.compile_visual()
     assert [list(kernel.signatures) for kernel in watched] == before
+    kernels.compile_frontend()
     assert kernels.are_compiled()
