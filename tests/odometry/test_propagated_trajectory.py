@@ -54,3 +54,12 @@ def test_times_outside_the_knots_are_refused() -> None:
     newest = outcome().estimates[-1]
     with pytest.raises(TrajectoryError, match="expected times within the knots"):
         trajectory().pose(np.array([newest.t_ns + 1]))
+
+
+def test_angular_velocity_is_that_of_the_increments() -> None:
+    """It is no unknown of the window, and marked as not estimated; the samples tell it all the same."""
+    estimates = outcome().estimates
+    truth = simulated().truth.at([e.t_ns for e in estimates])
+    error = np.array([e.angular_velocity_b for e in estimates]) - truth.angular_velocity_b
+    assert np.sqrt(np.mean(error**2)) < 0.03
+    assert not any(e.covariance[6:9].any() for e in estimates)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from asyneio.config import Config
@@ -10,7 +12,7 @@ from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.intake import Intake, until
-from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
+from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
@@ -142,8 +144,13 @@ class Odometry:
         return [estimate], self._report(t_ns)
 
     def _newest(self) -> Estimate:
-        window, _, _ = self._active()
-        return _estimate(window, -1, newest_covariance(self._solved()))
+        window, _, settings = self._active()
+        estimate = _estimate(window, -1, newest_covariance(self._solved()))
+        if settings.window.scheme.propagates:
+            # No unknown of this window; what the increments say is better than what was predicted.
+            rate = rate_at_end(window.preintegrations[-1], window.states.bias[-1])
+            estimate = replace(estimate, angular_velocity_b=rate)
+        return estimate
 
     def _report(self, t_ns: int) -> StepReport:
         window, _, _ = self._active()

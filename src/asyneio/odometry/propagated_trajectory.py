@@ -5,12 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from asyneio.errors import TrajectoryError
 from asyneio.estimation.problem import States
 from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
 from asyneio.inertial.increments import Increments, Preintegration
 from asyneio.types import FloatArray, IntArray
+
+#: Step [s] of the differences that take a rate from increments: they are smooth, and exact to rounding.
+_RATE_STEP_S = 1e-3
+
+
+def rate_at_end(preintegration: Preintegration, bias: FloatArray) -> FloatArray:
+    """Angular velocity (3,) in the body at the end of an interval [rad/s], of the increments' own motion.
+
+    `bias` (6,) are the biases of now. One-sided differences of second order.
+    """
+    step = min(_RATE_STEP_S, 0.25 * preintegration.duration)
+    times = preintegration.duration - step * np.array([2.0, 1.0, 0.0])
+    C = preintegration.at(np.maximum(times, 0.0)).C
+    turns = Rotation.from_matrix(C[:-1].transpose(0, 2, 1) @ C[1:]).as_rotvec()
+    rate = (1.5 * turns[1] - 0.5 * turns[0]) / step
+    return np.asarray(rate - (bias[:3] - preintegration.bias[:3]))
 
 
 class PropagatedTrajectory:
