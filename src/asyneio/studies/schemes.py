@@ -19,8 +19,8 @@ from asyneio.studies.study import QUICK_SEEDS, SEEDS, Contest, Metric, Study, Va
 from asyneio.types import FloatArray, Recording
 
 SCHEMES = ("gpif", "gpp", "preint", "extpreint")
-#: Shorter ones cost by the cube; `benchmarks/schemes.py` has 25 and 50 ms, on real data.
-KNOTS_MS = (100, 200, 400)
+#: Shorter ones cost by the cube; `benchmarks/schemes.py` has 25 ms, on real data.
+KNOTS_MS = (50, 100, 200, 400)
 LEVELS = ("low", "medium", "high")
 RATES_HZ = (100, 200, 1000)
 #: What is wrong with the IMU: nothing; two rates that never meet; lost samples.
