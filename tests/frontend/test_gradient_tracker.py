@@ -152,13 +152,19 @@ def test_hot_pixels_found_no_features() -> None:
 def test_memory_does_not_grow(simulation: EventSimulation) -> None:
     events = simulation.recording.events.copy()
     tracker = GradientTracker(FrontendConfig(), WIDTH, HEIGHT)
-    used = []
+    arrays = tracemalloc.DomainFilter(inclusive=True, domain=np.lib.tracemalloc_domain)
+    used, in_arrays = [], []
+    # Compilation is over before anything is traced.
+    tracker.process(events[:1])
     tracemalloc.start()
     for _ in range(3):
-        for i in range(0, events.size, 20_000):
+        for i in range(1, events.size, 20_000):
             tracker.process(events[i : i + 20_000])
         used.append(tracemalloc.get_traced_memory()[0])
+        traces = tracemalloc.take_snapshot().filter_traces([arrays]).traces
+        in_arrays.append(sum(trace.size for trace in traces))
         events["t_ns"] += NS_PER_S
     tracemalloc.stop()
-    # The interpreter keeps up to 2000 small tuples for later use.
+    assert in_arrays[2] - in_arrays[1] < 10_000, in_arrays
+    # Of all else the interpreter keeps up to 2000 small tuples for later use.
     assert used[2] - used[1] < 150_000, used
