@@ -56,13 +56,27 @@ def packets(
 
     A packet holds what was measured after the previous packet's end up to and including its own; the first
     also holds its start. A last interval that is not complete is left out: it has no knot at its end.
-    `tracked` gives the observations of each packet where the recording holds events.
+    `tracked` gives the observations of each packet where the recording holds events, whose number the packets
+    then tell.
     """
     ends_ns = start_ns + interval_ns * np.arange(count + 1, dtype=np.int64)
+    events = _event_counts(recording, ends_ns)
     inertial = [_batches(stream, ends_ns) for stream in (recording.gyroscope, recording.accelerometer)]
     batches = _batches(observations_of(recording), ends_ns) if tracked is None else tracked
-    for end_ns, observations, gyroscope, accelerometer in zip(ends_ns[1:], batches, *inertial, strict=True):
-        yield Packet(int(end_ns), observations, gyroscope, accelerometer)
+    columns = zip(ends_ns[1:], batches, *inertial, events, strict=True)
+    for end_ns, observations, gyroscope, accelerometer, count_of_events in columns:
+        yield Packet(int(end_ns), observations, gyroscope, accelerometer, count_of_events)
+
+
+def _event_counts(recording: Recording | EventRecording, ends_ns: IntArray) -> list[int] | list[None]:
+    """Number of events of each packet; None for a recording of tracks."""
+    if isinstance(recording, Recording):
+        return [None] * (ends_ns.size - 1)
+    # Searched bit by bit: of a memory map only a few pages are read.
+    t_ns = recording.events["t_ns"]
+    shift_ns = calibration_of(recording).timeshift_ns
+    cuts = [int(np.searchsorted(t_ns, int(end) - shift_ns, side="right")) for end in ends_ns]
+    return [b - a for a, b in pairwise(cuts)]
 
 
 def _batches(stream: RecordArray, ends_ns: IntArray) -> Iterator[RecordArray]:

@@ -137,21 +137,42 @@ class EventRecording:
 
 @dataclass(frozen=True)
 class Packet:
-    """What the sensors delivered up to and including `t_end_ns`, in the IMU clock (dtypes as in
-    Recording)."""
+    """What the sensors delivered up to and including `t_end_ns`, in the IMU clock (dtypes as in Recording).
+
+    `events` counts the events behind the observations; None where the recording holds none, only tracks.
+    """
 
     t_end_ns: int
     observations: RecordArray
     gyroscope: RecordArray
     accelerometer: RecordArray
+    events: int | None = None
 
 
 class Health(StrEnum):
-    """What the estimator thinks of itself."""
+    """What the estimator thinks of itself.
+
+    DEGRADED: estimates go on, and their covariance grows, but something that they need is missing or in
+    doubt; the report says what. LOST: nothing is estimated until the next segment starts.
+    """
 
     INITIALIZING = "initializing"
     TRACKING = "tracking"
+    DEGRADED = "degraded"
     LOST = "lost"
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """Gravity-aligned orientation at one instant, known before scale is.
+
+    `C_w_b` (3,3) maps body to a world with z up, whose yaw is that of the gyroscope since the first sample;
+    `tilt_sigma_rad` is the standard deviation of roll and pitch.
+    """
+
+    t_ns: int
+    C_w_b: FloatArray
+    tilt_sigma_rad: float
 
 
 #: Order and size of the error state of a knot (math: T Exp([phi, rho]); others additive).
@@ -166,7 +187,8 @@ class Estimate:
     `T_w_b` (4,4); `velocity_w` (3,) [m/s] in the world; `angular_velocity_b` (3,) [rad/s];
     `generalized_acceleration` (6,) `[omega_dot, nu_dot]` in the body; biases (3,);
     `covariance` (24,24) of the error state in the order of STATE_BLOCKS (right perturbation, body frame);
-    zero in the rows and columns of what is not estimated.
+    zero in the rows and columns of what is not estimated. `segment` counts the starts: the worlds of two
+    segments have nothing to do with each other.
     """
 
     t_ns: int
@@ -177,11 +199,15 @@ class Estimate:
     bias_gyroscope: FloatArray
     bias_accelerometer: FloatArray
     covariance: FloatArray
+    segment: int = 0
 
 
 @dataclass(frozen=True)
 class StepReport:
-    """What one call of `Odometry.process` did, for the log and the report."""
+    """What one call of `Odometry.process` did, for the log and the report.
+
+    `attitude` is given while there is no pose to give; `still`: the sensor was taken to be at rest.
+    """
 
     t_ns: int
     health: Health
@@ -193,6 +219,9 @@ class StepReport:
     cost: float = float("nan")
     rejected: int = 0
     seconds: float = 0.0
+    segment: int = 0
+    still: bool = False
+    attitude: Attitude | None = None
 
 
 @dataclass
