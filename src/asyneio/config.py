@@ -123,6 +123,25 @@ class InitializationConfig(_Section):
     )
 
 
+class HealthConfig(_Section):
+    """When the estimator calls itself degraded or lost; what does not depend on the rig is in `health`."""
+
+    max_visual_gap_s: float = Field(0.1, gt=0.0, description="degraded when no observation came for longer")
+    max_inertial_gap_s: float = Field(
+        0.05, gt=0.0, description="degraded when a sensor of the IMU paused longer"
+    )
+    lost_inertial_gap_s: float = Field(
+        0.5, gt=0.0, description="lost when it paused longer: nothing ties the poses across"
+    )
+    contradiction_s: float = Field(
+        1.0, ge=0.0, description="lost when measurements contradict the estimate for so long"
+    )
+    recovery_s: float = Field(0.5, ge=0.0, description="without complaint until degraded becomes tracking")
+    max_speed: float = Field(30.0, gt=0.0, description="m/s; lost beyond")
+    max_velocity_sigma: float = Field(1.0, gt=0.0, description="m/s; lost when known no better")
+    max_tilt_sigma_deg: float = Field(5.0, gt=0.0, description="roll and pitch; lost when known no better")
+
+
 class Config(_Section):
     """All settings of the estimator."""
 
@@ -133,6 +152,7 @@ class Config(_Section):
     visual: VisualConfig = VisualConfig()
     optimizer: OptimizerConfig = OptimizerConfig()
     initialization: InitializationConfig = InitializationConfig()
+    health: HealthConfig = HealthConfig()
 
 
 def load_config(path: Path | None) -> Config:

@@ -11,11 +11,14 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
+from asyneio.odometry.continuity import Continuity, field_of_view
+from asyneio.odometry.health import HealthMonitor
 from asyneio.odometry.intake import Intake, until
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
+from asyneio.odometry.vitals import Observed, ScaleChanges, measure_vitals, sample_gap_s
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, Packet, RecordArray, StepReport
 
@@ -26,37 +29,81 @@ _START_RETRY_NS = 250_000_000
 class Odometry:
     """Feature tracks and inertial samples in, metric states with covariance out, causal.
 
-    The world frame has z up and its origin and yaw at the first knot.
+    The world frame has z up and its origin and yaw at the first knot. Where nothing connects a state with the
+    one before, or it can no longer be trusted, the segment ends (LOST) and the next start begins another,
+    with a world of its own.
     """
 
     def __init__(self, config: Config, calibration: Calibration) -> None:
         self._config = config
         self._calibration = calibration
-        self._intake = Intake(calibration.camera, config.visual.pixel_sigma)
+        self._segment = 0
+        self._packet_ns: int | None = None
+        self._begin_segment()
+
+    def _begin_segment(self) -> None:
+        """Forget everything: nothing from before may enter the next start."""
+        self._intake = Intake(self._calibration.camera, self._config.visual.pixel_sigma)
+        self._continuity = Continuity(field_of_view(self._calibration.camera))
+        self._monitor = HealthMonitor(self._config.health)
+        self._scale_changes = ScaleChanges()
         self._settings: Settings | None = None
         self._window: Window | None = None
         self._solution: Solution | None = None
-        self._next_attempt_ns = 0
-        self._failure = ""
+        self._next_attempt_ns: int | None = None
+        self._observed_ns = 0
         self.origin: Estimate | None = None
 
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
-        """Take a packet (times ascending, after all earlier packets); return the newest states it gives."""
+        """Take a packet and return the newest states it gives; one from before the last ends the segment.
+
+        States of a step that turns out LOST are not given out.
+        """
+        before_ns, self._packet_ns = self._packet_ns, packet.t_end_ns
+        if before_ns is not None and packet.t_end_ns < before_ns:
+            back_s = (before_ns - packet.t_end_ns) / NS_PER_S
+            return [], self._interrupted(packet, f"time jumps back by {back_s:.3f} s")
         self._intake.append(packet)
-        if self._failure:
-            return [], StepReport(packet.t_end_ns, Health.LOST, self._failure)
+        renewed = self._renewed(packet, before_ns)
         if self._window is None:
+            if renewed:
+                return [], self._interrupted(packet, "all feature tracks were replaced at once")
+            gap_s = 0.0 if before_ns is None else self._gap_s(before_ns, packet.t_end_ns)
+            if gap_s > self._config.health.lost_inertial_gap_s:
+                return [], self._interrupted(packet, f"no inertial samples for {gap_s:.2f} s")
             return self._try_start(packet.t_end_ns)
+        return self._track(packet.t_end_ns, renewed)
+
+    def _track(self, t_ns: int, renewed: bool) -> tuple[list[Estimate], StepReport]:
+        """All knots that the intake covers."""
         estimates: list[Estimate] = []
+        health, reason = self._monitor.health, self._monitor.reason
         try:
             while (knot_ns := self._next_knot_ns()) is not None:
-                self._advance(knot_ns)
-                estimates.append(self._newest())
+                observed = self._advance(knot_ns, renewed)
+                estimate = self._newest()
+                health, reason = self._judge(estimate, observed)
+                if health is Health.LOST:
+                    break
+                estimates.append(estimate)
                 self._slide()
         except (EstimationError, InertialError) as error:
-            self._failure = str(error)
-            return estimates, StepReport(packet.t_end_ns, Health.LOST, self._failure)
-        return estimates, self._report(packet.t_end_ns)
+            health, reason = Health.LOST, str(error)
+        if health is Health.LOST:
+            report = StepReport(t_ns, health, reason, segment=self._segment)
+            self._segment += 1
+            self._begin_segment()
+            return estimates, report
+        return estimates, self._report(t_ns, health, reason)
+
+    def _interrupted(self, packet: Packet, reason: str) -> StepReport:
+        """The stream does not go on where it was: begin again with this packet."""
+        health = Health.INITIALIZING if self._window is None else Health.LOST
+        report = StepReport(packet.t_end_ns, health, reason, segment=self._segment)
+        self._segment += health is Health.LOST
+        self._begin_segment()
+        self._intake.append(packet)
+        return report
 
     def trajectory(self) -> GPTrajectory | PropagatedTrajectory:
         """The continuous-time trajectory through the present window, with covariance.
@@ -89,17 +136,45 @@ class Odometry:
             motion_model=settings.window.motion_model,
         )
 
-    def _advance(self, knot_ns: int) -> None:
-        """Predict the knot, add what was measured since the last one, optimise."""
+    def _advance(self, knot_ns: int, renewed: bool) -> Observed:
+        """Predict the knot, add what was measured since the last one, optimise; what was seen on the way."""
         window, intake, settings = self._active()
         from_ns = int(window.t_ns[-1])
         # A packet may reach beyond the knot: its first guess uses nothing later than itself.
         streams = (until(intake.gyroscope, knot_ns), until(intake.accelerometer, knot_ns))
+        observations = intake.observations.between(from_ns, knot_ns)
+        gap_s = self._gap_s(from_ns, knot_ns)
         knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
-        window.extend(knot_ns, knot, *streams, intake.observations.between(from_ns, knot_ns))
+        window.extend(knot_ns, knot, *streams, observations)
         window.add_landmarks()
+        known = window.states.r[:-1]
         self._solution = window.optimize(settings.optimizer)
+        scale_change = self._scale_changes.add(knot_ns, known, window.states.r[:-1])
         intake.drop_until(knot_ns)
+        self._observed_ns = int(observations.t_ns[-1]) if len(observations.t_ns) else self._observed_ns
+        return Observed(
+            since_vision_s=(knot_ns - self._observed_ns) / NS_PER_S,
+            inertial_gap_s=gap_s,
+            renewed=renewed,
+            scale_change=scale_change,
+        )
+
+    def _judge(self, estimate: Estimate, observed: Observed) -> tuple[Health, str]:
+        """Health after the newest knot."""
+        _, _, settings = self._active()
+        vitals = measure_vitals(self._solved().problem, estimate, observed, settings.start.bias_sigma)
+        return self._monitor.update(estimate.t_ns, vitals)
+
+    def _renewed(self, packet: Packet, before_ns: int | None) -> bool:
+        """Whether the packet shows another scene than the one before."""
+        seen = packet.observations
+        rates = np.linalg.norm(packet.gyroscope["xyz"], axis=1)
+        span_s = 0.0 if before_ns is None else (packet.t_end_ns - before_ns) / NS_PER_S
+        turned = float(rates.mean()) * span_s if len(rates) else 0.0
+        return self._continuity.renewed(packet.t_end_ns, seen["t_ns"], seen["id"], turned)
+
+    def _gap_s(self, start_ns: int, end_ns: int) -> float:
+        return sample_gap_s((self._intake.gyroscope, self._intake.accelerometer), start_ns, end_ns)
 
     def _slide(self) -> None:
         """Marginalise until the window has its length."""
@@ -123,8 +198,8 @@ class Odometry:
         return self._solution
 
     def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
-        if t_ns < self._next_attempt_ns:
-            return [], StepReport(t_ns, Health.INITIALIZING, "collecting measurements")
+        if self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
+            return [], self._initializing(t_ns, "collecting measurements")
         self._next_attempt_ns = t_ns + _START_RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
         self._settings = resolve(
@@ -135,29 +210,36 @@ class Odometry:
         )
         started = try_start(self._intake, self._settings)
         if isinstance(started, str):
-            return [], StepReport(t_ns, Health.INITIALIZING, started)
+            return [], self._initializing(t_ns, started)
         self._window, self._solution = started.window, started.solution
-        self.origin = _estimate(self._window, 0, joint_covariance(self._solution, 0)[:24, :24])
-        self._intake.drop_until(int(self._window.t_ns[-1]))
+        covariance = joint_covariance(self._solution, 0)[:24, :24]
+        self.origin = _estimate(self._window, 0, covariance, self._segment)
+        self._observed_ns = int(self._window.t_ns[-1])
+        self._intake.drop_until(self._observed_ns)
         estimate = self._newest()
         self._slide()
-        return [estimate], self._report(t_ns)
+        return [estimate], self._report(t_ns, Health.TRACKING)
+
+    def _initializing(self, t_ns: int, reason: str) -> StepReport:
+        return StepReport(t_ns, Health.INITIALIZING, reason, segment=self._segment)
 
     def _newest(self) -> Estimate:
         window, _, settings = self._active()
-        estimate = _estimate(window, -1, newest_covariance(self._solved()))
+        estimate = _estimate(window, -1, newest_covariance(self._solved()), self._segment)
         if settings.window.scheme.propagates:
             # No unknown of this window; what the increments say is better than what was predicted.
             rate = rate_at_end(window.preintegrations[-1], window.states.bias[-1])
             estimate = replace(estimate, angular_velocity_b=rate)
         return estimate
 
-    def _report(self, t_ns: int) -> StepReport:
+    def _report(self, t_ns: int, health: Health, reason: str = "") -> StepReport:
         window, _, _ = self._active()
         r = self._solved().report
         return StepReport(
             t_ns,
-            Health.TRACKING,
+            health,
+            reason,
+            segment=self._segment,
             knots=window.knots,
             landmarks=len(window.landmarks),
             observations=window.observations,
@@ -167,7 +249,7 @@ class Odometry:
         )
 
 
-def _estimate(window: Window, k: int, covariance: FloatArray) -> Estimate:
+def _estimate(window: Window, k: int, covariance: FloatArray, segment: int) -> Estimate:
     """Knot k of the window as an `Estimate`."""
     states = window.states
     T = np.eye(4)
@@ -181,6 +263,7 @@ def _estimate(window: Window, k: int, covariance: FloatArray) -> Estimate:
         bias_gyroscope=states.bias[k, :3].copy(),
         bias_accelerometer=states.bias[k, 3:].copy(),
         covariance=covariance,
+        segment=segment,
     )
 
 

@@ -1,0 +1,76 @@
+"""Does the stream still show the same scene? A cut in it ends all tracks at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asyneio.types import NS_PER_S, CameraIntrinsics, IntArray
+
+#: A tracker needs about so long until the last feature of a scene that is gone has failed [s].
+_HORIZON_S = 0.3
+#: A pause of all observations this long [s] explains why no track goes on.
+_PAUSE_S = 0.1
+#: So many tracks must have been followed before, and be followed now.
+_ENOUGH = 10
+#: Turning by more than this share of the field of view carries every feature out of the image.
+_TURN_SHARE = 0.5
+
+
+def field_of_view(camera: CameraIntrinsics) -> float:
+    """The smaller of the horizontal and vertical field of view [rad], of a lens without distortion."""
+    half = min(0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy)
+    return float(2.0 * np.arctan(half))
+
+
+class Continuity:
+    """Watches the ages of the tracks that are followed.
+
+    Args:
+        field_of_view_rad: the smaller of the camera's horizontal and vertical field of view.
+    """
+
+    def __init__(self, field_of_view_rad: float) -> None:
+        self._max_turn = _TURN_SHARE * field_of_view_rad
+        self._first: dict[int, int] = {}
+        self._last: dict[int, int] = {}
+        self._turns: list[tuple[int, float]] = []
+        self._pause_ns: int | None = None
+        self._newest_ns: int | None = None
+
+    def renewed(self, t_ns: int, stamps: IntArray, track: IntArray, turned_rad: float) -> bool:
+        """Whether no track seen now was known shortly before, though nothing explains it.
+
+        Args:
+            t_ns: end of the interval.
+            stamps, track: (N,) times, ascending, and track ids of the observations of the interval.
+            turned_rad: angle by which the gyroscope turned in the interval.
+        """
+        horizon_ns = round(_HORIZON_S * NS_PER_S)
+        self._turns = [(t, angle) for t, angle in self._turns if t > t_ns - horizon_ns]
+        self._turns.append((t_ns, turned_rad))
+        self._note_pause(stamps)
+        for stamp, identity in zip(stamps.tolist(), track.tolist(), strict=True):
+            self._first.setdefault(identity, stamp)
+            self._last[identity] = stamp
+        old_ns = t_ns - horizon_ns
+        now = np.unique(track)
+        known_now = any(self._first[identity] <= old_ns for identity in now.tolist())
+        known_before = sum(first <= old_ns for first in self._first.values())
+        # What has not been seen for two horizons is over.
+        gone = [identity for identity, last in self._last.items() if last < t_ns - 2 * horizon_ns]
+        for identity in gone:
+            del self._first[identity], self._last[identity]
+        turned_away = sum(angle for _, angle in self._turns) > self._max_turn
+        paused = self._pause_ns is not None and self._pause_ns > t_ns - 2 * horizon_ns
+        explained = turned_away or paused
+        return not explained and not known_now and now.size >= _ENOUGH and known_before >= _ENOUGH
+
+    def _note_pause(self, stamps: IntArray) -> None:
+        """Remember when the latest pause of all observations ended."""
+        if stamps.size == 0:
+            return
+        times = stamps if self._newest_ns is None else np.r_[self._newest_ns, stamps]
+        ends = np.flatnonzero(np.diff(times) > _PAUSE_S * NS_PER_S)
+        if ends.size:
+            self._pause_ns = int(times[ends[-1] + 1])
+        self._newest_ns = int(stamps[-1])

@@ -1,0 +1,153 @@
+"""Health of the estimator: a state machine over what one knot knows of itself.
+
+INITIALIZING is left by a start; from then on each knot brings `Vitals`, and `HealthMonitor` judges them:
+
+| finding                                                      | state                                      |
+|--------------------------------------------------------------|--------------------------------------------|
+| something needed is missing: vision, landmarks, IMU samples  | DEGRADED; the covariance grows by itself   |
+| scale was revised by more than its uncertainty allows        | DEGRADED: what was given out was not right |
+| measurements contradict the estimate                         | DEGRADED, LOST if it goes on               |
+| the estimate is impossible, or too uncertain to be of use    | LOST                                       |
+| nothing connects this knot with the one before               | LOST                                       |
+
+DEGRADED becomes TRACKING only after some time without any finding. LOST ends the segment.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from asyneio.config import HealthConfig
+from asyneio.types import NS_PER_S, Health
+
+#: Landmarks seen in a knot interval below which vision hardly constrains six degrees of freedom: rotation and
+#: direction of translation take five bearings (Nister 2004).
+MIN_LANDMARKS = 5
+#: Mean squared residual per degree of freedom, in declared variances, that no noise gives: 2.5 standard
+#: deviations where 1 is right (the start asks for the same).
+MAX_RATIO = 2.5**2
+#: More observations without any influence than with: the majority speaks against the estimate.
+MAX_REJECTED = 0.5
+#: Biases further from zero than so many of their prior's standard deviations. With the default priors these
+#: are 11 deg/s and 1 m/s^2, what data sheets of inexpensive sensors give as the limits of zero offset.
+MAX_BIAS_SIGMAS = 10.0
+#: Scale of a right start is known to 10 % (`initialization.max_scale_sigma`): a revision by more than twice
+#: that within `SCALE_MEMORY_S` says that what was given out before was wrong.
+MAX_SCALE_CHANGE = 0.2
+SCALE_MEMORY_S = 2.0
+
+
+@dataclass(frozen=True)
+class Vitals:
+    """What one knot knows of itself; every default is the value of perfect health.
+
+    `since_vision_s`: since the newest observation. `inertial_gap_s`: longest time since the knot before (and
+    up to this one) without a sample of one of the sensors. `gated`: samples that were refused. `landmarks`
+    with an observation in the newest interval, and what share of those observations was `rejected`.
+    `visual_ratio`, `inertial_ratio`: squared residuals of the newest interval over what the declared noise
+    lets expect. `renewed`: all tracks at once are new ones. `bias_sigmas`: largest bias in standard
+    deviations of its prior. `scale_change`: relative, of the last `SCALE_MEMORY_S`. Sigmas are of the
+    estimate [m/s, rad], speed in m/s. `still`: at rest, where vision has nothing to say and is not missed.
+    """
+
+    since_vision_s: float = 0.0
+    inertial_gap_s: float = 0.0
+    gated: int = 0
+    landmarks: int = 1000
+    rejected: float = 0.0
+    visual_ratio: float = 1.0
+    inertial_ratio: float = 1.0
+    renewed: bool = False
+    speed: float = 0.0
+    bias_sigmas: float = 0.0
+    velocity_sigma: float = 0.0
+    tilt_sigma_rad: float = 0.0
+    scale_change: float = 0.0
+    finite: bool = True
+    still: bool = False
+
+
+class HealthMonitor:
+    """The state machine of one segment; begins as TRACKING, at its start."""
+
+    def __init__(self, config: HealthConfig) -> None:
+        self._config = config
+        self.health = Health.TRACKING
+        self.reason = ""
+        self._complaint_ns: int | None = None
+        self._contradiction_ns: int | None = None
+
+    def update(self, t_ns: int, vitals: Vitals) -> tuple[Health, str]:
+        """State after the knot at `t_ns` (ascending), and why, in words; no reason while TRACKING."""
+        contradiction = next(_contradictions(vitals), "")
+        if not contradiction:
+            self._contradiction_ns = None
+        elif self._contradiction_ns is None:
+            self._contradiction_ns = t_ns
+        lost = next(self._losses(vitals), "")
+        if not lost and contradiction and self._lasts(self._contradiction_ns, t_ns):
+            lost = f"{contradiction} for {self._config.contradiction_s:g} s"
+        complaint = contradiction or next(self._shortages(vitals), "")
+        if self.health is Health.LOST:
+            pass
+        elif lost:
+            self.health, self.reason = Health.LOST, lost
+        elif complaint:
+            self.health, self.reason, self._complaint_ns = Health.DEGRADED, complaint, t_ns
+        elif self.health is Health.DEGRADED:
+            self._recover(t_ns)
+        return self.health, self.reason
+
+    def _lasts(self, since_ns: int | None, t_ns: int) -> bool:
+        return since_ns is not None and t_ns - since_ns >= self._config.contradiction_s * NS_PER_S
+
+    def _recover(self, t_ns: int) -> None:
+        last_ns = t_ns if self._complaint_ns is None else self._complaint_ns
+        if t_ns - last_ns >= self._config.recovery_s * NS_PER_S:
+            self.health, self.reason = Health.TRACKING, ""
+        elif not self.reason.startswith("recovering"):
+            self.reason = f"recovering: {self.reason}"
+
+    def _losses(self, v: Vitals) -> Iterator[str]:
+        """What ends a segment at once."""
+        config = self._config
+        if not v.finite:
+            yield "the estimate is not finite"
+        if v.inertial_gap_s > config.lost_inertial_gap_s:
+            yield f"no inertial samples for {v.inertial_gap_s:.2f} s"
+        if v.renewed:
+            yield "all feature tracks were replaced at once: the stream is cut, or the scene changed"
+        if v.speed > config.max_speed:
+            yield f"speed of {v.speed:.0f} m/s"
+        if v.bias_sigmas > MAX_BIAS_SIGMAS:
+            yield f"a bias of {v.bias_sigmas:.0f} standard deviations of its prior"
+        if v.velocity_sigma > config.max_velocity_sigma:
+            yield f"velocity is known to {v.velocity_sigma:.1f} m/s only"
+        if v.tilt_sigma_rad > math.radians(config.max_tilt_sigma_deg):
+            yield f"roll and pitch are known to {math.degrees(v.tilt_sigma_rad):.1f} deg only"
+
+    def _shortages(self, v: Vitals) -> Iterator[str]:
+        """What is missing or in doubt."""
+        config = self._config
+        if v.since_vision_s > config.max_visual_gap_s and not v.still:
+            yield f"no observations for {v.since_vision_s:.2f} s"
+        if v.inertial_gap_s > config.max_inertial_gap_s:
+            yield f"no inertial samples for {v.inertial_gap_s:.2f} s"
+        if v.landmarks < MIN_LANDMARKS and not v.still:
+            yield f"{v.landmarks} landmarks in view, {MIN_LANDMARKS} are needed"
+        if v.gated:
+            yield f"{v.gated} inertial samples were refused"
+        if abs(v.scale_change) > MAX_SCALE_CHANGE:
+            yield f"scale was revised by {100.0 * v.scale_change:+.0f} % within {SCALE_MEMORY_S:g} s"
+
+
+def _contradictions(v: Vitals) -> Iterator[str]:
+    """What speaks against the estimate."""
+    if v.rejected > MAX_REJECTED:
+        yield f"{100.0 * v.rejected:.0f} % of the observations contradict the estimate"
+    if v.visual_ratio > MAX_RATIO:
+        yield f"observations are off by {math.sqrt(v.visual_ratio):.1f} standard deviations"
+    if v.inertial_ratio > MAX_RATIO:
+        yield f"inertial samples are off by {math.sqrt(v.inertial_ratio):.1f} standard deviations"

@@ -1,0 +1,194 @@
+"""What the newest knot of the window knows of itself (`health.Vitals`), from window, solution and samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.estimation.landmarks import camera_poses, propagated_camera_poses
+from asyneio.estimation.linear_system import evaluate_cost
+from asyneio.estimation.problem import NOTHING_PROPAGATED, Inertial, Preintegrated, Problem, States, Visual
+from asyneio.odometry.health import SCALE_MEMORY_S, Vitals
+from asyneio.types import NS_PER_S, Estimate, FloatArray, IntArray, RecordArray
+
+#: Median of a squared norm of two standard normal numbers.
+_MEDIAN_CHI2_2 = 2.0 * np.log(2.0)
+#: Fewer observations than this have no typical size.
+_ENOUGH = 10
+#: Positions of the window's knots within so little of their mean [m, RMS] say nothing of scale.
+_SPREAD_M = 0.05
+
+
+@dataclass(frozen=True)
+class VisualMisfit:
+    """Of the newest interval: landmarks seen, share of observations beyond the gate, and the median squared
+    residual over its expectation (1 where there are too few observations)."""
+
+    landmarks: int
+    rejected: float
+    ratio: float
+
+
+def visual_misfit(problem: Problem) -> VisualMisfit:
+    """How the observations of the newest interval agree with the states of `problem`."""
+    visual = problem.visual
+    newest = slice(int(visual.start[-2]), int(visual.start[-1]))
+    landmark = visual.landmark[newest]
+    seen = len(np.unique(landmark))
+    if len(landmark) < _ENOUGH:
+        return VisualMisfit(seen, 0.0, 1.0)
+    squared = _squared_residuals(problem, newest, landmark)
+    rejected = float(np.mean(squared >= problem.model.gate**2))
+    return VisualMisfit(seen, rejected, float(np.median(squared)) / _MEDIAN_CHI2_2)
+
+
+def _squared_residuals(problem: Problem, chosen: slice, landmark: IntArray) -> FloatArray:
+    """Squared norms (N,) of the whitened residuals (34) of some observations of one interval.
+
+    Infinite where the landmark lies behind the camera.
+    """
+    landmarks = problem.landmarks
+    C_a, r_a = _anchor_cameras(problem)
+    C, r = _cameras(problem, chosen)
+    at = landmarks.anchor[landmark]
+    direction_w = np.einsum("nij,nj->ni", C_a[at], landmarks.kappa[landmark])
+    direction_w += landmarks.rho[landmark, None] * (r_a[at] - r)
+    h = np.einsum("nji,nj->ni", C, direction_w)
+    front = h[:, 2] > 1e-9
+    predicted = h[:, :2] / np.where(front, h[:, 2], 1.0)[:, None]
+    offset = predicted - problem.visual.xy[chosen]
+    white = np.einsum("nij,nj->ni", problem.visual.root_information[chosen], offset)
+    return np.where(front, np.sum(white**2, axis=1), np.inf)
+
+
+def _anchor_cameras(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Camera poses (K,3,3), (K,3) at the knots."""
+    states, model = problem.states, problem.model
+    return states.C @ model.C_bc, states.r + states.C @ model.r_bc
+
+
+def _cameras(problem: Problem, chosen: slice) -> tuple[FloatArray, FloatArray]:
+    """Camera poses (N,3,3), (N,3) at observations of the newest interval."""
+    states, model = problem.states, problem.model
+    weights = problem.visual.weights[chosen]
+    interval = np.full(len(weights), len(states.r) - 2)
+    C, r = np.empty((len(weights), 3, 3)), np.empty((len(weights), 3))
+    if len(problem.propagated.tau) == 0:
+        camera_poses(states, interval, weights, model.C_bc, model.r_bc, model.motion_model.space, C, r)
+        return C, r
+    increments, bias = (
+        problem.propagated.chosen(np.arange(chosen.start, chosen.stop)),
+        problem.preintegrated.bias,
+    )
+    propagated_camera_poses(states, interval, increments, bias, model.gravity_w, model.C_bc, model.r_bc, C, r)
+    return C, r
+
+
+def inertial_ratio(problem: Problem) -> float:
+    """Mean squared whitened residual of the inertial factors of the newest interval; 1 where it has none."""
+    model = problem.model
+    visual, landmarks = problem.visual, problem.landmarks
+    gyroscope, accelerometer = _newest(problem.gyroscope), _newest(problem.accelerometer)
+    preintegrated = Preintegrated(*(a[-1:] for a in problem.preintegrated))
+    residuals = 3 * (len(gyroscope.alpha) + len(accelerometer.alpha)) + 9 * int(preintegrated.present.sum())
+    if residuals == 0:
+        return 1.0
+    # The cost of a window of two knots that holds nothing else.
+    cost = evaluate_cost(
+        problem._replace(
+            states=States(*(a[-2:] for a in problem.states)),
+            linearization=States(*(a[-2:] for a in problem.linearization)),
+            frozen=0,
+            motion=np.zeros(1, dtype=np.bool_),
+            gyroscope=gyroscope,
+            accelerometer=accelerometer,
+            visual=Visual(np.zeros(2, dtype=np.int64), *(a[:0] for a in visual[1:])),
+            landmarks=type(landmarks)(*(a[:0] for a in landmarks)),
+            model=model._replace(dt=model.dt[-1:]),
+            preintegrated=preintegrated,
+            propagated=NOTHING_PROPAGATED,
+        )
+    )
+    return 2.0 * cost / residuals
+
+
+def _newest(samples: Inertial) -> Inertial:
+    begin, end = int(samples.start[-2]), int(samples.start[-1])
+    return Inertial(np.array([0, end - begin]), *(a[begin:end] for a in samples[1:]))
+
+
+def sample_gap_s(streams: tuple[RecordArray, RecordArray], start_ns: int, end_ns: int) -> float:
+    """Longest time [s] without a sample that touches (start, end], in either stream.
+
+    A pause that began before counts from its beginning, as far as the streams still hold it; one that is not
+    over counts up to `end_ns`.
+    """
+    gaps = []
+    for samples in streams:
+        stamps = samples["t_ns"]
+        a, b = np.searchsorted(stamps, [start_ns, end_ns], side="right")
+        before = stamps[a - 1] if a else start_ns
+        gaps.append(np.diff(np.r_[before, stamps[a:b], end_ns]).max())
+    return float(max(gaps)) / NS_PER_S
+
+
+class ScaleChanges:
+    """Adds up by how much optimisation has revised the window's scale lately."""
+
+    def __init__(self) -> None:
+        self._t_ns: list[int] = []
+        self._log: list[float] = []
+
+    def add(self, t_ns: int, before: FloatArray, after: FloatArray) -> float:
+        """Positions (K,3) [m] of the same knots before and after; relative change of `SCALE_MEMORY_S`."""
+        before, after = before - before.mean(axis=0), after - after.mean(axis=0)
+        square = float(np.sum(before**2))
+        if square > len(before) * _SPREAD_M**2:
+            along = float(np.sum(before * after)) / square
+            self._t_ns.append(t_ns)
+            self._log.append(float(np.log(max(along, 1e-3))))
+        while self._t_ns and t_ns - self._t_ns[0] > SCALE_MEMORY_S * NS_PER_S:
+            del self._t_ns[0], self._log[0]
+        return float(np.expm1(sum(self._log)))
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What the odometry saw beside the window: arguments of `Vitals` of the same names."""
+
+    since_vision_s: float
+    inertial_gap_s: float
+    renewed: bool
+    scale_change: float
+    gated: int = 0
+    still: bool = False
+
+
+def measure_vitals(
+    problem: Problem, estimate: Estimate, observed: Observed, bias_sigma: FloatArray
+) -> Vitals:
+    """Vitals of the newest knot; `bias_sigma` (6,) of the prior on the first biases."""
+    arrays = (estimate.T_w_b, estimate.velocity_w, estimate.covariance)
+    if not all(np.isfinite(a).all() for a in arrays):
+        return Vitals(finite=False)
+    vision = visual_misfit(problem)
+    bias = np.concatenate([estimate.bias_gyroscope, estimate.bias_accelerometer])
+    C, covariance = estimate.T_w_b[:3, :3], estimate.covariance
+    tilt = (C @ covariance[:3, :3] @ C.T)[:2, :2]
+    return Vitals(
+        since_vision_s=observed.since_vision_s,
+        inertial_gap_s=observed.inertial_gap_s,
+        gated=observed.gated,
+        landmarks=vision.landmarks,
+        rejected=vision.rejected,
+        visual_ratio=vision.ratio,
+        inertial_ratio=inertial_ratio(problem),
+        renewed=observed.renewed,
+        speed=float(np.linalg.norm(estimate.velocity_w)),
+        bias_sigmas=float(np.max(np.abs(bias) / bias_sigma)),
+        velocity_sigma=float(np.sqrt(np.linalg.eigvalsh(covariance[9:12, 9:12])[-1])),
+        tilt_sigma_rad=float(np.sqrt(np.linalg.eigvalsh(tilt)[-1])),
+        scale_change=observed.scale_change,
+        still=observed.still,
+    )
