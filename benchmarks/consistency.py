@@ -56,7 +56,7 @@ def one_run(seed: int, motion: str, seconds: float, frozen: bool, bearing: bool)
     simulation = simulate(scene)
     result = run(simulation.recording, true_noise(scene, frozen, bearing))
     # The origin defines the frame; estimates at and before the start's last knot follow it.
-    estimates = ([result.origin] if result.origin else []) + result.run.estimates
+    estimates = [*result.origins, *result.run.estimates]
     return nees(estimates, simulation.truth.at), score(simulation.recording, result).position_m.rmse
 
 

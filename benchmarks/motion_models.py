@@ -32,7 +32,7 @@ def one_run(seed: int, motion: str, seconds: float, prior: dict[str, Any]) -> tu
     result = run(simulation.recording, Config.model_validate(plain))
     scored = score(simulation.recording, result)
     figures = [100 * scored.position_m.rmse, scored.orientation_deg.rmse, result.summary.real_time_factor]
-    estimates = ([result.origin] if result.origin else []) + result.run.estimates
+    estimates = [*result.origins, *result.run.estimates]
     return figures, nees(estimates, simulation.truth.at)
 
 

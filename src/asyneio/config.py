@@ -133,13 +133,15 @@ class HealthConfig(_Section):
     lost_inertial_gap_s: float = Field(
         0.5, gt=0.0, description="lost when it paused longer: nothing ties the poses across"
     )
-    contradiction_s: float = Field(
-        1.0, ge=0.0, description="lost when measurements contradict the estimate for so long"
+    patience_s: float = Field(
+        1.0,
+        ge=0.0,
+        description="lost when measurements contradict the estimate, or it is useless, for so long",
     )
     recovery_s: float = Field(0.5, ge=0.0, description="without complaint until degraded becomes tracking")
     max_speed: float = Field(30.0, gt=0.0, description="m/s; lost beyond")
-    max_velocity_sigma: float = Field(1.0, gt=0.0, description="m/s; lost when known no better")
-    max_tilt_sigma_deg: float = Field(5.0, gt=0.0, description="roll and pitch; lost when known no better")
+    max_velocity_sigma: float = Field(1.0, gt=0.0, description="m/s; an estimate known no better is useless")
+    max_tilt_sigma_deg: float = Field(5.0, gt=0.0, description="the same for roll and pitch")
 
 
 class Config(_Section):

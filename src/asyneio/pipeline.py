@@ -5,12 +5,10 @@ The only place where files, clocks and progress meet the estimator.
 
 from __future__ import annotations
 
-import json
-import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -18,14 +16,15 @@ import numpy as np
 from numba.core import config as numba_config
 from numba.core import event as numba_event
 
-from asyneio import __version__
 from asyneio.config import Config, dump_config
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.io import to_trajectory, write_estimates, write_tum
 from asyneio.io.atomic import write_text
+from asyneio.io.health_files import write_attitudes, write_health
 from asyneio.odometry import Odometry
 from asyneio.odometry.kernels import are_compiled, compile_kernels
 from asyneio.packets import calibration_of, observations_of, packets, usable_span
+from asyneio.summary import Costs, Grid, Summary, summarize
 from asyneio.tracking import ObservationStream
 from asyneio.types import (
     NS_PER_S,
@@ -41,8 +40,10 @@ from asyneio.types import (
 )
 
 #: Names of the files of a results folder; the summary comes last: where it is, the others are whole.
-TRAJECTORY_FILE = "trajectory.tum"
+TRAJECTORY = "trajectory"
 ESTIMATES_FILE = "estimates.npz"
+HEALTH_FILE = "health.csv"
+ATTITUDE_FILE = "attitude.csv"
 CONFIG_FILE = "config.yaml"
 SUMMARY_FILE = "summary.json"
 
@@ -54,7 +55,7 @@ class Estimator(Protocol):
 
     @property
     def origin(self) -> Estimate | None:
-        """The knot that defines the world, once there is one."""
+        """The knot that defines the world of the present segment, once there is one."""
 
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         """Take one knot interval of measurements; the causal estimates they make possible, and a report."""
@@ -84,53 +85,21 @@ SILENT = Silent()
 
 
 @dataclass(frozen=True)
-class Summary:
-    """Figures of one run; times in seconds, factors without unit.
-
-    `real_time_factor` is recorded over processing time (above one: faster than the sensors); compilation is
-    counted apart. Of events, `frontend_s` is what tracking took, in its own thread beside the rest; `events`
-    are 0 for a recording of tracks. `first_estimate_s` counts from the start of the recording. `failure` says
-    why the output is missing or incomplete, empty when it is whole.
-    """
-
-    recording: str
-    version: str
-    duration_s: float
-    processing_s: float
-    compile_s: float
-    real_time_factor: float
-    frontend_s: float
-    slowest_step_s: float
-    knots: int
-    events: int
-    observations: int
-    features: int
-    mean_track_life_s: float
-    mean_landmarks: float
-    rejected: int
-    first_estimate_s: float
-    health: Health
-    lost_steps: int
-    failure: str
-    notes: tuple[str, ...]
-
-    def to_json(self) -> str:
-        """The summary as JSON text; what is not finite becomes null."""
-        return json.dumps({key: _plain(value) for key, value in asdict(self).items()}, indent=2) + "\n"
-
-
-@dataclass(frozen=True)
 class RunResult:
     """What a run produced, and its figures.
 
-    `observations` are what the estimator was given, IMU clock. `origin` is the knot that defines the world's
-    origin and yaw, to which all covariances are relative.
+    `observations` are what the estimator was given, IMU clock. `origins` are the knots that define origin and
+    yaw of the segments' worlds, to which all covariances are relative.
     """
 
     run: Run
     summary: Summary
     observations: RecordArray
-    origin: Estimate | None = None
+    origins: tuple[Estimate, ...] = ()
+
+    def origin_of(self, segment: int) -> Estimate | None:
+        """The knot that defines the world of a segment; None where it is not known."""
+        return next((origin for origin in self.origins if origin.segment == segment), None)
 
 
 def run_recording(
@@ -155,6 +124,7 @@ def run_recording(
             f"of {config.window.knot_interval_s} s are needed"
         )
     run, error = Run(), ""
+    origins: dict[int, Estimate] = {}
     ends_ns = start_ns + interval_ns * np.arange(total + 1, dtype=np.int64)
     with _watch_compilation(progress) as compilation:
         _compile_ahead(compilation)
@@ -166,22 +136,26 @@ def run_recording(
                 packets(recording, start_ns, interval_ns, total, tracked), start=1
             ):
                 _step(estimator, packet, run, compilation)
-                progress.advance(
-                    index * interval_ns / NS_PER_S, total * interval_ns / NS_PER_S, run.reports[-1].health
-                )
+                if estimator.origin is not None:
+                    origins.setdefault(estimator.origin.segment, estimator.origin)
+                report, done_s = run.reports[-1], index * interval_ns / NS_PER_S
+                if report.health is Health.LOST:
+                    progress.message(f"lost after {done_s:.1f} s: {report.reason}")
+                progress.advance(done_s, total * interval_ns / NS_PER_S, report.health)
         except AsyneioError as caught:
             error = str(caught)
         wall_s = max(time.perf_counter() - started - (compilation.seconds - compiled_s), 0.0)
     observations = tracked.observations() if tracked else observations_of(recording)
-    costs = _Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
+    costs = Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
     notes = (*recording.notes, *(tracked.notes() if tracked else ()))
-    grid = (start_ns, interval_ns, total)
-    summary = replace(_summarize(recording, observations, run, grid, costs, error), notes=notes)
-    return RunResult(run, summary, observations, estimator.origin)
+    grid = Grid(start_ns, interval_ns, total)
+    summary = replace(summarize(recording, observations, run, grid, costs, error), notes=notes)
+    return RunResult(run, summary, observations, tuple(origins.values()))
 
 
 def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]:
-    """Write trajectory, estimates, resolved configuration and summary; the paths written, in that order.
+    """Write a trajectory for each segment, estimates, health, resolved configuration and summary; the paths
+    written, in that order.
 
     Without any estimate there is no trajectory; files of an earlier run are removed so that none of them can
     be taken for this one's.
@@ -189,16 +163,31 @@ def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]
     Raises:
         RecordingError: a file cannot be written.
     """
-    for name in (SUMMARY_FILE, TRAJECTORY_FILE, ESTIMATES_FILE):
-        (folder / name).unlink(missing_ok=True)
+    trajectories = folder.glob(f"{TRAJECTORY}*.tum")
+    named = (folder / name for name in (SUMMARY_FILE, ESTIMATES_FILE, HEALTH_FILE, ATTITUDE_FILE))
+    for path in (*named, *trajectories):
+        path.unlink(missing_ok=True)
     written: list[Path] = []
+    for segment in result.run.segments():
+        written.append(folder / trajectory_file(segment[0].segment))
+        write_tum(written[-1], to_trajectory(segment))
     if result.run.estimates:
-        write_tum(folder / TRAJECTORY_FILE, to_trajectory(result.run.estimates))
-        write_estimates(folder / ESTIMATES_FILE, result.run.estimates)
-        written += [folder / TRAJECTORY_FILE, folder / ESTIMATES_FILE]
+        written.append(folder / ESTIMATES_FILE)
+        write_estimates(written[-1], result.run.estimates)
+    written.append(folder / HEALTH_FILE)
+    write_health(written[-1], result.run.reports)
+    attitudes = [report.attitude for report in result.run.reports if report.attitude]
+    if attitudes:
+        written.append(folder / ATTITUDE_FILE)
+        write_attitudes(written[-1], attitudes)
     write_text(folder / CONFIG_FILE, dump_config(config))
     write_text(folder / SUMMARY_FILE, result.summary.to_json())
     return [*written, folder / CONFIG_FILE, folder / SUMMARY_FILE]
+
+
+def trajectory_file(segment: int) -> str:
+    """Name of the file of a segment's trajectory: `trajectory.tum`, `trajectory_1.tum`, ..."""
+    return f"{TRAJECTORY}_{segment}.tum" if segment else f"{TRAJECTORY}.tum"
 
 
 def _track(
@@ -217,83 +206,6 @@ def _step(estimator: Estimator, packet: Packet, run: Run, compilation: _Compilat
     seconds = time.perf_counter() - started - (compilation.seconds - compiled_before)
     run.estimates.extend(estimates)
     run.reports.append(replace(report, seconds=max(seconds, 0.0)))
-
-
-@dataclass(frozen=True)
-class _Costs:
-    """Seconds of a run: whole, of compilation, of the front end's thread."""
-
-    wall_s: float
-    compile_s: float
-    frontend_s: float
-
-
-def _summarize(
-    recording: Recording | EventRecording,
-    observations: RecordArray,
-    run: Run,
-    grid: tuple[int, int, int],
-    costs: _Costs,
-    error: str,
-) -> Summary:
-    start_ns, interval_ns, total = grid
-    duration_s = len(run.reports) * interval_ns / NS_PER_S
-    seconds = [report.seconds for report in run.reports]
-    landmarks = [report.landmarks for report in run.reports if report.health is Health.TRACKING]
-    features, life_s = _track_life(observations)
-    first_ns = run.estimates[0].t_ns if run.estimates else None
-    return Summary(
-        recording=recording.name,
-        version=__version__,
-        duration_s=duration_s,
-        processing_s=costs.wall_s,
-        compile_s=costs.compile_s,
-        real_time_factor=duration_s / costs.wall_s if costs.wall_s > 0.0 else math.inf,
-        frontend_s=costs.frontend_s,
-        slowest_step_s=max(seconds, default=math.nan),
-        knots=len(run.estimates),
-        events=0 if isinstance(recording, Recording) else int(recording.events.size),
-        observations=int(observations.size),
-        features=features,
-        mean_track_life_s=life_s,
-        mean_landmarks=float(np.mean(landmarks)) if landmarks else 0.0,
-        rejected=sum(report.rejected for report in run.reports),
-        first_estimate_s=math.nan if first_ns is None else (first_ns - start_ns) / NS_PER_S,
-        health=run.reports[-1].health if run.reports else Health.INITIALIZING,
-        lost_steps=sum(report.health is Health.LOST for report in run.reports),
-        failure=_failure(run, start_ns + total * interval_ns, interval_ns, error),
-        notes=recording.notes,
-    )
-
-
-def _failure(run: Run, end_ns: int, interval_ns: int, error: str) -> str:
-    """Why the output is missing or incomplete, in one sentence; empty when it is whole."""
-    reason = next((report.reason for report in reversed(run.reports) if report.reason), "")
-    because = f": {reason}" if reason else ""
-    if error:
-        return f"the estimator stopped after {len(run.estimates)} estimates: {error}"
-    if not run.estimates:
-        return f"the estimator never started, so there is no trajectory{because}"
-    if not all(np.isfinite(estimate.T_w_b).all() for estimate in run.estimates):
-        return "the trajectory holds values that are not finite; the estimator diverged"
-    if run.reports[-1].health is Health.LOST:
-        return f"the estimator lost track and did not recover{because}"
-    t_ns = np.array([estimate.t_ns for estimate in run.estimates])
-    gap_ns = int(max(np.diff(t_ns, append=end_ns), default=0))
-    if gap_ns > 2 * interval_ns:
-        return f"the trajectory has a gap of {gap_ns / NS_PER_S:.2f} s{because}"
-    return ""
-
-
-def _track_life(observations: RecordArray) -> tuple[int, float]:
-    """Number of tracks, and the mean time [s] from a track's first to its last observation."""
-    if observations.size == 0:
-        return 0, 0.0
-    order = np.lexsort((observations["t_ns"], observations["id"]))
-    ids, t_ns = observations["id"][order], observations["t_ns"][order]
-    starts = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]])
-    ends = np.r_[starts[1:], ids.size] - 1
-    return starts.size, float(np.mean(t_ns[ends] - t_ns[starts])) / NS_PER_S
 
 
 class _Compilation(numba_event.Listener):
@@ -335,7 +247,3 @@ def _compile_ahead(compilation: _Compilation) -> None:
     compilation.on_start(None)
     compile_kernels()
     compilation.on_end(None)
-
-
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value

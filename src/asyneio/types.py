@@ -6,6 +6,7 @@ tangent vectors put rotation first; quaternions are stored x y z w; units are SI
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -230,3 +231,17 @@ class Run:
 
     estimates: list[Estimate] = field(default_factory=list)
     reports: list[StepReport] = field(default_factory=list)
+
+    def segments(self) -> list[list[Estimate]]:
+        """The estimates of each segment, in order; their worlds differ, so nothing may join two."""
+        return split_segments(self.estimates)
+
+
+def split_segments(estimates: Sequence[Estimate]) -> list[list[Estimate]]:
+    """Estimates, in order of time, by segment; a list for each."""
+    found: list[list[Estimate]] = []
+    for estimate in estimates:
+        if not found or found[-1][-1].segment != estimate.segment:
+            found.append([])
+        found[-1].append(estimate)
+    return found

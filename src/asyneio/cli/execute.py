@@ -48,10 +48,10 @@ def execute(job: Job) -> RunResult:
     with console.run_progress() as progress:
         result = run_recording(job.recording, job.config, progress)
     written = write_outputs(result, job.config, job.folder)
-    score = _score(result, job.recording)
-    figures = run_figures(result.summary, score)
+    scores = _scores(result, job.recording)
+    figures = run_figures(result.summary, scores)
     console.table(job.recording.name, figures)
-    written += _write_report(job, result, score, figures)
+    written += _write_report(job, result, scores, figures)
     for path in written:
         console.say(f"wrote {path}")
     if result.summary.failure:
@@ -59,19 +59,23 @@ def execute(job: Job) -> RunResult:
     return result
 
 
-def _score(result: RunResult, recording: Recording | EventRecording) -> Evaluation | None:
-    """The estimate against the recording's ground truth, where there are both."""
-    if recording.ground_truth is None or not result.run.estimates:
-        return None
-    try:
-        return evaluate(to_trajectory(result.run.estimates), recording.ground_truth, protocol_named("posyaw"))
-    except EvaluationError as error:
-        console.say(f"note: not compared with the ground truth: {error}")
-        return None
+def _scores(result: RunResult, recording: Recording | EventRecording) -> dict[int, Evaluation]:
+    """Each segment, aligned on its own, against the recording's ground truth, where there is one."""
+    scores: dict[int, Evaluation] = {}
+    if recording.ground_truth is None:
+        return scores
+    protocol = protocol_named("posyaw")
+    for segment in result.run.segments():
+        number = segment[0].segment
+        try:
+            scores[number] = evaluate(to_trajectory(segment), recording.ground_truth, protocol)
+        except EvaluationError as error:
+            console.say(f"note: segment {number} is not compared with the ground truth: {error}")
+    return scores
 
 
 def _write_report(
-    job: Job, result: RunResult, score: Evaluation | None, figures: tuple[tuple[str, str], ...]
+    job: Job, result: RunResult, scores: dict[int, Evaluation], figures: tuple[tuple[str, str], ...]
 ) -> list[Path]:
     report, overview = job.folder / REPORT_FILE, job.folder / OVERVIEW_FILE
     for stale in (report, overview):
@@ -81,7 +85,7 @@ def _write_report(
     if not available():
         console.say("note: no report without matplotlib: pip install 'asyneio[report]'")
         return []
-    data = report_data(result, job.recording, job.config.window.knot_interval_s, score, job.known)
+    data = report_data(result, job.recording, job.config.window.knot_interval_s, scores, job.known)
     write_text(report, render_report(job.recording.name, job.evidence, figures, data, __version__))
     if data.comparison is None:
         return [report]
@@ -92,5 +96,5 @@ def _write_report(
 
 def _advice(result: RunResult) -> str:
     if result.run.estimates:
-        return f"What was estimated until then ({len(result.run.estimates)} knots) is written, but not whole"
+        return f"What was estimated ({len(result.run.estimates)} knots) is written, but not whole"
     return "Check the calibration and the units first, then whether the sensor moves enough at the start"

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 from asyneio.evaluation import Evaluation
-from asyneio.pipeline import Summary
+from asyneio.summary import Summary
+from asyneio.types import Health
 
 Rows = tuple[tuple[str, str], ...]
 
 
-def run_figures(summary: Summary, score: Evaluation | None) -> Rows:
-    """Rows on a run; with the most important errors where there is ground truth."""
+def run_figures(summary: Summary, scores: dict[int, Evaluation]) -> Rows:
+    """Rows on a run; with the most important errors of its segments where there is ground truth."""
     rows = [
         ("health", str(summary.health)),
         ("recording", f"{summary.duration_s:.2f} s"),
@@ -29,9 +30,29 @@ def run_figures(summary: Summary, score: Evaluation | None) -> Rows:
         ("landmarks in the window", f"{summary.mean_landmarks:.0f} on average"),
         ("observations", f"{summary.observations}, {summary.rejected} times rejected"),
     ]
-    if summary.lost_steps:
-        rows.append(("steps without track", f"{summary.lost_steps}"))
-    return (*rows, *(score_figures(score) if score else ()))
+    degraded_s = summary.health_s[Health.DEGRADED]
+    if degraded_s > 0.0:
+        rows.append(("degraded", f"{degraded_s:.1f} s in all"))
+    if len(summary.segments) > 1:
+        rows += [
+            (
+                f"segment {segment.segment}",
+                f"{segment.start_s:.2f} to {segment.end_s:.2f} s, {segment.knots} knots: {segment.ended}",
+            )
+            for segment in summary.segments
+        ]
+    return (*rows, *segment_figures(scores))
+
+
+def segment_figures(scores: dict[int, Evaluation]) -> Rows:
+    """Rows on the evaluation of each segment, by its number."""
+    if len(scores) == 1:
+        return score_figures(next(iter(scores.values())))
+    return tuple(
+        row
+        for segment, score in scores.items()
+        for row in ((f"segment {segment}", "aligned on its own"), *score_figures(score))
+    )
 
 
 def score_figures(score: Evaluation) -> Rows:

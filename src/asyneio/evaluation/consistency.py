@@ -92,10 +92,14 @@ def pose_trajectory(estimates: Sequence[Estimate]) -> PoseTrajectory:
     """Poses of estimates, in their order.
 
     Raises:
-        EvaluationError: there are none.
+        EvaluationError: there are none, or they are of several segments, whose worlds differ.
     """
     if not estimates:
         raise EvaluationError("there are no estimates; expected at least one: did the run ever initialise?")
+    if estimates[0].segment != estimates[-1].segment:
+        raise EvaluationError(
+            "found estimates of several segments; expected one: each has a world of its own"
+        )
     T_w_b = np.array([estimate.T_w_b for estimate in estimates])
     quaternion = Rotation.from_matrix(T_w_b[:, :3, :3]).as_quat()
     t_ns = np.array([estimate.t_ns for estimate in estimates], dtype=np.int64)

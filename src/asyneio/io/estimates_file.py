@@ -3,6 +3,7 @@
 | array | shape | meaning |
 |---|---|---|
 | t_ns | (N,) int64 | time, IMU clock |
+| segment | (N,) int64 | number of the segment; each has a world of its own |
 | T_w_b | (N,4,4) | body to world |
 | velocity_w | (N,3) | m/s, world |
 | angular_velocity_b | (N,3) | rad/s, body |
@@ -24,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import RecordingError
 from asyneio.io.atomic import atomic_file
-from asyneio.types import STATE_BLOCKS, STATE_DOF, Estimate, FloatArray, PoseTrajectory
+from asyneio.types import STATE_BLOCKS, STATE_DOF, Estimate, FloatArray, PoseTrajectory, split_segments
 
 _SHAPES: dict[str, tuple[int, ...]] = {
     "T_w_b": (4, 4),
@@ -61,6 +62,7 @@ def write_estimates(path: Path, estimates: Sequence[Estimate]) -> None:
             stream,
             allow_pickle=False,
             t_ns=t_ns,
+            segment=np.array([estimate.segment for estimate in estimates], dtype=np.int64),
             state_blocks=np.array(STATE_BLOCKS),
             **stack_estimates(estimates),
         )
@@ -76,9 +78,12 @@ def read_estimates(path: Path) -> list[Estimate]:
     blocks = tuple(map(str, arrays["state_blocks"].reshape(-1).tolist()))
     if blocks != STATE_BLOCKS:
         raise RecordingError(f"{path} orders the state as {blocks}; this version uses {STATE_BLOCKS}")
-    t_ns = arrays["t_ns"]
-    if t_ns.dtype != np.int64 or t_ns.ndim != 1:
-        raise RecordingError(f"{path}: t_ns is {t_ns.dtype} of shape {t_ns.shape}; expected int64 (N,)")
+    t_ns, segment = arrays["t_ns"], arrays["segment"]
+    for name, found in (("t_ns", t_ns), ("segment", segment)):
+        if found.dtype != np.int64 or found.ndim != 1 or found.shape != t_ns.shape:
+            raise RecordingError(
+                f"{path}: {name} is {found.dtype} of shape {found.shape}; expected int64 (N,)"
+            )
     for name, shape in _SHAPES.items():
         found = arrays[name]
         if found.dtype != np.float64 or found.shape != (t_ns.size, *shape):
@@ -87,13 +92,19 @@ def read_estimates(path: Path) -> list[Estimate]:
                 f"of shape {(t_ns.size, *shape)}"
             )
     return [
-        Estimate(t_ns=stamp, **{name: arrays[name][index] for name in _SHAPES})
-        for index, stamp in enumerate(t_ns.tolist())
+        Estimate(t_ns=stamp, segment=number, **{name: arrays[name][index] for name in _SHAPES})
+        for index, (stamp, number) in enumerate(zip(t_ns.tolist(), segment.tolist(), strict=True))
     ]
 
 
 def to_trajectory(estimates: Sequence[Estimate]) -> PoseTrajectory:
-    """Poses of the estimates as a trajectory with unit quaternions, w not negative."""
+    """Poses of the estimates as a trajectory with unit quaternions, w not negative.
+
+    Raises:
+        RecordingError: the estimates are of several segments, whose worlds differ.
+    """
+    if len(split_segments(estimates)) > 1:
+        raise RecordingError("found estimates of several segments; expected one: their worlds differ")
     if not estimates:
         return PoseTrajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
     T_w_b = np.array([estimate.T_w_b for estimate in estimates])
@@ -106,7 +117,7 @@ def to_trajectory(estimates: Sequence[Estimate]) -> PoseTrajectory:
 
 def _load(path: Path) -> dict[str, np.ndarray]:
     """All arrays of the archive, sizes checked before anything is unpacked."""
-    wanted = ("t_ns", "state_blocks", *_SHAPES)
+    wanted = ("t_ns", "segment", "state_blocks", *_SHAPES)
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(entry.file_size for entry in archive.infolist())

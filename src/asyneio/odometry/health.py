@@ -6,8 +6,8 @@ INITIALIZING is left by a start; from then on each knot brings `Vitals`, and `He
 |--------------------------------------------------------------|--------------------------------------------|
 | something needed is missing: vision, landmarks, IMU samples  | DEGRADED; the covariance grows by itself   |
 | scale was revised by more than its uncertainty allows        | DEGRADED: what was given out was not right |
-| measurements contradict the estimate                         | DEGRADED, LOST if it goes on               |
-| the estimate is impossible, or too uncertain to be of use    | LOST                                       |
+| measurements contradict the estimate, or it is too uncertain | DEGRADED, LOST if it goes on               |
+| the estimate is impossible                                   | LOST                                       |
 | nothing connects this knot with the one before               | LOST                                       |
 
 DEGRADED becomes TRACKING only after some time without any finding. LOST ends the segment.
@@ -30,12 +30,15 @@ MIN_LANDMARKS = 5
 MAX_RATIO = 2.5**2
 #: More observations without any influence than with: the majority speaks against the estimate.
 MAX_REJECTED = 0.5
+#: Refused inertial samples are gaps, which the window weighs as such; beyond this share the sensor is failing
+#: or saturated most of the time.
+MAX_GATED = 0.2
 #: Biases further from zero than so many of their prior's standard deviations. With the default priors these
 #: are 11 deg/s and 1 m/s^2, what data sheets of inexpensive sensors give as the limits of zero offset.
 MAX_BIAS_SIGMAS = 10.0
-#: Scale of a right start is known to 10 % (`initialization.max_scale_sigma`): a revision by more than twice
-#: that within `SCALE_MEMORY_S` says that what was given out before was wrong.
-MAX_SCALE_CHANGE = 0.2
+#: Scale of a right start is known to 10 % (`initialization.max_scale_sigma`): a revision by a factor that is
+#: more than two such standard deviations, within `SCALE_MEMORY_S`, says that what was given out was wrong.
+MAX_SCALE_CHANGE = 1.2
 SCALE_MEMORY_S = 2.0
 
 
@@ -44,7 +47,7 @@ class Vitals:
     """What one knot knows of itself; every default is the value of perfect health.
 
     `since_vision_s`: since the newest observation. `inertial_gap_s`: longest time since the knot before (and
-    up to this one) without a sample of one of the sensors. `gated`: samples that were refused. `landmarks`
+    up to this one) without a sample of one of the sensors. `gated`: share of samples that were refused. `landmarks`
     with an observation in the newest interval, and what share of those observations was `rejected`.
     `visual_ratio`, `inertial_ratio`: squared residuals of the newest interval over what the declared noise
     lets expect. `renewed`: all tracks at once are new ones. `bias_sigmas`: largest bias in standard
@@ -54,7 +57,7 @@ class Vitals:
 
     since_vision_s: float = 0.0
     inertial_gap_s: float = 0.0
-    gated: int = 0
+    gated: float = 0.0
     landmarks: int = 1000
     rejected: float = 0.0
     visual_ratio: float = 1.0
@@ -70,38 +73,34 @@ class Vitals:
 
 
 class HealthMonitor:
-    """The state machine of one segment; begins as TRACKING, at its start."""
+    """The state machine of one segment: begins as TRACKING, at its start, and ends LOST."""
 
     def __init__(self, config: HealthConfig) -> None:
         self._config = config
         self.health = Health.TRACKING
         self.reason = ""
         self._complaint_ns: int | None = None
-        self._contradiction_ns: int | None = None
+        self._doubt_ns: int | None = None
 
     def update(self, t_ns: int, vitals: Vitals) -> tuple[Health, str]:
         """State after the knot at `t_ns` (ascending), and why, in words; no reason while TRACKING."""
-        contradiction = next(_contradictions(vitals), "")
-        if not contradiction:
-            self._contradiction_ns = None
-        elif self._contradiction_ns is None:
-            self._contradiction_ns = t_ns
+        doubt = next(self._doubts(vitals), "")
+        if not doubt:
+            self._doubt_ns = None
+        elif self._doubt_ns is None:
+            self._doubt_ns = t_ns
         lost = next(self._losses(vitals), "")
-        if not lost and contradiction and self._lasts(self._contradiction_ns, t_ns):
-            lost = f"{contradiction} for {self._config.contradiction_s:g} s"
-        complaint = contradiction or next(self._shortages(vitals), "")
-        if self.health is Health.LOST:
-            pass
-        elif lost:
+        if not lost and self._doubt_ns is not None:
+            lasting_s = (t_ns - self._doubt_ns) / NS_PER_S
+            lost = f"{doubt}, for {lasting_s:.1f} s" if lasting_s >= self._config.patience_s else ""
+        complaint = doubt or next(self._shortages(vitals), "")
+        if lost:
             self.health, self.reason = Health.LOST, lost
         elif complaint:
             self.health, self.reason, self._complaint_ns = Health.DEGRADED, complaint, t_ns
         elif self.health is Health.DEGRADED:
             self._recover(t_ns)
         return self.health, self.reason
-
-    def _lasts(self, since_ns: int | None, t_ns: int) -> bool:
-        return since_ns is not None and t_ns - since_ns >= self._config.contradiction_s * NS_PER_S
 
     def _recover(self, t_ns: int) -> None:
         last_ns = t_ns if self._complaint_ns is None else self._complaint_ns
@@ -123,10 +122,6 @@ class HealthMonitor:
             yield f"speed of {v.speed:.0f} m/s"
         if v.bias_sigmas > MAX_BIAS_SIGMAS:
             yield f"a bias of {v.bias_sigmas:.0f} standard deviations of its prior"
-        if v.velocity_sigma > config.max_velocity_sigma:
-            yield f"velocity is known to {v.velocity_sigma:.1f} m/s only"
-        if v.tilt_sigma_rad > math.radians(config.max_tilt_sigma_deg):
-            yield f"roll and pitch are known to {math.degrees(v.tilt_sigma_rad):.1f} deg only"
 
     def _shortages(self, v: Vitals) -> Iterator[str]:
         """What is missing or in doubt."""
@@ -137,17 +132,21 @@ class HealthMonitor:
             yield f"no inertial samples for {v.inertial_gap_s:.2f} s"
         if v.landmarks < MIN_LANDMARKS and not v.still:
             yield f"{v.landmarks} landmarks in view, {MIN_LANDMARKS} are needed"
-        if v.gated:
-            yield f"{v.gated} inertial samples were refused"
-        if abs(v.scale_change) > MAX_SCALE_CHANGE:
+        if v.gated > MAX_GATED:
+            yield f"{100.0 * v.gated:.0f} % of the inertial samples were refused"
+        if abs(math.log1p(v.scale_change)) > math.log(MAX_SCALE_CHANGE):
             yield f"scale was revised by {100.0 * v.scale_change:+.0f} % within {SCALE_MEMORY_S:g} s"
 
-
-def _contradictions(v: Vitals) -> Iterator[str]:
-    """What speaks against the estimate."""
-    if v.rejected > MAX_REJECTED:
-        yield f"{100.0 * v.rejected:.0f} % of the observations contradict the estimate"
-    if v.visual_ratio > MAX_RATIO:
-        yield f"observations are off by {math.sqrt(v.visual_ratio):.1f} standard deviations"
-    if v.inertial_ratio > MAX_RATIO:
-        yield f"inertial samples are off by {math.sqrt(v.inertial_ratio):.1f} standard deviations"
+    def _doubts(self, v: Vitals) -> Iterator[str]:
+        """What speaks against the estimate, or makes it useless."""
+        config = self._config
+        if v.rejected > MAX_REJECTED:
+            yield f"{100.0 * v.rejected:.0f} % of the observations contradict the estimate"
+        if v.visual_ratio > MAX_RATIO:
+            yield f"observations are off by {math.sqrt(v.visual_ratio):.1f} standard deviations"
+        if v.inertial_ratio > MAX_RATIO:
+            yield f"inertial samples are off by {math.sqrt(v.inertial_ratio):.1f} standard deviations"
+        if v.velocity_sigma > config.max_velocity_sigma:
+            yield f"velocity is known to {v.velocity_sigma:.1f} m/s only"
+        if v.tilt_sigma_rad > math.radians(config.max_tilt_sigma_deg):
+            yield f"roll and pitch are known to {math.degrees(v.tilt_sigma_rad):.1f} deg only"

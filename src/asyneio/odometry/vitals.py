@@ -8,7 +8,15 @@ import numpy as np
 
 from asyneio.estimation.landmarks import camera_poses, propagated_camera_poses
 from asyneio.estimation.linear_system import evaluate_cost
-from asyneio.estimation.problem import NOTHING_PROPAGATED, Inertial, Preintegrated, Problem, States, Visual
+from asyneio.estimation.problem import (
+    NOTHING_PROPAGATED,
+    Inertial,
+    Landmarks,
+    Preintegrated,
+    Problem,
+    States,
+    Visual,
+)
 from asyneio.odometry.health import SCALE_MEMORY_S, Vitals
 from asyneio.types import NS_PER_S, Estimate, FloatArray, IntArray, RecordArray
 
@@ -87,35 +95,31 @@ def _cameras(problem: Problem, chosen: slice) -> tuple[FloatArray, FloatArray]:
 
 def inertial_ratio(problem: Problem) -> float:
     """Mean squared whitened residual of the inertial factors of the newest interval; 1 where it has none."""
-    model = problem.model
-    visual, landmarks = problem.visual, problem.landmarks
     gyroscope, accelerometer = _newest(problem.gyroscope), _newest(problem.accelerometer)
-    preintegrated = Preintegrated(*(a[-1:] for a in problem.preintegrated))
+    preintegrated = Preintegrated._make(a[-1:] for a in problem.preintegrated)
     residuals = 3 * (len(gyroscope.alpha) + len(accelerometer.alpha)) + 9 * int(preintegrated.present.sum())
     if residuals == 0:
         return 1.0
     # The cost of a window of two knots that holds nothing else.
-    cost = evaluate_cost(
-        problem._replace(
-            states=States(*(a[-2:] for a in problem.states)),
-            linearization=States(*(a[-2:] for a in problem.linearization)),
-            frozen=0,
-            motion=np.zeros(1, dtype=np.bool_),
-            gyroscope=gyroscope,
-            accelerometer=accelerometer,
-            visual=Visual(np.zeros(2, dtype=np.int64), *(a[:0] for a in visual[1:])),
-            landmarks=type(landmarks)(*(a[:0] for a in landmarks)),
-            model=model._replace(dt=model.dt[-1:]),
-            preintegrated=preintegrated,
-            propagated=NOTHING_PROPAGATED,
-        )
+    alone = problem._replace(
+        states=States._make(a[-2:] for a in problem.states),
+        linearization=States._make(a[-2:] for a in problem.linearization),
+        frozen=0,
+        motion=np.zeros(1, dtype=np.bool_),
+        gyroscope=gyroscope,
+        accelerometer=accelerometer,
+        visual=Visual._make([np.zeros(2, dtype=np.int64), *(a[:0] for a in problem.visual[1:])]),
+        landmarks=Landmarks._make(a[:0] for a in problem.landmarks),
+        model=problem.model._replace(dt=problem.model.dt[-1:]),
+        preintegrated=preintegrated,
+        propagated=NOTHING_PROPAGATED,
     )
-    return 2.0 * cost / residuals
+    return 2.0 * evaluate_cost(alone) / residuals
 
 
 def _newest(samples: Inertial) -> Inertial:
     begin, end = int(samples.start[-2]), int(samples.start[-1])
-    return Inertial(np.array([0, end - begin]), *(a[begin:end] for a in samples[1:]))
+    return Inertial._make([np.array([0, end - begin]), *(a[begin:end] for a in samples[1:])])
 
 
 def sample_gap_s(streams: tuple[RecordArray, RecordArray], start_ns: int, end_ns: int) -> float:
@@ -161,7 +165,7 @@ class Observed:
     inertial_gap_s: float
     renewed: bool
     scale_change: float
-    gated: int = 0
+    gated: float = 0.0
     still: bool = False
 
 
