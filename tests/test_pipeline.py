@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import time
 from dataclasses import replace
@@ -30,7 +31,16 @@ from asyneio.types import (
     Recording,
     StepReport,
 )
-from tests.cli.fakes import Diverges, FakeOdometry, LosesTrack, NeverStarts, Raises, SkipsAWhile
+from tests.cli.fakes import (
+    Degraded,
+    Diverges,
+    FakeOdometry,
+    LosesTrack,
+    NeverStarts,
+    Raises,
+    SkipsAWhile,
+    StartsAgain,
+)
 from tests.io.recordings import START_NS, make_recording
 
 INTERVAL_NS = 50_000_000
@@ -113,7 +123,7 @@ def test_figures_of_a_run(recording: Recording) -> None:
     assert summary.rejected == 2 * summary.knots
     assert summary.mean_landmarks == 40.0
     assert summary.real_time_factor == pytest.approx(summary.duration_s / summary.processing_s)
-    assert (summary.health, summary.failure, summary.lost_steps) == (Health.TRACKING, "", 0)
+    assert (summary.health, summary.failure) == (Health.TRACKING, "")
     assert len(progress.steps) == packets_fed
     assert progress.steps[-1][0] == progress.steps[-1][1] == pytest.approx(summary.duration_s)
 
@@ -124,6 +134,10 @@ def test_figures_of_a_run(recording: Recording) -> None:
         (NeverStarts, "never started, so there is no trajectory: too few feature tracks"),
         (LosesTrack, "lost track and did not recover: speed of 80 m/s"),
         (SkipsAWhile, "a gap of 0.55 s: no features"),
+        (
+            StartsAgain,
+            "2 segments, each in a world of its own; 0.35 s between them are without a pose: the stream",
+        ),
         (Diverges, "not finite"),
         (Raises, "stopped after 17 estimates: the system is singular"),
     ],
@@ -133,6 +147,49 @@ def test_failures_are_named(
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", estimator)
     assert failure in run_recording(recording, CONFIG).summary.failure
+
+
+def test_degraded_is_whole_and_told(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pipeline, "Odometry", Degraded)
+    summary = run_recording(recording, CONFIG).summary
+    assert summary.failure == ""
+    assert summary.health_s["degraded"] == pytest.approx(0.5)
+    assert sum(summary.health_s.values()) == pytest.approx(summary.duration_s)
+    assert [(str(t.health), t.reason) for t in summary.transitions] == [
+        ("initializing", "too few feature tracks"),
+        ("tracking", ""),
+        ("degraded", "no observations for 0.20 s"),
+        ("tracking", ""),
+    ]
+    assert [t.t_s for t in summary.transitions] == pytest.approx([0.05, 0.2, 1.5, 2.0])
+    assert [(s.segment, s.ended) for s in summary.segments] == [(0, "end of the recording")]
+
+
+def test_segments_have_files_of_their_own(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "trajectory_7.tum").write_text("stale")
+    monkeypatch.setattr(pipeline, "Odometry", StartsAgain)
+    progress = Recorder()
+    result = run_recording(recording, CONFIG, progress)
+    assert progress.messages == ["lost after 1.0 s: the stream is cut"]
+    written = write_outputs(result, CONFIG, tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in written)
+    stamps = [read_tum(tmp_path / name)[0].t_ns for name in ("trajectory.tum", "trajectory_1.tum")]
+    assert (len(stamps[0]), len(stamps[0]) + len(stamps[1])) == (16, len(result.run.estimates))
+    estimates = read_estimates(tmp_path / "estimates.npz")
+    assert [e.segment for e in estimates] == [0] * len(stamps[0]) + [1] * len(stamps[1])
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert [s["ended"] for s in summary["segments"]] == ["the stream is cut", "end of the recording"]
+    assert [s["knots"] for s in summary["segments"]] == [len(part) for part in stamps]
+    with (tmp_path / "health.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["health"] for row in rows] == [str(report.health) for report in result.run.reports]
+    assert rows[19]["reason"] == "the stream is cut"
+    with (tmp_path / "attitude.csv").open() as stream:
+        attitudes = list(csv.DictReader(stream))
+    assert len(attitudes) == 5
+    assert float(attitudes[0]["tilt_sigma[deg]"]) == pytest.approx(np.degrees(0.01))
 
 
 def test_too_short_a_recording_is_refused(recording: Recording) -> None:
@@ -169,7 +226,7 @@ def test_without_estimates_no_trajectory_and_nothing_stale(
     write_outputs(run_recording(recording, CONFIG), CONFIG, tmp_path)
     monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
     write_outputs(run_recording(recording, CONFIG), CONFIG, tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["config.yaml", "summary.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["config.yaml", "health.csv", "summary.json"]
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["first_estimate_s"] is None
     assert "never started" in summary["failure"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from asyneio.config import Config
 from asyneio.errors import EstimationError
-from asyneio.types import Calibration, Estimate, Health, Packet, StepReport
+from asyneio.types import Attitude, Calibration, Estimate, Health, Packet, StepReport
 from tests.io.recordings import make_estimate
 
 
@@ -49,6 +49,34 @@ class SkipsAWhile(FakeOdometry):
         if 20 <= self.seen < 30:
             return [], StepReport(packet.t_end_ns, Health.LOST, "no features")
         return super().track(packet)
+
+
+class StartsAgain(FakeOdometry):
+    """Lost at the 20th packet, a second segment from the 26th on, in a world of its own."""
+
+    def track(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        if self.seen < 20:
+            return super().track(packet)
+        if self.seen == 20:
+            return [], StepReport(packet.t_end_ns, Health.LOST, "the stream is cut")
+        if self.seen < 26:
+            attitude = Attitude(packet.t_end_ns, np.eye(3), 0.01)
+            report = StepReport(packet.t_end_ns, Health.INITIALIZING, "again", segment=1, attitude=attitude)
+            return [], report
+        estimates, report = super().track(packet)
+        moved = np.eye(4)
+        moved[:3, 3] = [5.0, -3.0, 1.0]
+        return [replace(e, T_w_b=moved @ e.T_w_b, segment=1) for e in estimates], replace(report, segment=1)
+
+
+class Degraded(FakeOdometry):
+    """Whole, but in doubt for ten packets."""
+
+    def track(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        estimates, report = super().track(packet)
+        if 30 <= self.seen < 40:
+            report = replace(report, health=Health.DEGRADED, reason="no observations for 0.20 s")
+        return estimates, report
 
 
 class Diverges(FakeOdometry):

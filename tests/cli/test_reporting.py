@@ -9,9 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asyneio.cli.reporting import count_features, report_data
+from asyneio.errors import RecordingError
 from asyneio.evaluation import evaluate, protocol_named
 from asyneio.io import to_trajectory
-from asyneio.pipeline import RunResult, Summary
+from asyneio.pipeline import RunResult
+from asyneio.summary import Summary
 from asyneio.types import (
     NS_PER_S,
     OBSERVATION_DTYPE,
@@ -24,10 +26,11 @@ from asyneio.types import (
     Run,
     StepReport,
 )
+from asyneio.viz import render_report
 from tests.io.recordings import START_NS, make_estimate, make_recording
 
 _SUMMARY = Summary(
-    "r", "0", 1.0, 1.0, 0.0, 1.0, 0.0, 0.1, 1, 0, 1, 1, 1.0, 1.0, 0, 0.1, Health.TRACKING, 0, "", ()
+    "r", "0", 1.0, 1.0, 0.0, 1.0, 0.0, 0.1, 1, 0, 1, 1, 1.0, 1.0, 0, 0.1, Health.TRACKING, {}, (), (), "", ()
 )
 
 
@@ -67,10 +70,10 @@ def recording(rng: np.random.Generator) -> Recording:
 def test_a_perfect_estimate_has_no_error(recording: Recording, covariance: np.ndarray) -> None:
     estimates, truth = run_along(np.arange(0.2, 4.0, 0.05), 0.7, covariance)
     reports = [StepReport(estimate.t_ns, Health.TRACKING, seconds=0.01) for estimate in estimates]
-    result = RunResult(Run(estimates, reports), _SUMMARY, recording.observations, origin=estimates[0])
+    result = RunResult(Run(estimates, reports), _SUMMARY, recording.observations, origins=(estimates[0],))
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates), truth, protocol_named("posyaw"))
-    data = report_data(result, recording, 0.05, score)
+    data = report_data(result, recording, 0.05, {0: score})
     assert data.comparison is not None
     np.testing.assert_allclose(data.comparison.position_error.value, 0.0, atol=1e-9)
     np.testing.assert_allclose(data.comparison.orientation_error.value, 0.0, atol=1e-6)
@@ -86,10 +89,10 @@ def test_errors_start_at_the_origin_knot(recording: Recording, covariance: np.nd
     estimates, truth = run_along(np.arange(0.2, 4.0, 0.05), 0.0, covariance)
     for estimate in estimates[1:]:
         estimate.T_w_b[:3, 3] += [0.1, 0.0, 0.0]
-    result = RunResult(Run(estimates[1:], []), _SUMMARY, recording.observations, origin=estimates[0])
+    result = RunResult(Run(estimates[1:], []), _SUMMARY, recording.observations, origins=(estimates[0],))
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates[1:]), truth, protocol_named("posyaw"))
-    data = report_data(result, recording, 0.05, score)
+    data = report_data(result, recording, 0.05, {0: score})
     assert data.comparison is not None
     error = data.comparison.position_error
     assert error.t_s.size == len(estimates) - 1
@@ -101,7 +104,7 @@ def test_bounds_match_samples(recording: Recording, covariance: np.ndarray, rng:
     result = RunResult(Run(estimates, []), _SUMMARY, recording.observations)
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates), truth, protocol_named("posyaw"))
-    data = report_data(result, recording, 0.05, score)
+    data = report_data(result, recording, 0.05, {0: score})
     assert data.comparison is not None
     draws = rng.multivariate_normal(np.zeros(STATE_DOF), covariance, 200_000)
     phi, rho, nu_error, bias = (
@@ -120,6 +123,49 @@ def test_bounds_match_samples(recording: Recording, covariance: np.ndarray, rng:
         (data.bias_gyroscope, bias),
     ):
         np.testing.assert_allclose(series.sigma[1], samples.std(axis=0), rtol=0.02)
+
+
+def test_segments_are_never_joined(recording: Recording, covariance: np.ndarray) -> None:
+    """Two segments in worlds of their own: each has no error, and a gap parts them in every series."""
+    s = np.arange(0.2, 4.0, 0.05)
+    first, truth = run_along(s, 0.7, covariance)
+    second, _ = run_along(s, -1.1, covariance)
+    half = s.size // 2
+    later = [replace(e, segment=1, T_w_b=shifted(e.T_w_b)) for e in second[half + 10 :]]
+    estimates = first[:half] + later
+    reports = [StepReport(e.t_ns, Health.TRACKING, segment=e.segment, seconds=0.01) for e in estimates]
+    origins = (first[0], later[0])
+    result = RunResult(Run(estimates, reports), _SUMMARY, recording.observations, origins)
+    recording = replace(recording, ground_truth=truth)
+    segments = result.run.segments()
+    assert [len(segment) for segment in segments] == [half, len(later)]
+    scores = {
+        n: evaluate(to_trajectory(segment), truth, protocol_named("posyaw"))
+        for n, segment in enumerate(segments)
+    }
+    data = report_data(result, recording, 0.05, scores)
+    assert [path.shape[0] for path in data.paths] == [half, len(later)]
+    assert data.health.segment.tolist() == [0] * half + [1] * len(later)
+    assert data.comparison is not None
+    for series in (
+        data.velocity,
+        data.bias_gyroscope,
+        data.comparison.position_error,
+        data.comparison.orientation_error,
+    ):
+        assert np.flatnonzero(np.isnan(series.value).all(axis=1)).tolist() == [half]
+    np.testing.assert_allclose(np.delete(data.comparison.position_error.value, half, axis=0), 0.0, atol=1e-9)
+    with pytest.raises(RecordingError, match="several segments"):
+        to_trajectory(estimates)
+    page = render_report("two", "", (), data, "0")
+    assert "each segment on its own" in page
+    assert page.count("<h2>Health</h2>") == 1
+
+
+def shifted(T_w_b: np.ndarray) -> np.ndarray:
+    out = T_w_b.copy()
+    out[:3, 3] += [40.0, -7.0, 3.0]
+    return out
 
 
 def test_features_are_counted_from_first_to_last_observation() -> None:

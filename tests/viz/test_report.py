@@ -13,6 +13,7 @@ from asyneio.types import FloatArray
 from asyneio.viz import (
     Comparison,
     Features,
+    HealthTimeline,
     ReportData,
     Series,
     Timing,
@@ -23,6 +24,8 @@ from asyneio.viz import (
 from asyneio.viz.plots import MAX_POINTS, plot_path, plot_vector
 from asyneio.viz.style import plotting, to_svg
 
+STATES = ("initializing", "tracking", "degraded", "lost")
+
 
 def make_data(size: int = 60, with_truth: bool = True) -> ReportData:
     t_s = np.linspace(0.5, 3.0, size)
@@ -30,7 +33,8 @@ def make_data(size: int = 60, with_truth: bool = True) -> ReportData:
     series = Series(t_s, path, np.full((size, 3), 0.1), path if with_truth else None)
     error = Series(t_s, 0.01 * path, np.full((size, 3), 0.02))
     return ReportData(
-        position=path,
+        paths=(path,),
+        health=HealthTimeline(t_s, np.arange(size) * 4 // size, np.arange(size) * 2 // size, STATES),
         velocity=series,
         bias_gyroscope=series,
         bias_accelerometer=series,
@@ -94,6 +98,7 @@ def test_page_with_truth_has_every_part(page: str) -> None:
         "Velocity",
         "Gyroscope bias",
         "Accelerometer bias",
+        "Health",
         "Features",
         "Processing time",
         "Notes",

@@ -9,7 +9,9 @@ import typer
 
 
 def evaluate(
-    estimate: Annotated[Path, typer.Argument(help="trajectory.tum or estimates.npz: the latter holds all segments.")],
+    estimate: Annotated[
+        Path, typer.Argument(help="trajectory.tum or estimates.npz: the latter holds all segments.")
+    ],
     truth: Annotated[Path, typer.Argument(help="Ground truth in TUM layout: t px py pz qx qy qz qw.")],
     protocol: Annotated[
         str,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -16,13 +17,15 @@ from asyneio.pipeline import RunResult
 from asyneio.types import (
     NS_PER_S,
     STATE_BLOCKS,
+    Estimate,
     EventRecording,
     FloatArray,
+    Health,
     IntArray,
     RecordArray,
     Recording,
 )
-from asyneio.viz import Comparison, Features, ReportData, Series, Timing
+from asyneio.viz import Comparison, Features, HealthTimeline, ReportData, Series, Timing
 
 
 class KnownState(Protocol):
@@ -48,7 +51,7 @@ def report_data(
     result: RunResult,
     recording: Recording | EventRecording,
     interval_s: float,
-    score: Evaluation | None,
+    scores: dict[int, Evaluation],
     known: KnownStates | None = None,
 ) -> ReportData:
     """Everything the report plots; there must be at least one estimate.
@@ -57,36 +60,96 @@ def report_data(
         result: the run.
         recording: what was run.
         interval_s: time between knots, the budget of one step.
-        score: comparison with the ground truth, None where there is none.
+        scores: comparison of segments with the ground truth, by number; none where there is none.
         known: true velocity and biases at given times, None where they are not known.
     """
     start_ns = usable_span(recording)[0]
-    t_ns = np.array([estimate.t_ns for estimate in result.run.estimates], dtype=np.int64)
-    t_s = (t_ns - start_ns) / NS_PER_S
-    states = stack_estimates(result.run.estimates)
-    comparison, R = _compare(result, recording, score, start_ns)
-    truth = known(t_ns) if known else None
+    segments = result.run.segments()
+    parts = [_segment_data(result, recording, segment, scores, start_ns, known) for segment in segments]
+    comparisons = [part.comparison for part in parts if part.comparison]
+    reports = result.run.reports
+    stamps = np.array([report.t_ns for report in reports], dtype=np.int64)
+    t_s = (stamps - start_ns) / NS_PER_S
+    names = tuple(map(str, Health))
     return ReportData(
-        position=states["T_w_b"][:, :3, 3],
-        velocity=Series(
+        paths=tuple(part.position for part in parts),
+        health=HealthTimeline(
             t_s,
-            states["velocity_w"] @ R.T,
-            _velocity_sigma(states, R),
-            truth.velocity_w if truth else None,
+            np.array([names.index(report.health) for report in reports], dtype=np.int64),
+            np.array([report.segment for report in reports], dtype=np.int64),
+            names,
         ),
-        bias_gyroscope=_bias(states, "bias_gyroscope", t_s, truth.bias_gyroscope if truth else None),
-        bias_accelerometer=_bias(
-            states, "bias_accelerometer", t_s, truth.bias_accelerometer if truth else None
-        ),
-        features=count_features(result.observations, t_ns, start_ns),
-        timing=Timing(
-            np.array([(report.t_ns - start_ns) / NS_PER_S for report in result.run.reports]),
-            np.array([report.seconds for report in result.run.reports]),
-            interval_s,
-        ),
+        velocity=_joined([part.velocity for part in parts]),
+        bias_gyroscope=_joined([part.bias_gyroscope for part in parts]),
+        bias_accelerometer=_joined([part.bias_accelerometer for part in parts]),
+        features=count_features(result.observations, stamps, start_ns),
+        timing=Timing(t_s, np.array([report.seconds for report in reports]), interval_s),
         notes=recording.notes,
-        comparison=comparison,
+        comparison=_joined_comparisons(comparisons) if comparisons else None,
     )
+
+
+@dataclass(frozen=True)
+class _SegmentData:
+    """What the report shows of one segment."""
+
+    position: FloatArray
+    velocity: Series
+    bias_gyroscope: Series
+    bias_accelerometer: Series
+    comparison: Comparison | None
+
+
+def _segment_data(
+    result: RunResult,
+    recording: Recording | EventRecording,
+    estimates: list[Estimate],
+    scores: dict[int, Evaluation],
+    start_ns: int,
+    known: KnownStates | None,
+) -> _SegmentData:
+    number = estimates[0].segment
+    t_ns = np.array([estimate.t_ns for estimate in estimates], dtype=np.int64)
+    t_s = (t_ns - start_ns) / NS_PER_S
+    states = stack_estimates(estimates)
+    origin, score = result.origin_of(number), scores.get(number)
+    comparison, R = _compare(estimates, origin, recording, score, start_ns)
+    truth = known(t_ns) if known else None
+    velocity = Series(
+        t_s, states["velocity_w"] @ R.T, _velocity_sigma(states, R), truth.velocity_w if truth else None
+    )
+    return _SegmentData(
+        states["T_w_b"][:, :3, 3],
+        velocity,
+        _bias(states, "bias_gyroscope", t_s, truth.bias_gyroscope if truth else None),
+        _bias(states, "bias_accelerometer", t_s, truth.bias_accelerometer if truth else None),
+        comparison,
+    )
+
+
+def _joined(parts: Sequence[Series]) -> Series:
+    """One series, with a row that is not finite between two segments: no line joins them."""
+    truths = [part.truth for part in parts if part.truth is not None]
+    return Series(
+        _stacked([part.t_s for part in parts]),
+        _stacked([part.value for part in parts]),
+        _stacked([part.sigma for part in parts]),
+        _stacked(truths) if truths else None,
+    )
+
+
+def _joined_comparisons(parts: Sequence[Comparison]) -> Comparison:
+    return Comparison(
+        _stacked([part.position_estimate for part in parts]),
+        _stacked([part.position_truth for part in parts]),
+        _joined([part.position_error for part in parts]),
+        _joined([part.orientation_error for part in parts]),
+    )
+
+
+def _stacked(parts: Sequence[FloatArray]) -> FloatArray:
+    gap = np.full((1, *parts[0].shape[1:]), np.nan)
+    return np.concatenate([piece for part in parts for piece in (gap, part)][1:])
 
 
 def count_features(observations: RecordArray, t_ns: IntArray, start_ns: int) -> Features:
@@ -106,21 +169,23 @@ def count_features(observations: RecordArray, t_ns: IntArray, start_ns: int) -> 
 
 
 def _compare(
-    result: RunResult, recording: Recording | EventRecording, score: Evaluation | None, start_ns: int
+    estimates: list[Estimate],
+    origin: Estimate | None,
+    recording: Recording | EventRecording,
+    score: Evaluation | None,
+    start_ns: int,
 ) -> tuple[Comparison | None, FloatArray]:
-    """The comparison, and the rotation (3,3) from the estimator's world to the truth's.
+    """The comparison of one segment, and the rotation (3,3) from its world to the truth's.
 
-    The covariance speaks of errors relative to the knot that defines the estimator's world. So they are taken
+    The covariance speaks of errors relative to the knot that defines the segment's world. So they are taken
     from there, or from the first estimate that the truth covers.
     """
     if score is None or recording.ground_truth is None:
         return None, np.eye(3)
-    estimates = result.run.estimates
-    if result.origin and result.origin.t_ns < estimates[0].t_ns:
-        estimates = [result.origin, *estimates]
-    matched = associate(to_trajectory(estimates), recording.ground_truth)
+    with_origin = [origin, *estimates] if origin and origin.t_ns < estimates[0].t_ns else estimates
+    matched = associate(to_trajectory(with_origin), recording.ground_truth)
     alignment = align(AlignmentKind.ORIGIN, matched.estimate, matched.truth)
-    position_error, orientation_error = _errors(result, matched, alignment, start_ns)
+    position_error, orientation_error = _errors(estimates, matched, alignment, start_ns)
     comparison = Comparison(
         position_estimate=score.position_estimate_w,
         position_truth=score.position_truth_w,
@@ -131,14 +196,14 @@ def _compare(
 
 
 def _errors(
-    result: RunResult, matched: Association, alignment: Similarity, start_ns: int
+    estimates: list[Estimate], matched: Association, alignment: Similarity, start_ns: int
 ) -> tuple[Series, Series]:
     """Errors of position [m, world axes] and orientation [deg, body axes] at the estimates, with sigmas."""
-    t_ns = np.array([estimate.t_ns for estimate in result.run.estimates])
+    t_ns = np.array([estimate.t_ns for estimate in estimates])
     index = np.minimum(np.searchsorted(t_ns, matched.t_ns), t_ns.size - 1)
     # The origin took part in the alignment only.
     kept = t_ns[index] == matched.t_ns
-    covariance = stack_estimates(result.run.estimates)["covariance"][index[kept]]
+    covariance = stack_estimates(estimates)["covariance"][index[kept]]
     aligned = alignment.apply(matched.estimate)
     C = aligned.C[kept]
     offset = (aligned.position - matched.truth.position)[kept]

@@ -46,8 +46,10 @@ def run(
 ) -> None:
     """Estimate the trajectory of a recording.
 
-    Writes trajectory.tum, estimates.npz (velocity, biases, covariance), config.yaml, summary.json and, with
-    matplotlib, report.html. The exit status is not 0 when the trajectory is missing or incomplete.
+    Writes trajectory.tum, estimates.npz (velocity, biases, covariance), health.csv, config.yaml, summary.json
+    and, with matplotlib, report.html. Where the estimator lost track and began again, trajectory_1.tum, ...
+    follow, each in a world of its own; where attitude was known but no pose, attitude.csv. The exit status is
+    not 0 when the trajectory is missing or incomplete.
     """
     from asyneio.cli import console
     from asyneio.cli.execute import Job, execute

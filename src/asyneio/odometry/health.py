@@ -47,12 +47,12 @@ class Vitals:
     """What one knot knows of itself; every default is the value of perfect health.
 
     `since_vision_s`: since the newest observation. `inertial_gap_s`: longest time since the knot before (and
-    up to this one) without a sample of one of the sensors. `gated`: share of samples that were refused. `landmarks`
-    with an observation in the newest interval, and what share of those observations was `rejected`.
-    `visual_ratio`, `inertial_ratio`: squared residuals of the newest interval over what the declared noise
-    lets expect. `renewed`: all tracks at once are new ones. `bias_sigmas`: largest bias in standard
-    deviations of its prior. `scale_change`: relative, of the last `SCALE_MEMORY_S`. Sigmas are of the
-    estimate [m/s, rad], speed in m/s. `still`: at rest, where vision has nothing to say and is not missed.
+    up to this one) without a sample of one of the sensors. `gated`: share of samples that were refused.
+    `landmarks` with an observation in the newest interval, and what share of those observations was
+    `rejected`. `visual_ratio`, `inertial_ratio`: squared residuals of the newest interval over what the
+    declared noise lets expect. `renewed`: all tracks at once are new ones. `bias_sigmas`: largest bias in
+    standard deviations of its prior. `scale_change`: relative, of the last `SCALE_MEMORY_S`. Sigmas are of
+    the estimate [m/s, rad], speed in m/s. `still`: at rest, where vision says nothing and is not missed.
     """
 
     since_vision_s: float = 0.0

@@ -11,7 +11,7 @@ from asyneio.types import FloatArray, IntArray
 class Series:
     """A vector over time: `t_s` (N,), `value` (N,3), `sigma` (N,3) standard deviations in the same unit.
 
-    `truth` (N,3) where it is known.
+    `truth` (N,3) where it is known. A row that is not finite parts two segments.
     """
 
     t_s: FloatArray
@@ -22,7 +22,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Comparison:
-    """An estimate beside ground truth.
+    """An estimate beside ground truth; segments are aligned each on its own and parted as in `Series`.
 
     `position_estimate` and `position_truth` (N,3) [m] in the world of the truth, aligned. `position_error`
     [m, world axes] and `orientation_error` [deg, body axes] are relative to the first estimate, as their
@@ -54,13 +54,25 @@ class Timing:
 
 
 @dataclass(frozen=True)
+class HealthTimeline:
+    """State of the estimator at each step: `t_s` (N,), `state` (N,) index into `names`, `segment` (N,)."""
+
+    t_s: FloatArray
+    state: IntArray
+    segment: IntArray
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class ReportData:
     """One run. Times count from the start of the recording; biases in rad/s and m/s^2.
 
-    `position` (N,3) [m] is the path in the estimator's own world, shown where there is no comparison.
+    `paths`, (N,3) [m] each, are those of the segments in worlds of their own, shown where there is no
+    comparison.
     """
 
-    position: FloatArray
+    paths: tuple[FloatArray, ...]
+    health: HealthTimeline
     velocity: Series
     bias_gyroscope: Series
     bias_accelerometer: Series

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from asyneio.types import FloatArray
-from asyneio.viz.data import Comparison, Features, Series, Timing
-from asyneio.viz.style import ACCENT, AXES_COLORS, ESTIMATE, TRUTH, WIDTH, new_figure
+from asyneio.viz.data import Comparison, Features, HealthTimeline, Series, Timing
+from asyneio.viz.style import ACCENT, AXES_COLORS, ESTIMATE, HEALTH_COLORS, TRUTH, WIDTH, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -105,6 +105,23 @@ def plot_features(features: Features) -> Figure:
     return figure
 
 
+def plot_health(health: HealthTimeline) -> Figure:
+    """State over time, one row for each; borders of segments as dashed lines."""
+    figure, (axes,) = new_figure(1, 1.9)
+    step_s = float(np.median(np.diff(health.t_s))) if health.t_s.size > 1 else 0.1
+    heads = np.flatnonzero(np.r_[True, np.diff(health.state) != 0])
+    ends = np.r_[heads[1:], health.t_s.size] - 1
+    for head, end in zip(heads, ends, strict=True):
+        row, begin = int(health.state[head]), float(health.t_s[head]) - step_s
+        span = (begin, float(health.t_s[end]) - begin)
+        axes.broken_barh([span], (row - 0.35, 0.7), facecolors=HEALTH_COLORS[row % len(HEALTH_COLORS)])
+    for border in np.flatnonzero(np.diff(health.segment) != 0):
+        axes.axvline(float(health.t_s[border]), color=TRUTH, linestyle="--", linewidth=1.0)
+    axes.set_yticks(range(len(health.names)), health.names)
+    axes.set(xlabel="time [s]", ylim=(-0.6, len(health.names) - 0.4))
+    return figure
+
+
 def plot_timing(timing: Timing) -> Figure:
     """Processing time of each step against the time it may take."""
     figure, (axes,) = new_figure(1, 2.4)
@@ -120,7 +137,7 @@ def plot_timing(timing: Timing) -> Figure:
 
 def _frame(position: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Middle (3,) and span (3,) of what the path's panels show, with a margin; no panel degenerates."""
-    low, high = position.min(axis=0), position.max(axis=0)
+    low, high = np.nanmin(position, axis=0), np.nanmax(position, axis=0)
     spans = np.maximum(1.12 * (high - low), 1e-3)
     spans[0] = max(spans[0], 0.8 * max(spans[1], spans[2]))
     spans[1:] = np.maximum(spans[1:], 0.3 * spans[0])
@@ -151,17 +168,18 @@ def _band(axes: Axes, t_s: FloatArray, middle: FloatArray, sigma: FloatArray, co
 def _limit_to_settled(axes: Axes, value: FloatArray, sigma: FloatArray) -> None:
     """Keep a wide band of the first seconds from flattening the rest of the curve."""
     settled = slice(value.size // 10, None)
-    reach = 3.0 * np.percentile(sigma[settled], 90.0)
-    low = min(value.min(), value[settled].min() - reach)
-    high = max(value.max(), value[settled].max() + reach)
+    reach = 3.0 * np.nanpercentile(sigma[settled], 90.0)
+    low = min(np.nanmin(value), np.nanmin(value[settled]) - reach)
+    high = max(np.nanmax(value), np.nanmax(value[settled]) + reach)
     margin = 0.08 * max(high - low, 1e-12)
     axes.set_ylim(low - margin, high + margin)
 
 
 def _thin(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Every k-th element, the last included, such that at most about MAX_POINTS remain."""
+    """Every k-th element, the last and those that part segments included, about MAX_POINTS in all."""
     size = columns[0].size
     if size <= MAX_POINTS:
         return columns
-    index = np.unique(np.linspace(0, size - 1, MAX_POINTS).astype(np.int64))
+    even = np.linspace(0, size - 1, MAX_POINTS).astype(np.int64)
+    index = np.union1d(even, np.flatnonzero(~np.isfinite(columns[-1])))
     return tuple(column[index] for column in columns)

@@ -79,8 +79,13 @@ def render_overview(comparison: Comparison) -> bytes:
 def _figures(data: ReportData) -> Iterator[tuple[str, str, Figure]]:
     """Title, caption and figure, in the order of the page."""
     truth = data.comparison
-    path = "Aligned to the truth in position and yaw." if truth else "In the estimator's own world, z up."
-    yield "Path", path, plots.plot_path(data.position, truth)
+    several = len(data.paths) > 1
+    if truth:
+        path = f"Aligned to the truth in position and yaw{', each segment on its own' if several else ''}."
+        yield "Path", path, plots.plot_path(truth.position_estimate, truth)
+    for number, position in enumerate(() if truth else data.paths):
+        title = f"Path of segment {number}" if several else "Path"
+        yield title, "In the estimator's own world, z up.", plots.plot_path(position, None)
     if truth:
         relative = "Relative to the first estimate; the band is what the estimator claims."
         yield "Position error", relative, plots.plot_errors(truth.position_error, "m", _XYZ)
@@ -92,7 +97,9 @@ def _figures(data: ReportData) -> Iterator[tuple[str, str, Figure]]:
     yield "Velocity", "World axes.", plots.plot_vector(data.velocity, "m/s", _XYZ)
     yield "Gyroscope bias", "Body axes.", plots.plot_vector(data.bias_gyroscope, "rad/s", _XYZ)
     yield "Accelerometer bias", "Body axes.", plots.plot_vector(data.bias_accelerometer, "m/s²", _XYZ)
-    yield "Features", "Tracks alive at each knot and their age.", plots.plot_features(data.features)
+    states = "What the estimator thinks of itself; dashed: another segment begins, in a world of its own."
+    yield "Health", states, plots.plot_health(data.health)
+    yield "Features", "Tracks alive at each step and their age.", plots.plot_features(data.features)
     yield "Processing time", "Per knot, compilation apart.", plots.plot_timing(data.timing)
 
 

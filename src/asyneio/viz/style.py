@@ -19,6 +19,8 @@ AXES_COLORS = ("#d55e00", "#009e73", "#0072b2")
 ESTIMATE = "#0072b2"
 TRUTH = "#4d4d4d"
 ACCENT = "#d55e00"
+#: Of the states of the estimator, in their order: initialising, tracking, degraded, lost.
+HEALTH_COLORS = ("#56b4e9", "#009e73", "#e69f00", "#d55e00")
 
 #: Inches. Narrow figures with 9-point type are still legible when a phone shows them at full width.
 WIDTH = 5.0
