@@ -13,9 +13,9 @@ BASE = dataclasses.replace(SCENARIOS["noise_free"], duration_s=6.0)
 SHARE = 1.0 / 3.0
 
 
-def with_share(share: float, **changes: object) -> Simulation:
+def with_share(share: float) -> Simulation:
     tracks = dataclasses.replace(BASE.tracks, moving_share=share)
-    return simulate(dataclasses.replace(BASE, tracks=tracks, **changes))
+    return simulate(dataclasses.replace(BASE, tracks=tracks))
 
 
 @pytest.fixture(scope="module")
