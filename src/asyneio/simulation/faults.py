@@ -7,14 +7,12 @@ new ones; the input stays as it is. Intervals are half open, [start, end).
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeVar
+from typing import overload
 
 import numpy as np
 
 from asyneio.errors import SimulationError
 from asyneio.types import EventRecording, FloatArray, PoseTrajectory, RecordArray, Recording
-
-AnyRecording = TypeVar("AnyRecording", Recording, EventRecording)
 
 
 def spikes(records: RecordArray, share: float, magnitude: float, rng: np.random.Generator) -> RecordArray:
@@ -73,7 +71,17 @@ def skipped(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
     return np.concatenate([records[:begin], later])
 
 
-def kidnapped(recording: AnyRecording, start_ns: int, end_ns: int) -> AnyRecording:
+@overload
+def kidnapped(recording: Recording, start_ns: int, end_ns: int) -> Recording: ...
+
+
+@overload
+def kidnapped(recording: EventRecording, start_ns: int, end_ns: int) -> EventRecording: ...
+
+
+def kidnapped(
+    recording: Recording | EventRecording, start_ns: int, end_ns: int
+) -> Recording | EventRecording:
     """A recording from which an interval (IMU clock) is skipped in all sensors; ground truth likewise.
 
     Tracks do not survive it: what follows bears new ids, as a tracker would begin anew.
