@@ -9,7 +9,6 @@ import numpy as np
 from asyneio.estimation.landmarks import camera_poses, propagated_camera_poses
 from asyneio.estimation.linear_system import evaluate_cost
 from asyneio.estimation.problem import (
-    NOTHING_PROPAGATED,
     Inertial,
     Landmarks,
     Preintegrated,
@@ -101,7 +100,7 @@ def inertial_ratio(problem: Problem) -> float:
     if residuals == 0:
         return 1.0
     # The cost of a window of two knots that holds nothing else.
-    alone = problem._replace(
+    alone = Problem(
         states=States._make(a[-2:] for a in problem.states),
         linearization=States._make(a[-2:] for a in problem.linearization),
         frozen=0,
@@ -112,7 +111,6 @@ def inertial_ratio(problem: Problem) -> float:
         landmarks=Landmarks._make(a[:0] for a in problem.landmarks),
         model=problem.model._replace(dt=problem.model.dt[-1:]),
         preintegrated=preintegrated,
-        propagated=NOTHING_PROPAGATED,
     )
     return 2.0 * evaluate_cost(alone) / residuals
 

@@ -1,0 +1,181 @@
+"""The state machine by itself: every finding, the words it gives, hysteresis, and what lasts too long."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from asyneio.config import HealthConfig
+from asyneio.odometry.continuity import Continuity, field_of_view
+from asyneio.odometry.health import HealthMonitor, Vitals
+from asyneio.odometry.vitals import ScaleChanges, sample_gap_s
+from asyneio.simulation.scenario import DAVIS240C
+from asyneio.types import INERTIAL_DTYPE, Health, RecordArray
+
+STEP_NS = 100_000_000
+WELL = Vitals(
+    since_vision_s=0.02,
+    inertial_gap_s=0.005,
+    landmarks=60,
+    speed=1.0,
+    bias_sigmas=1.0,
+    velocity_sigma=0.05,
+    tilt_sigma_rad=0.01,
+)
+
+
+def states(sequence: list[Vitals]) -> list[tuple[Health, str]]:
+    monitor = HealthMonitor(HealthConfig())
+    return [monitor.update(k * STEP_NS, vitals) for k, vitals in enumerate(sequence)]
+
+
+def test_well_stays_tracking() -> None:
+    assert set(states([WELL] * 20)) == {(Health.TRACKING, "")}
+
+
+@pytest.mark.parametrize(
+    ("finding", "words"),
+    [
+        ({"since_vision_s": 0.11}, "no observations for 0.11 s"),
+        ({"inertial_gap_s": 0.06}, "no inertial samples for 0.06 s"),
+        ({"landmarks": 4}, "4 landmarks in view"),
+        ({"gated": 0.3}, "30 % of the inertial samples were refused"),
+        ({"scale_change": -0.2}, "scale was revised by -20 %"),
+        ({"scale_change": 0.25}, r"scale was revised by +25 %"),
+        ({"rejected": 0.6}, "60 % of the observations contradict"),
+        ({"visual_ratio": 9.0}, "observations are off by 3.0 standard deviations"),
+        ({"inertial_ratio": 9.0}, "inertial samples are off by 3.0 standard deviations"),
+        ({"velocity_sigma": 1.5}, "velocity is known to 1.5 m/s only"),
+        ({"tilt_sigma_rad": 0.1}, "roll and pitch are known to 5.7 deg only"),
+    ],
+)
+def test_degraded_and_back(finding: dict[str, Any], words: str) -> None:
+    """One bad knot: degraded at once, and for half a second after it."""
+    found = states([WELL, replace(WELL, **finding), *[WELL] * 6])
+    assert found[0][0] is Health.TRACKING
+    assert found[1][0] is Health.DEGRADED
+    assert words in found[1][1]
+    assert [health for health, _ in found[2:]] == [Health.DEGRADED] * 4 + [Health.TRACKING] * 2
+    assert all(reason.startswith("recovering: ") and words in reason for _, reason in found[2:6])
+
+
+@pytest.mark.parametrize(
+    ("finding", "words"),
+    [
+        ({"finite": False}, "not finite"),
+        ({"inertial_gap_s": 0.6}, "no inertial samples for 0.60 s"),
+        ({"renewed": True}, "replaced at once"),
+        ({"speed": 80.0}, "speed of 80 m/s"),
+        ({"bias_sigmas": 12.0}, "a bias of 12 standard deviations"),
+    ],
+)
+def test_lost_at_once(finding: dict[str, Any], words: str) -> None:
+    health, reason = states([WELL, replace(WELL, **finding)])[-1]
+    assert health is Health.LOST
+    assert words in reason
+
+
+@pytest.mark.parametrize("finding", [{"rejected": 0.9}, {"inertial_ratio": 30.0}, {"velocity_sigma": 2.0}])
+def test_a_lasting_doubt_ends_it(finding: dict[str, Any]) -> None:
+    found = states([WELL, *[replace(WELL, **finding)] * 11])
+    assert [health for health, _ in found[1:11]] == [Health.DEGRADED] * 10
+    assert found[11][0] is Health.LOST
+    assert found[11][1].endswith("for 1.0 s")
+    # Interrupted by one good knot, it does not.
+    bad = [replace(WELL, **finding)] * 8
+    assert Health.LOST not in {health for health, _ in states([*bad, WELL, *bad])}
+
+
+def test_a_lasting_shortage_does_not() -> None:
+    blind = [replace(WELL, since_vision_s=0.1 * k, landmarks=0) for k in range(2, 60)]
+    assert {health for health, _ in states(blind)} == {Health.DEGRADED}
+
+
+def test_nothing_is_missed_at_rest() -> None:
+    resting = replace(WELL, since_vision_s=10.0, landmarks=0, still=True)
+    assert set(states([resting] * 5)) == {(Health.TRACKING, "")}
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.builds(
+            Vitals,
+            since_vision_s=st.floats(0.0, 1.0),
+            inertial_gap_s=st.floats(0.0, 0.7),
+            landmarks=st.integers(0, 20),
+            rejected=st.floats(0.0, 1.0),
+            renewed=st.booleans(),
+            velocity_sigma=st.floats(0.0, 2.0),
+            still=st.booleans(),
+        ),
+        max_size=40,
+    )
+)
+def test_every_state_but_tracking_has_a_reason(sequence: list[Vitals]) -> None:
+    for health, reason in states(sequence):
+        assert bool(reason) == (health is not Health.TRACKING)
+
+
+def stamped(*seconds: float) -> RecordArray:
+    samples = np.zeros(len(seconds), dtype=INERTIAL_DTYPE)
+    samples["t_ns"] = np.rint(np.array(seconds) * 1e9)
+    return samples
+
+
+def test_gaps_count_from_the_last_sample_to_the_next_or_to_the_end() -> None:
+    dense = stamped(*np.arange(0.0, 2.0, 0.005))
+    second = 1_000_000_000
+    assert sample_gap_s((dense, dense), second, second + STEP_NS) == pytest.approx(0.005)
+    # Began before the interval; ends in it; not over; in one sensor alone.
+    assert sample_gap_s((stamped(0.7, 1.05, 1.1), dense), second, second + STEP_NS) == pytest.approx(0.35)
+    assert sample_gap_s((dense, stamped(0.99, 1.02)), second, second + STEP_NS) == pytest.approx(0.08)
+    assert sample_gap_s((dense, stamped()), second, second + STEP_NS) == pytest.approx(0.1)
+
+
+@given(scale=st.floats(0.5, 2.0), seed=st.integers(0, 100))
+def test_scale_changes_add_up_and_are_forgotten(scale: float, seed: int) -> None:
+    path = np.cumsum(np.random.default_rng(seed).normal(size=(12, 3)), axis=0)
+    changes = ScaleChanges()
+    changes.add(0, path, np.sqrt(scale) * path + 5.0)
+    assert changes.add(STEP_NS, path, np.sqrt(scale) * path) == pytest.approx(scale - 1.0)
+    assert changes.add(30 * STEP_NS, path, path) == pytest.approx(0.0)
+    # At rest, positions say nothing of scale.
+    assert changes.add(31 * STEP_NS, 1e-3 * path, 9e-3 * path) == pytest.approx(0.0)
+
+
+def follow(continuity: Continuity, ids: list[range], turned: float = 0.01) -> list[bool]:
+    """One observation of each track in every interval of 0.1 s."""
+    answers = []
+    for k, alive in enumerate(ids):
+        stamps = k * STEP_NS + np.linspace(1, STEP_NS, len(alive)).astype(np.int64)
+        answers.append(continuity.renewed((k + 1) * STEP_NS, stamps, np.array(alive, dtype=np.int64), turned))
+    return answers
+
+
+def test_tracks_that_end_together() -> None:
+    view = field_of_view(DAVIS240C)
+    assert view == pytest.approx(0.847, abs=0.01)
+    before, after = [range(30)] * 8, [range(100, 130)] * 8
+    assert follow(Continuity(view), before + after) == [False] * 8 + [True] * 3 + [False] * 5
+    # One that goes on, a pause, a fast turn, or hardly any tracks: nothing to conclude.
+    assert not any(follow(Continuity(view), before + [range(29, 60)] * 8))
+    assert not any(follow(Continuity(view), before + [range(0)] * 2 + after))
+    assert not any(follow(Continuity(view), before + after, turned=0.2))
+    assert not any(follow(Continuity(view), [range(15)] * 8 + [range(100, 115)] * 8))
+
+
+def test_tracks_that_come_and_go_one_by_one() -> None:
+    """A life of half a second each, a new one in every interval."""
+    assert not any(follow(Continuity(0.8), [range(5 * k, 5 * k + 25) for k in range(30)]))
+
+
+def test_a_cut_that_the_tracker_notices_late() -> None:
+    """The last old features fail a fifth of a second after the cut, when new ones are followed already."""
+    answers = follow(Continuity(0.8), [range(30)] * 8 + [range(20, 60), range(28, 60)] + [range(30, 60)] * 2)
+    assert answers == [False] * 10 + [True, False]
