@@ -14,7 +14,7 @@ from asyneio import __version__, pipeline
 from asyneio.io import read_tracks_folder, write_tracks_folder, write_tum
 from asyneio.types import PoseTrajectory
 from tests.cli.conftest import Asyneio
-from tests.cli.fakes import FakeOdometry, LosesTrack, NeverStarts
+from tests.cli.fakes import Degraded, FakeOdometry, LosesTrack, NeverStarts, StartsAgain
 from tests.io.recordings import make_recording, straight_path
 
 
@@ -82,7 +82,15 @@ def _reports(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_run_writes_everything_and_shows_a_table(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
     status, out, err = asyneio("run", folder, "-o", tmp_path / "out", "--max-track-seconds", "1")
     assert status == 0, err
-    files = ["config.yaml", "estimates.npz", "overview.png", "report.html", "summary.json", "trajectory.tum"]
+    files = [
+        "config.yaml",
+        "estimates.npz",
+        "health.csv",
+        "overview.png",
+        "report.html",
+        "summary.json",
+        "trajectory.tum",
+    ]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == files
     for wanted in ("tracking", "times real time", "knots", "position error, RMSE", "mean life"):
         assert wanted in out
@@ -117,7 +125,7 @@ def test_truth_of_another_time_is_a_note(asyneio: Asyneio, folder: Path, tmp_pat
     )
     status, _, err = asyneio("run", folder, "-o", tmp_path / "out")
     assert status == 0
-    assert "note: not compared with the ground truth" in err
+    assert "note: segment 0 is not compared with the ground truth" in err
 
 
 def test_a_run_that_never_starts_fails(
@@ -139,6 +147,39 @@ def test_a_run_that_loses_track_fails_but_keeps_what_it_has(
     assert status == 1
     assert "speed of 80 m/s" in err.splitlines()[-1]
     assert (tmp_path / "out" / "trajectory.tum").exists()
+
+
+@pytest.mark.usefixtures("_reports")
+def test_a_run_in_pieces_fails_and_is_evaluated_piece_by_piece(
+    asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pipeline, "Odometry", StartsAgain)
+    status, out, err = asyneio("run", folder, "-o", tmp_path / "out")
+    assert status == 1
+    assert "the trajectory is in 2 segments" in err.splitlines()[-1]
+    assert "lost after" in err
+    assert out.count("aligned on its own") == 2
+    results, truth = tmp_path / "out", folder / "groundtruth.tum"
+    assert (results / "trajectory_1.tum").exists()
+    assert "each segment on its own" in (results / "report.html").read_text()
+    status, out, err = asyneio("evaluate", results / "estimates.npz", truth, "--json")
+    assert status == 0
+    assert "2 segments, each in a world of its own" in err
+    scores = json.loads(out)["segments"]
+    assert [score["segment"] for score in scores] == [0, 1]
+    assert all(score["position_m"]["rmse"] < 0.01 for score in scores)
+    status, _, err = asyneio("evaluate", results / "trajectory.tum", truth)
+    assert status == 0
+    assert "trajectory_1.tum" in err
+
+
+def test_a_degraded_run_is_whole(
+    asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pipeline, "Odometry", Degraded)
+    status, out, _ = asyneio("run", folder, "-o", tmp_path / "out")
+    assert status == 0
+    assert "0.5 s in all" in out or "1.0 s in all" in out
 
 
 def test_settings_are_read_and_checked(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
