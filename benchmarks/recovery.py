@@ -6,8 +6,8 @@ Evidence: simulation at track level, MEMS noise, default configuration, causal e
 
 Columns: states with the second each began (- initialising, T tracking, D degraded, L lost); seconds from the
 end of the fault until TRACKING; largest position error of the first segment while not TRACKING, and after the
-fault; largest multiple of the claimed standard deviation; RMSE of each segment, aligned on its own; whether the
-run counts as whole.
+fault; largest multiple of the claimed standard deviation; RMSE of each segment, aligned on its own; whether
+the run counts as whole.
 """
 
 from __future__ import annotations
@@ -100,9 +100,10 @@ def _row(seed: int, fault: str, motion: str) -> list[str]:
     recording = _FAULTS[fault](simulation.recording, begin_ns, end_ns, seed)
     result = run_recording(recording, Config())
     over_ns = begin_ns if fault == "kidnapped" else end_ns
-    good = [r.t_ns for r in result.run.reports if r.health is Health.TRACKING and r.t_ns >= over_ns]
     assert recording.ground_truth is not None
     first, *others = result.run.segments()
+    # What is estimated until the cut is noticed is of a place that the truth has left.
+    first = [e for e in first if e.t_ns <= begin_ns] if fault == "kidnapped" else first
     offset, multiple = _errors(first, result, recording.ground_truth)
     tracking = {r.t_ns for r in result.run.reports if r.health is Health.TRACKING}
     t_ns = np.array([e.t_ns for e in first])
@@ -114,7 +115,7 @@ def _row(seed: int, fault: str, motion: str) -> list[str]:
         motion,
         str(seed),
         _sequence(result, start_ns),
-        f"{(good[0] - over_ns) / NS_PER_S:.2f}" if good else "never",
+        _recovery(result, begin_ns, over_ns),
         f"{100 * offset[doubt].max():.1f}" if doubt.any() else "-",
         f"{100 * offset[after].max():.1f}" if after.any() else "-",
         f"{multiple.max():.1f}",
@@ -123,17 +124,28 @@ def _row(seed: int, fault: str, motion: str) -> list[str]:
     ]
 
 
+def _recovery(result: RunResult, begin_ns: int, over_ns: int) -> str:
+    """Seconds from the end of the fault until TRACKING again; "unnoticed" where it never was anything else."""
+    later = [r for r in result.run.reports if r.t_ns > begin_ns]
+    noticed = next((r.t_ns for r in later if r.health is not Health.TRACKING), None)
+    if noticed is None:
+        return "unnoticed"
+    again = next((r.t_ns for r in later if r.t_ns > noticed and r.health is Health.TRACKING), None)
+    return "never" if again is None else f"{(again - over_ns) / NS_PER_S:.2f}"
+
+
 def _errors(
     estimates: list[Estimate], result: RunResult, truth: PoseTrajectory
 ) -> tuple[FloatArray, FloatArray]:
     """Position errors (N,) [m] relative to the segment's origin, and in claimed standard deviations."""
     origin = result.origin_of(estimates[0].segment)
     assert origin is not None
-    matched = associate(pose_trajectory([origin, *estimates[1:]]), truth)
+    # No estimate is older than the origin; it takes part in the alignment only.
+    matched = associate(pose_trajectory([origin, *estimates]), truth)
     aligned = align(AlignmentKind.ORIGIN, matched.estimate, matched.truth).apply(matched.estimate)
-    offset = np.linalg.norm(aligned.position - matched.truth.position, axis=1)
+    offset = np.linalg.norm(aligned.position - matched.truth.position, axis=1)[1:]
     sigma = np.array([np.sqrt(np.trace(e.covariance[3:6, 3:6])) for e in estimates])
-    return offset, np.r_[0.0, offset[1:] / sigma[1:]]
+    return offset, offset / sigma
 
 
 def _rmse(estimates: list[Estimate], truth: PoseTrajectory) -> float:

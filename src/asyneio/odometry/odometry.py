@@ -11,14 +11,13 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
-from asyneio.odometry.continuity import Continuity, field_of_view
-from asyneio.odometry.health import HealthMonitor
 from asyneio.odometry.intake import Intake, until
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
-from asyneio.odometry.vitals import Observed, ScaleChanges, measure_vitals, sample_gap_s
+from asyneio.odometry.vitals import sample_gap_s
+from asyneio.odometry.watch import Advance, Watch
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, Packet, RecordArray, StepReport
 
@@ -44,14 +43,13 @@ class Odometry:
     def _begin_segment(self) -> None:
         """Forget everything: nothing from before may enter the next start."""
         self._intake = Intake(self._calibration.camera, self._config.visual.pixel_sigma)
-        self._continuity = Continuity(field_of_view(self._calibration.camera))
-        self._monitor = HealthMonitor(self._config.health)
-        self._scale_changes = ScaleChanges()
+        inertial = self._config.inertial
+        bias_sigma = [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma]
+        self._watch = Watch(self._config.health, self._calibration.camera, np.repeat(bias_sigma, 3))
         self._settings: Settings | None = None
         self._window: Window | None = None
         self._solution: Solution | None = None
         self._next_attempt_ns: int | None = None
-        self._observed_ns = 0
         self.origin: Estimate | None = None
 
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
@@ -64,7 +62,7 @@ class Odometry:
             back_s = (before_ns - packet.t_end_ns) / NS_PER_S
             return [], self._interrupted(packet, f"time jumps back by {back_s:.3f} s")
         self._intake.append(packet)
-        renewed = self._renewed(packet, before_ns)
+        renewed = self._watch.see(packet)
         if self._window is None:
             if renewed:
                 return [], self._interrupted(packet, "all feature tracks were replaced at once")
@@ -72,17 +70,17 @@ class Odometry:
             if gap_s > self._config.health.lost_inertial_gap_s:
                 return [], self._interrupted(packet, f"no inertial samples for {gap_s:.2f} s")
             return self._try_start(packet.t_end_ns)
-        return self._track(packet.t_end_ns, renewed)
+        return self._track(packet.t_end_ns)
 
-    def _track(self, t_ns: int, renewed: bool) -> tuple[list[Estimate], StepReport]:
+    def _track(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
         """All knots that the intake covers."""
         estimates: list[Estimate] = []
-        health, reason = self._monitor.health, self._monitor.reason
+        health, reason = self._watch.state()
         try:
             while (knot_ns := self._next_knot_ns()) is not None:
-                observed = self._advance(knot_ns, renewed)
+                advance = self._advance(knot_ns)
                 estimate = self._newest()
-                health, reason = self._judge(estimate, observed)
+                health, reason = self._watch.judge(estimate, advance)
                 if health is Health.LOST:
                     break
                 estimates.append(estimate)
@@ -136,8 +134,8 @@ class Odometry:
             motion_model=settings.window.motion_model,
         )
 
-    def _advance(self, knot_ns: int, renewed: bool) -> Observed:
-        """Predict the knot, add what was measured since the last one, optimise; what was seen on the way."""
+    def _advance(self, knot_ns: int) -> Advance:
+        """Predict the knot, add what was measured since the last one, optimise."""
         window, intake, settings = self._active()
         from_ns = int(window.t_ns[-1])
         # A packet may reach beyond the knot: its first guess uses nothing later than itself.
@@ -145,33 +143,12 @@ class Odometry:
         observations = intake.observations.between(from_ns, knot_ns)
         gap_s = self._gap_s(from_ns, knot_ns)
         knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
+        known = window.states.r
         window.extend(knot_ns, knot, *streams, observations)
         window.add_landmarks()
-        known = window.states.r[:-1]
         self._solution = window.optimize(settings.optimizer)
-        scale_change = self._scale_changes.add(knot_ns, known, window.states.r[:-1])
         intake.drop_until(knot_ns)
-        self._observed_ns = int(observations.t_ns[-1]) if len(observations.t_ns) else self._observed_ns
-        return Observed(
-            since_vision_s=(knot_ns - self._observed_ns) / NS_PER_S,
-            inertial_gap_s=gap_s,
-            renewed=renewed,
-            scale_change=scale_change,
-        )
-
-    def _judge(self, estimate: Estimate, observed: Observed) -> tuple[Health, str]:
-        """Health after the newest knot."""
-        _, _, settings = self._active()
-        vitals = measure_vitals(self._solved().problem, estimate, observed, settings.start.bias_sigma)
-        return self._monitor.update(estimate.t_ns, vitals)
-
-    def _renewed(self, packet: Packet, before_ns: int | None) -> bool:
-        """Whether the packet shows another scene than the one before."""
-        seen = packet.observations
-        rates = np.linalg.norm(packet.gyroscope["xyz"], axis=1)
-        span_s = 0.0 if before_ns is None else (packet.t_end_ns - before_ns) / NS_PER_S
-        turned = float(rates.mean()) * span_s if len(rates) else 0.0
-        return self._continuity.renewed(packet.t_end_ns, seen["t_ns"], seen["id"], turned)
+        return Advance(self._solution.problem, known, observations.t_ns, gap_s)
 
     def _gap_s(self, start_ns: int, end_ns: int) -> float:
         return sample_gap_s((self._intake.gyroscope, self._intake.accelerometer), start_ns, end_ns)
@@ -214,8 +191,7 @@ class Odometry:
         self._window, self._solution = started.window, started.solution
         covariance = joint_covariance(self._solution, 0)[:24, :24]
         self.origin = _estimate(self._window, 0, covariance, self._segment)
-        self._observed_ns = int(self._window.t_ns[-1])
-        self._intake.drop_until(self._observed_ns)
+        self._intake.drop_until(int(self._window.t_ns[-1]))
         estimate = self._newest()
         self._slide()
         return [estimate], self._report(t_ns, Health.TRACKING)

@@ -1,0 +1,83 @@
+"""Watches over one segment: puts together what stream and window tell, and asks for the health."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.config import HealthConfig
+from asyneio.estimation.problem import Problem
+from asyneio.odometry.continuity import Continuity, field_of_view
+from asyneio.odometry.health import HealthMonitor
+from asyneio.odometry.vitals import Observed, ScaleChanges, measure_vitals
+from asyneio.types import NS_PER_S, CameraIntrinsics, Estimate, FloatArray, Health, IntArray, Packet
+
+
+@dataclass(frozen=True)
+class Advance:
+    """What one knot brought.
+
+    `problem`: as solved. `known` (K,3) [m]: positions of the knots before it, before it was solved; `stamps`
+    [ns] of the observations since the knot before; `gap_s`, `gated`, `still` as in `Vitals`.
+    """
+
+    problem: Problem
+    known: FloatArray
+    stamps: IntArray
+    gap_s: float
+    gated: float = 0.0
+    still: bool = False
+
+
+class Watch:
+    """Sees every packet and every knot of a segment.
+
+    Args:
+        config: the section `health`.
+        camera: for its field of view.
+        bias_sigma: (6,) of the prior on the first biases.
+    """
+
+    def __init__(self, config: HealthConfig, camera: CameraIntrinsics, bias_sigma: FloatArray) -> None:
+        self._monitor = HealthMonitor(config)
+        self._continuity = Continuity(field_of_view(camera))
+        self._scale_changes = ScaleChanges()
+        self._bias_sigma = bias_sigma
+        self._packet_ns: int | None = None
+        self._observed_ns: int | None = None
+        self._renewed = False
+
+    def see(self, packet: Packet) -> bool:
+        """Whether a packet shows another scene than those before it."""
+        span_s = 0.0 if self._packet_ns is None else (packet.t_end_ns - self._packet_ns) / NS_PER_S
+        rates = np.linalg.norm(packet.gyroscope["xyz"], axis=1)
+        turned_rad = float(rates.mean()) * span_s if len(rates) else 0.0
+        seen = packet.observations
+        self._renewed = self._continuity.renewed(packet.t_end_ns, seen["t_ns"], seen["id"], turned_rad)
+        self._packet_ns = packet.t_end_ns
+        return self._renewed
+
+    def state(self) -> tuple[Health, str]:
+        """Health after the newest knot, and why."""
+        return self._monitor.health, self._monitor.reason
+
+    def judge(self, estimate: Estimate, advance: Advance) -> tuple[Health, str]:
+        """Health after a knot, and why."""
+        t_ns = estimate.t_ns
+        if len(advance.stamps):
+            self._observed_ns = int(advance.stamps[-1])
+        elif self._observed_ns is None:
+            self._observed_ns = t_ns
+        observed = Observed(
+            since_vision_s=(t_ns - self._observed_ns) / NS_PER_S,
+            inertial_gap_s=advance.gap_s,
+            renewed=self._renewed,
+            scale_change=self._scale_changes.add(
+                t_ns, advance.known, advance.problem.states.r[: len(advance.known)]
+            ),
+            gated=advance.gated,
+            still=advance.still,
+        )
+        vitals = measure_vitals(advance.problem, estimate, observed, self._bias_sigma)
+        return self._monitor.update(t_ns, vitals)
