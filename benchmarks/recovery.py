@@ -125,7 +125,7 @@ def _row(seed: int, fault: str, motion: str) -> list[str]:
 
 
 def _recovery(result: RunResult, begin_ns: int, over_ns: int) -> str:
-    """Seconds from the end of the fault until TRACKING again; "unnoticed" where it never was anything else."""
+    """Seconds from the end of the fault until TRACKING again; "unnoticed" where nothing else ever was."""
     later = [r for r in result.run.reports if r.t_ns > begin_ns]
     noticed = next((r.t_ns for r in later if r.health is not Health.TRACKING), None)
     if noticed is None:
