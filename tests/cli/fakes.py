@@ -70,11 +70,11 @@ class StartsAgain(FakeOdometry):
 
 
 class Degraded(FakeOdometry):
-    """Whole, but in doubt for ten packets."""
+    """Whole, but in doubt for four packets."""
 
     def track(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         estimates, report = super().track(packet)
-        if 30 <= self.seen < 40:
+        if 8 <= self.seen < 12:
             report = replace(report, health=Health.DEGRADED, reason="no observations for 0.20 s")
         return estimates, report
 

@@ -138,7 +138,7 @@ def test_gaps_count_from_the_last_sample_to_the_next_or_to_the_end() -> None:
     assert sample_gap_s((dense, stamped()), second, second + STEP_NS) == pytest.approx(0.1)
 
 
-@given(scale=st.floats(0.5, 2.0), seed=st.integers(0, 100))
+@given(scale=st.floats(0.84, 1.19), seed=st.integers(0, 100))
 def test_scale_changes_add_up_and_are_forgotten(scale: float, seed: int) -> None:
     path = np.cumsum(np.random.default_rng(seed).normal(size=(12, 3)), axis=0)
     changes = ScaleChanges()
@@ -147,6 +147,14 @@ def test_scale_changes_add_up_and_are_forgotten(scale: float, seed: int) -> None
     assert changes.add(30 * STEP_NS, path, path) == pytest.approx(0.0)
     # At rest, positions say nothing of scale.
     assert changes.add(31 * STEP_NS, 1e-3 * path, 9e-3 * path) == pytest.approx(0.0)
+
+
+def test_a_large_change_of_scale_is_told_once() -> None:
+    path = np.cumsum(np.random.default_rng(0).normal(size=(12, 3)), axis=0)
+    changes = ScaleChanges()
+    factors = (1.1, 1.15, 1.0, 0.8, 1.0)
+    told = [changes.add(k * STEP_NS, path, factor * path) for k, factor in enumerate(factors)]
+    assert told == pytest.approx([0.1, 0.265, 0.0, -0.2, 0.0])
 
 
 def follow(continuity: Continuity, ids: list[range], turned: float = 0.01) -> list[bool]:

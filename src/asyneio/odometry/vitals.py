@@ -16,7 +16,7 @@ from asyneio.estimation.problem import (
     States,
     Visual,
 )
-from asyneio.odometry.health import SCALE_MEMORY_S, Vitals
+from asyneio.odometry.health import MAX_SCALE_CHANGE, SCALE_MEMORY_S, Vitals
 from asyneio.types import NS_PER_S, Estimate, FloatArray, IntArray, RecordArray
 
 #: Median of a squared norm of two standard normal numbers.
@@ -136,7 +136,10 @@ def sample_gap_s(streams: tuple[RecordArray, RecordArray], start_ns: int, end_ns
 
 
 class ScaleChanges:
-    """Adds up by how much optimisation has revised the window's scale lately."""
+    """Adds up by how much optimisation has revised the window's scale lately.
+
+    A sum that is large enough to be told (`MAX_SCALE_CHANGE`) is told once; then the account begins anew.
+    """
 
     def __init__(self) -> None:
         self._t_ns: list[int] = []
@@ -152,7 +155,10 @@ class ScaleChanges:
             self._log.append(float(np.log(max(along, 1e-3))))
         while self._t_ns and t_ns - self._t_ns[0] > SCALE_MEMORY_S * NS_PER_S:
             del self._t_ns[0], self._log[0]
-        return float(np.expm1(sum(self._log)))
+        change = sum(self._log)
+        if abs(change) > np.log(MAX_SCALE_CHANGE):
+            self._t_ns, self._log = [], []
+        return float(np.expm1(change))
 
 
 @dataclass(frozen=True)
