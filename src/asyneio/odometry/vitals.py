@@ -100,7 +100,8 @@ def inertial_ratio(problem: Problem) -> float:
     if residuals == 0:
         return 1.0
     # The cost of a window of two knots that holds nothing else.
-    alone = Problem(
+    nothing = Problem._field_defaults
+    alone = problem._replace(**nothing)._replace(
         states=States._make(a[-2:] for a in problem.states),
         linearization=States._make(a[-2:] for a in problem.linearization),
         frozen=0,

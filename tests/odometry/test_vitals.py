@@ -1,0 +1,89 @@
+"""Residuals that health is judged by, against the cost that the window itself minimises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asyneio.estimation.linear_system import evaluate_cost, linearize
+from asyneio.estimation.problem import Problem
+from asyneio.estimation.schemes import SCHEMES
+from asyneio.odometry.vitals import inertial_ratio, visual_misfit
+from tests.estimation.toy import Array, make_toy, with_dof
+
+every_scheme = pytest.mark.parametrize("scheme", ["gpif", "preint", "gpp"])
+
+
+def toy_problem(scheme: str, gate: float = 1e9) -> Problem:
+    settings = with_dof(3, scheme=SCHEMES[scheme], gate=gate)
+    return make_toy(count=4, landmarks=40, settings=settings).problem(0.2)[0]
+
+
+def newest(problem: Problem) -> Array:
+    """Numbers of the observations of the newest interval."""
+    return np.arange(problem.visual.start[-2], problem.visual.start[-1])
+
+
+def silenced(problem: Problem, quiet: Array) -> Problem:
+    """Some observations weigh nothing."""
+    root = problem.visual.root_information.copy()
+    root[quiet] = 0.0
+    return problem._replace(visual=problem.visual._replace(root_information=root))
+
+
+@every_scheme
+def test_visual_ratio_is_that_of_the_window(scheme: str) -> None:
+    problem = toy_problem(scheme)
+    everything = linearize(problem).visual_cost
+    # With so large a robust scale the cost of one observation is half its squared residual.
+    squared = [2.0 * (everything - linearize(silenced(problem, n)).visual_cost) for n in newest(problem)]
+    assert len(squared) > 20
+    found = visual_misfit(problem)
+    # The difference of two large sums leaves few digits.
+    assert found.ratio == pytest.approx(np.median(squared) / (2.0 * np.log(2.0)), rel=1e-4)
+    assert found.landmarks == len(np.unique(problem.visual.landmark[newest(problem)]))
+    assert found.rejected == 0.0
+
+
+def test_what_contradicts_is_counted() -> None:
+    problem = toy_problem("gpif", gate=8.0)
+    xy = problem.visual.xy.copy()
+    chosen = newest(problem)
+    xy[chosen[::4]] += 1.0
+    xy[: chosen[0]] += 1.0  # earlier intervals do not count
+    wrong = problem._replace(visual=problem.visual._replace(xy=xy))
+    before, after = visual_misfit(problem), visual_misfit(wrong)
+    assert before.rejected < 0.2
+    assert after.rejected == pytest.approx(before.rejected + 0.25, abs=0.1)
+    few = problem.visual._replace(start=np.r_[problem.visual.start[:-2], chosen[-1] - 3, chosen[-1] + 1])
+    assert visual_misfit(problem._replace(visual=few)).ratio == 1.0
+
+
+@every_scheme
+def test_inertial_ratio_is_that_of_the_window(scheme: str) -> None:
+    problem = toy_problem(scheme)
+    changes = {}
+    count = 0
+    for name in ("gyroscope", "accelerometer"):
+        samples = getattr(problem, name)
+        inside = slice(int(samples.start[-2]), int(samples.start[-1]))
+        root = samples.root_information.copy()
+        count += 3 * len(root[inside])
+        root[inside] = 0.0
+        changes[name] = samples._replace(root_information=root)
+    if len(problem.preintegrated.present):
+        root = problem.preintegrated.root_information.copy()
+        root[-1] = 0.0
+        count += 9
+        changes["preintegrated"] = problem.preintegrated._replace(root_information=root)
+    squared = 2.0 * (evaluate_cost(problem) - evaluate_cost(problem._replace(**changes)))
+    assert inertial_ratio(problem) == pytest.approx(squared / count, rel=1e-6)
+
+
+def test_nothing_measured_is_nothing_wrong() -> None:
+    problem = toy_problem("gpif")
+    bare = {
+        name: getattr(problem, name)._replace(start=np.r_[getattr(problem, name).start[:-1], [0]] * 0)
+        for name in ("gyroscope", "accelerometer")
+    }
+    assert inertial_ratio(problem._replace(**bare)) == 1.0
