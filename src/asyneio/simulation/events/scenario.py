@@ -7,7 +7,7 @@ from pathlib import Path
 
 from asyneio.errors import SimulationError
 from asyneio.simulation.events.sensor import SensorSpec
-from asyneio.simulation.scenario import RigScenario
+from asyneio.simulation.scenario import MPU6150_NOISE, RigScenario
 
 _DAVIS = SensorSpec()
 #: A few lux: slow photoreceptors, much noise.
@@ -61,6 +61,54 @@ class EventScenario(RigScenario):
 
 _SLOW = EventScenario()
 
+#: What the scenarios of the suite have in common. An accelerometer's zero is off by tens of thousandths of g
+#: by its data sheet, a gyroscope's, once warmed up and corrected at rest, by half a degree per second.
+_SUITE = replace(
+    _SLOW,
+    duration_s=30.0,
+    noise=MPU6150_NOISE,
+    initial_gyroscope_bias_sigma=0.01,
+    initial_accelerometer_bias_sigma=0.08,
+)
+#: A lamp in a dim room.
+_HDR = {"illumination": 0.1, "sunlit": 60.0}
+
+
+def _suite(
+    seed: int,
+    name: str,
+    world: str,
+    motion: str,
+    scale: float,
+    illumination: float = 1.0,
+    sunlit: float = 1.0,
+) -> EventScenario:
+    return replace(
+        _SUITE,
+        seed=seed,
+        name=f"suite_{name}",
+        world=world,
+        motion=motion,
+        motion_scale=scale,
+        illumination=illumination,
+        sunlit=sunlit,
+    )
+
+
+#: Sequences of the kinds of the DAVIS240C data set (Mueggler et al. 2017), with its camera, clock and IMU. Each
+#: has a seed of its own, so that no two share their motion.
+SUITE: tuple[EventScenario, ...] = (
+    _suite(0, "boxes_6dof", "boxes", "six_dof", 1.0),
+    _suite(1, "boxes_translation", "boxes", "translation", 1.0),
+    _suite(2, "hdr_boxes", "boxes", "six_dof", 1.0, **_HDR),
+    _suite(3, "poster_6dof", "poster", "six_dof", 0.85),
+    _suite(4, "poster_translation", "poster", "translation", 0.85),
+    _suite(5, "hdr_poster", "poster", "six_dof", 0.85, **_HDR),
+    _suite(6, "dynamic_6dof", "room", "six_dof", 0.55),
+    _suite(7, "dynamic_translation", "room", "translation", 0.55),
+    replace(_suite(8, "low_light", "room", "six_dof", 1.0, illumination=0.03), sensor=_DIM),
+)
+
 #: Ready-made event scenarios by name; vary them with `dataclasses.replace`.
 EVENT_SCENARIOS: dict[str, EventScenario] = {
     scenario.name: scenario
@@ -75,5 +123,6 @@ EVENT_SCENARIOS: dict[str, EventScenario] = {
         replace(_SLOW, name="event_hdr", motion="moderate", illumination=0.1, sunlit=200.0),
         replace(_SLOW, name="event_poster", world="poster", motion="moderate", motion_scale=0.8),
         replace(_SLOW, name="event_boxes", world="boxes", motion="aggressive"),
+        *SUITE,
     )
 }

@@ -41,8 +41,13 @@ def stream_events(scenario: EventScenario) -> Iterator[RecordArray]:
     yield from event_chunks(set_stage(scenario, seeds), seeds[2])
 
 
-def simulate_events(scenario: EventScenario) -> EventSimulation:
+def simulate_events(scenario: EventScenario, events: RecordArray | None = None) -> EventSimulation:
     """Simulate a scenario; the same scenario gives the same arrays.
+
+    Args:
+        scenario: what to simulate.
+        events: those of the same scenario, where they were made before (by `stream_events`); all else is made
+            in a second.
 
     Raises:
         SimulationError: the scenario is impossible.
@@ -52,7 +57,8 @@ def simulate_events(scenario: EventScenario) -> EventSimulation:
     inertial = simulate_inertial(
         scenario, stage.motion, np.random.default_rng(seeds[3]), np.random.default_rng(seeds[4])
     )
-    events = np.concatenate([np.empty(0, dtype=EVENT_DTYPE), *event_chunks(stage, seeds[2])])
+    if events is None:
+        events = np.concatenate([np.empty(0, dtype=EVENT_DTYPE), *event_chunks(stage, seeds[2])])
     recording = EventRecording(
         name=f"{scenario.name}-{scenario.seed}",
         events=events,
