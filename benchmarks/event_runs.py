@@ -33,7 +33,7 @@ from asyneio.types import (
     Recording,
 )
 from common import table
-from tracking import sequence
+from sequences import sequence
 
 SCENES = ("event_slow", "event_fast", "event_rotation", "event_low_light", "event_near", "event_far")
 HEADER = ["sequence", "path m", "MPE %", "hku %", "yaw deg", "scale %", "first s", "lost", "x real time"]

@@ -178,7 +178,7 @@ def test_no_ready_scenario_leaves_the_free_space(name: str, monkeypatch: pytest.
     # Plain surfaces: textures take long to draw and do not matter here.
     monkeypatch.setattr(worlds, "procedural_texture", lambda *_: np.ones((1, 1)))
     for seed in range(3):
-        set_stage(EVENT_SCENARIOS[name], np.random.SeedSequence(seed).spawn(2))
+        set_stage(EVENT_SCENARIOS[name], np.random.SeedSequence(seed).spawn(6))
 
 
 def test_what_is_impossible_is_refused() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from asyneio.simulation.events.point_truth import PointTruth
 from asyneio.simulation.events.scenario import EventScenario
 from asyneio.simulation.events.source import event_chunks, set_stage
-from asyneio.simulation.events.worlds import World
+from asyneio.simulation.events.world import World
 from asyneio.simulation.rig import calibration_of, simulate_inertial
 from asyneio.simulation.truth import Truth
 from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
@@ -81,5 +81,5 @@ def simulate_events(scenario: EventScenario, events: RecordArray | None = None) 
 
 
 def _seeds(scenario: EventScenario) -> list[np.random.SeedSequence]:
-    """One for motion, world, sensor, gyroscope and accelerometer each."""
-    return np.random.SeedSequence(scenario.seed).spawn(5)
+    """One for motion, world, sensor, gyroscope, accelerometer and the person each."""
+    return np.random.SeedSequence(scenario.seed).spawn(6)
