@@ -56,7 +56,7 @@ def sequence(scene: str, seed: int, seconds: float | None, cache: Path) -> Event
 
 
 def fingerprint(simulation: EventSimulation) -> str:
-    """Changes whenever the simulator would make other events: taken of the first of them and of all motions."""
+    """Changes whenever the simulator would make other events: from the first of them and all motions."""
     points, digest = simulation.points, hashlib.sha256()
     t_ns = np.linspace(0.0, simulation.scenario.duration_s * NS_PER_S, _POSES).astype(np.int64)
     poses = points.world.seen_from(t_ns / NS_PER_S, points.T_w_c(points.start_ns + t_ns))
