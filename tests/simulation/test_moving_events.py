@@ -195,12 +195,12 @@ def test_twins_differ_in_the_person_alone(name: str, monkeypatch: pytest.MonkeyP
         assert len(stage.world.corner) == count + 6
     assert np.ptp(standing.world.motions[0].T_w_b(t_s), axis=0).max() == 0.0
     assert np.ptp(walking.world.motions[0].T_w_b(t_s)[:, :3, 3], axis=0).max() > 0.5
-    # The person holds a quarter to a third of the picture on average, more than half at times.
+    # The person holds a fifth to a third of the picture on average.
     truth = PointTruth(walking.motion, walking.world, walking.scenario.camera, walking.scenario.T_b_c, 0)
     grid = np.stack(np.meshgrid(np.arange(6.0, 240.0, 12.0), np.arange(6.0, 180.0, 12.0)), -1).reshape(-1, 2)
     t_ns = np.linspace(0, 30_000_000_000, 61).astype(np.int64)
     surface = truth.hit(np.repeat(t_ns, len(grid)), np.tile(grid, (t_ns.size, 1)))[1]
-    assert 0.2 < np.mean(surface >= count) < 0.35
+    assert 0.15 < np.mean(surface >= count) < 0.35
 
 
 def test_people_are_kept_at_a_distance() -> None:
