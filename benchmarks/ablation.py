@@ -12,7 +12,6 @@ with the gyroscope.
 from __future__ import annotations
 
 import argparse
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,7 +31,8 @@ from asyneio.io.atomic import write_text
 from asyneio.types import EventRecording, RecordArray
 from common import table
 from real_tracking import ROTATION, SLIDER, load, undistorted
-from tracking import alive_range, median_life_s, run_scene, sequence
+from sequences import DEFAULT_CACHE, sequence
+from tracking import alive_range, median_life_s, run_scene
 
 SCENES = ("event_fast", "event_low_light", "event_near", "event_far")
 NEVER = 1e9
@@ -101,7 +101,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--only", nargs="+", choices=VARIANTS, help="some of the variants")
     parser.add_argument("--change", action="append", default=[], help="a variant of one's own")
-    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "asyneio-sequences")
+    parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     parser.add_argument("--markdown", type=Path, help="also write the table here")
     options = parser.parse_args()
     variants = {name: VARIANTS[name] for name in options.only or VARIANTS}

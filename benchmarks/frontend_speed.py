@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 import os
 import resource
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +31,7 @@ from asyneio.io.atomic import write_text
 from asyneio.types import EventRecording, RecordArray
 from common import table
 from real_tracking import load
-from tracking import sequence
+from sequences import DEFAULT_CACHE, sequence
 
 EXCERPTS = (
     "ecd_excerpts/boxes_translation",
@@ -157,7 +156,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--scenes", nargs="*", default=["event_fast", "event_rotation"])
     parser.add_argument("--seconds", type=float, default=2.0, help="of the simulated sequences")
-    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "asyneio-sequences")
+    parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     parser.add_argument("--long", action="store_true", help="10^8 events instead")
     parser.add_argument("--markdown", type=Path, help="also write the tables here")
     options = parser.parse_args()

@@ -37,7 +37,7 @@ from asyneio.types import EventRecording, RecordArray  # noqa: E402
 from common import table  # noqa: E402
 from frontend_speed import EXCERPTS, REPEATED_EVENTS, packets, repeated  # noqa: E402
 from real_tracking import load  # noqa: E402
-from tracking import sequence  # noqa: E402
+from sequences import DEFAULT_CACHE, sequence  # noqa: E402
 
 #: Stage, module, function. Those of an update and of a birth are parts of it and are taken off below.
 STAGES = (
@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="*", default=["event_fast"])
     parser.add_argument("--excerpts", nargs="*", default=list(EXCERPTS))
     parser.add_argument("--seconds", type=float, default=2.0, help="of the simulated sequences")
-    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "asyneio-sequences")
+    parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     parser.add_argument("--markdown", type=Path, help="also write the table here")
     options = parser.parse_args()
     runs: list[tuple[str, EventRecording, RecordArray]] = []

@@ -10,23 +10,20 @@ Sequences are simulated once and kept in a folder; they are made anew when the s
 from __future__ import annotations
 
 import argparse
-import hashlib
-import pickle
-import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-import asyneio.simulation
 from asyneio.cli.track_run import track_recording
 from asyneio.config import FrontendConfig
 from asyneio.evaluation.tracks import AgeRow, TrackErrors, age_table, feature_age, track_errors
-from asyneio.io.atomic import atomic_file, write_text
-from asyneio.simulation import EVENT_SCENARIOS, EventSimulation, simulate_events
+from asyneio.io.atomic import write_text
+from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
 from asyneio.types import IntArray
 from common import table
+from sequences import DEFAULT_CACHE, sequence
 
 SCENES = ("event_slow", "event_fast", "event_low_light", "event_near", "event_far", "event_rotation")
 HEADER = ["scene", "alive", "life s", "0-0.1 s", "0.1-0.2 s", "0.2-0.3 s", "0.3-0.5 s", "0.5-1 s"]
@@ -42,26 +39,6 @@ class SceneResult:
     errors: TrackErrors
     alive: IntArray
     speed_mev_s: float
-
-
-def simulator_version() -> str:
-    """Changes whenever the code of the simulator does."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(asyneio.simulation.__path__[0]).rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:10]
-
-
-def sequence(scene: str, seed: int, seconds: float, cache: Path) -> EventSimulation:
-    """A simulated sequence, from the cache where it is there; pickles: the folder must be trusted."""
-    path = cache / f"{scene}-{seed}-{seconds:g}-{simulator_version()}.pickle"
-    if path.is_file():
-        found: EventSimulation = pickle.loads(path.read_bytes())
-        return found
-    made = simulate_events(replace(EVENT_SCENARIOS[scene], seed=seed, duration_s=seconds))
-    with atomic_file(path) as stream:
-        pickle.dump(made, stream)
-    return made
 
 
 def run_scene(simulation: EventSimulation, config: FrontendConfig, gyroscope: bool) -> SceneResult:
@@ -121,7 +98,7 @@ def main() -> None:
     parser.add_argument("--trackers", nargs="+", default=["gradient", "haste"], choices=["gradient", "haste"])
     parser.add_argument("--seeds", type=int, default=1, help="0 to this, without it")
     parser.add_argument("--seconds", type=float, default=6.0)
-    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "asyneio-sequences")
+    parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     parser.add_argument("--no-gyroscope", action="store_true")
     parser.add_argument("--markdown", type=Path, help="also write the tables here")
     options = parser.parse_args()

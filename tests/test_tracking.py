@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asyneio.config import FrontendConfig
+from asyneio import pipeline
+from asyneio.config import Config, FrontendConfig
 from asyneio.errors import RecordingError
 from asyneio.packets import usable_span
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
-from asyneio.tracking import ObservationStream
-from asyneio.types import INERTIAL_DTYPE, EventRecording, IntArray
+from asyneio.tracking import ObservationStream, ReplayedStream
+from asyneio.types import INERTIAL_DTYPE, Estimate, EventRecording, IntArray, Packet, StepReport
+from tests.cli.fakes import FakeOdometry
 
 INTERVAL_NS = 100_000_000
 
@@ -81,3 +83,38 @@ def test_events_need_an_imu_and_a_calibration(recording: EventRecording) -> None
         usable_span(replace(recording, calibration=None))
     with pytest.raises(RecordingError, match="no events"):
         usable_span(replace(recording, events=recording.events[:0]))
+
+
+def test_given_again_the_batches_are_the_same(recording: EventRecording) -> None:
+    ends_ns = ends_of(recording)
+    stream = ObservationStream(recording, FrontendConfig(), ends_ns)
+    batches = list(stream)
+    replayed = ReplayedStream(stream.observations(), ends_ns)
+    for a, b in zip(batches, replayed, strict=True):
+        assert a.tobytes() == b.tobytes()
+    assert replayed.observations().tobytes() == stream.observations().tobytes()
+
+
+def test_a_run_on_known_observations_gets_the_same_packets(
+    recording: EventRecording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[list[Packet]] = []
+
+    class Remembers(FakeOdometry):
+        def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+            seen[-1].append(packet)
+            return super().process(packet)
+
+    monkeypatch.setattr(pipeline, "Odometry", Remembers)
+    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    seen.append([])
+    tracked = pipeline.run_recording(recording, Config())
+    seen.append([])
+    again = pipeline.run_recording(recording, Config(), observations=tracked.observations)
+    assert len(seen[0]) == len(seen[1]) > 5
+    for a, b in zip(*seen, strict=True):
+        assert (a.t_end_ns, a.events) == (b.t_end_ns, b.events)
+        assert a.observations.tobytes() == b.observations.tobytes()
+        assert a.gyroscope.tobytes() == b.gyroscope.tobytes()
+    assert again.observations.size == tracked.observations.size > 0
+    assert again.summary.frontend_s == 0.0

@@ -25,7 +25,7 @@ from asyneio.odometry import Odometry
 from asyneio.odometry.kernels import are_compiled, compile_kernels
 from asyneio.packets import calibration_of, observations_of, packets, usable_span
 from asyneio.summary import Costs, Grid, Summary, summarize
-from asyneio.tracking import ObservationStream
+from asyneio.tracking import ObservationStream, ReplayedStream
 from asyneio.types import (
     NS_PER_S,
     Estimate,
@@ -103,12 +103,16 @@ class RunResult:
 
 
 def run_recording(
-    recording: Recording | EventRecording, config: Config, progress: Progress = SILENT
+    recording: Recording | EventRecording,
+    config: Config,
+    progress: Progress = SILENT,
+    observations: RecordArray | None = None,
 ) -> RunResult:
     """Run the estimator over a whole recording; of events, the front end runs beside it.
 
-    An error of the estimator ends the run; what it had estimated until then is kept and the cause stands in
-    `summary.failure`.
+    `observations` are those of an earlier run on the same events (`RunResult.observations`): given again,
+    they save the tracking and lead to the same estimates. An error of the estimator ends the run; what it had
+    estimated until then is kept and the cause stands in `summary.failure`.
 
     Raises:
         RecordingError: the recording is shorter than two knot intervals, or has events without the inertial
@@ -129,7 +133,7 @@ def run_recording(
     with _watch_compilation(progress) as compilation:
         _compile_ahead(compilation)
         estimator: Estimator = Odometry(config, calibration_of(recording))
-        tracked = _track(recording, config, ends_ns)
+        tracked = _track(recording, config, ends_ns, observations)
         compiled_s, started = compilation.seconds, time.perf_counter()
         try:
             for index, packet in enumerate(
@@ -145,12 +149,12 @@ def run_recording(
         except AsyneioError as caught:
             error = str(caught)
         wall_s = max(time.perf_counter() - started - (compilation.seconds - compiled_s), 0.0)
-    observations = tracked.observations() if tracked else observations_of(recording)
+    given = tracked.observations() if tracked else observations_of(recording)
     costs = Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
     notes = (*recording.notes, *(tracked.notes() if tracked else ()))
     grid = Grid(start_ns, interval_ns, total)
-    summary = replace(summarize(recording, observations, run, grid, costs, error), notes=notes)
-    return RunResult(run, summary, observations, tuple(origins.values()))
+    summary = replace(summarize(recording, given, run, grid, costs, error), notes=notes)
+    return RunResult(run, summary, given, tuple(origins.values()))
 
 
 def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]:
@@ -191,10 +195,12 @@ def trajectory_file(segment: int) -> str:
 
 
 def _track(
-    recording: Recording | EventRecording, config: Config, ends_ns: IntArray
-) -> ObservationStream | None:
+    recording: Recording | EventRecording, config: Config, ends_ns: IntArray, known: RecordArray | None
+) -> ObservationStream | ReplayedStream | None:
     if isinstance(recording, Recording):
         return None
+    if known is not None:
+        return ReplayedStream(known, ends_ns)
     return ObservationStream(recording, config.frontend, ends_ns)
 
 

@@ -10,6 +10,7 @@ import queue
 import threading
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -122,3 +123,33 @@ class ObservationStream:
         span_ns = int(np.diff(self._ends_ns).max()) + self._delay_ns
         a, b = np.searchsorted(self._gyroscope["t_ns"], [until_ns - span_ns, until_ns], side="right")
         return self._gyroscope[a:b]
+
+
+class ReplayedStream:
+    """What an `ObservationStream` gave out once, given out again without tracking anew.
+
+    Args:
+        observations: all of them, OBSERVATION_DTYPE, IMU clock, ascending.
+        ends_ns: as there; of the same grid, the batches are the same.
+    """
+
+    #: Nothing is tracked, so nothing takes time.
+    busy_s = 0.0
+
+    def __init__(self, observations: RecordArray, ends_ns: IntArray) -> None:
+        self._observations = observations
+        self._ends_ns = ends_ns
+
+    def __iter__(self) -> Iterator[RecordArray]:
+        """One batch of observations a packet: after the previous packet's end, up to its own."""
+        cuts = np.searchsorted(self._observations["t_ns"], self._ends_ns, side="right")
+        for begin, end in pairwise(cuts):
+            yield self._observations[begin:end]
+
+    def observations(self) -> RecordArray:
+        """All of them."""
+        return self._observations
+
+    def notes(self) -> tuple[str, ...]:
+        """None: what was left out is known to the run that tracked."""
+        return ()

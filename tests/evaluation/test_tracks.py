@@ -31,8 +31,10 @@ class SlidingPlane:
         points[~valid] = np.nan
         return points, np.where(valid, 0, -1), valid
 
-    def project(self, t_ns: ArrayLike, points_w: ArrayLike) -> tuple[FloatArray, BoolArray]:
-        points = np.asarray(points_w)
+    def project(
+        self, t_ns: ArrayLike, points: ArrayLike, surface: ArrayLike | None = None
+    ) -> tuple[FloatArray, BoolArray]:
+        points = np.asarray(points)
         uv = np.column_stack([points[:, 0] + self._shift(t_ns), points[:, 1]])
         return uv, (uv[:, 0] >= 0.0) & (uv[:, 0] <= self.width)
 

@@ -8,7 +8,7 @@ from asyneio.simulation import EVENT_SCENARIOS, AnalyticMotion, EventScenario, S
 from asyneio.simulation.events.pyramid import build_pyramids
 from asyneio.simulation.events.source import Stage
 from asyneio.simulation.events.view import view_of
-from asyneio.simulation.events.worlds import World
+from asyneio.simulation.events.world import World
 from asyneio.simulation.rig import C_F_C
 from asyneio.types import CameraIntrinsics, Distortion, FloatArray
 

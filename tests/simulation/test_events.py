@@ -18,6 +18,7 @@ from asyneio.simulation import (
 )
 from asyneio.simulation.events import worlds
 from asyneio.simulation.events.render import empty_frame, render
+from asyneio.simulation.events.scenario import SUITE
 from asyneio.simulation.events.sensor import make_pixels
 from asyneio.simulation.events.source import Stage, event_chunks, set_stage
 from asyneio.simulation.events.textures import procedural_texture
@@ -83,6 +84,9 @@ def test_the_recording_is_what_a_reader_delivers(run: EventSimulation) -> None:
 def test_the_same_scenario_gives_the_same_events_also_in_pieces(run: EventSimulation) -> None:
     streamed = np.concatenate(list(stream_events(SCENARIO)))
     np.testing.assert_array_equal(streamed, run.recording.events)
+    given = simulate_events(SCENARIO, streamed)
+    assert given.recording.events is streamed
+    np.testing.assert_array_equal(given.recording.gyroscope, run.recording.gyroscope)
     other = next(chunk for chunk in stream_events(dataclasses.replace(SCENARIO, seed=1)) if chunk.size)
     assert not np.array_equal(other, streamed[: other.size])
 
@@ -178,7 +182,20 @@ def test_no_ready_scenario_leaves_the_free_space(name: str, monkeypatch: pytest.
     # Plain surfaces: textures take long to draw and do not matter here.
     monkeypatch.setattr(worlds, "procedural_texture", lambda *_: np.ones((1, 1)))
     for seed in range(3):
-        set_stage(EVENT_SCENARIOS[name], np.random.SeedSequence(seed).spawn(2))
+        set_stage(EVENT_SCENARIOS[name], np.random.SeedSequence(seed).spawn(6))
+
+
+def test_the_suite_shares_rig_and_length_but_no_motion() -> None:
+    assert len(SUITE) == 9
+    assert len({scenario.seed for scenario in SUITE}) == 9
+    for scenario in SUITE:
+        assert EVENT_SCENARIOS[scenario.name] is scenario
+        assert scenario.duration_s == 30.0
+        assert scenario.gyroscope_rate_hz == scenario.accelerometer_rate_hz == 1000.0
+        # 0.005 deg/s and 400 ug per root hertz.
+        assert scenario.noise.gyroscope_density == pytest.approx(np.deg2rad(0.005), rel=0.01)
+        assert scenario.noise.accelerometer_density == pytest.approx(400e-6 * 9.80665, rel=0.01)
+    assert [scenario.person for scenario in SUITE].count("walking") == 2
 
 
 def test_what_is_impossible_is_refused() -> None:

@@ -94,10 +94,39 @@ def test_seeds_differ_and_repeat() -> None:
     assert np.abs(first - motion_of("moderate", 2).T_w_b(t)).max() > 0.1
 
 
+@pytest.mark.parametrize("style", ["translation", "six_dof"])
+def test_hand_held_motion_speeds_up_as_in_the_real_set(style: str) -> None:
+    t = np.arange(0.0, 30.0, 0.01)
+    for seed in range(5):
+        motion = motion_of(style, seed)
+        speed = np.linalg.norm(motion.velocity_w(t), axis=1)
+        first, last = speed[:500].mean(), speed[-500:].mean()
+        # Its clock runs at 0.5 at first and at 1.7 at the end.
+        assert 2.2 < last / first < 5.5
+        assert 33.0 < 30.0 * speed.mean() < 45.0
+        rate = np.linalg.norm(motion.angular_velocity_b(t), axis=1).mean()
+        assert (0.1 < rate < 0.3) if style == "translation" else (0.8 < rate < 1.3)
+
+
+def test_pace_and_hold_combine() -> None:
+    waves = motion_of("moderate", 2).coordinates
+    plain = AnalyticMotion(waves)
+    paced = AnalyticMotion(waves, hold_s=2.0, ramp_s=1.0, pace=(0.5, 2.0), pace_over_s=4.0)
+    # A ramp of a second loses half of one; a pace that rises evenly about its middle passes its mean.
+    own = np.array([0.0, 0.5 * (0.5 + 2.0) * 4.0, 0.5 * (0.5 + 2.0) * 4.0 + 2.0 * 3.0])
+    t = np.array([2.0, 2.5 + 4.0, 2.5 + 4.0 + 3.0])
+    np.testing.assert_allclose(paced.T_w_b(t), plain.T_w_b(own), atol=1e-12)
+    np.testing.assert_allclose(paced.velocity_w(t[1:]), 2.0 * plain.velocity_w(own[1:]), atol=1e-12)
+    inside = 2.05 + np.linspace(0.0, 4.0, 41)
+    np.testing.assert_allclose(paced.acceleration_w(inside), derivative(paced.velocity_w, inside), atol=1e-6)
+
+
 def test_impossible_motions_are_refused() -> None:
     waves = Sinusoids(np.zeros((6, 1)), np.zeros((6, 1)), np.zeros((6, 1)))
     with pytest.raises(SimulationError, match="hold_s = -1"):
         AnalyticMotion(waves, hold_s=-1.0)
+    with pytest.raises(SimulationError, match="pace = "):
+        AnalyticMotion(waves, pace=(0.0, 1.0))
     with pytest.raises(SimulationError, match="not a rotation"):
         AnalyticMotion(waves, C_f_b=np.diag([1.0, 1.0, -1.0]))
     with pytest.raises(SimulationError, match="expected one of gentle"):

@@ -80,8 +80,12 @@ def test_somebody_walks_ahead_at_a_persons_pace() -> None:
         assert 0.6 < speed.max() < 1.4
         assert 0.3 < speed.mean() < 0.7
         assert walk.T_w_b(t_s)[:, 0, 3].min() > 1.4
-    double = draw_walk(np.random.default_rng(4), scale=2.0)
-    np.testing.assert_allclose(double.T_w_b(t_s)[:, :3, 3], 2.0 * walk.T_w_b(t_s)[:, :3, 3])
+    elsewhere = draw_walk(np.random.default_rng(4), spot_m=(3.0, 1.0, 0.0))
+    np.testing.assert_allclose(
+        elsewhere.T_w_b(t_s)[:, :3, 3] - walk.T_w_b(t_s)[:, :3, 3], np.tile([1.3, 1.0, 0.5], (t_s.size, 1))
+    )
+    standing = draw_walk(np.random.default_rng(4), still=True)
+    assert np.ptp(standing.T_w_b(t_s), axis=0).max() == 0.0
 
 
 def test_an_impossible_share_is_refused() -> None:

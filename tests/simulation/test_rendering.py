@@ -120,6 +120,7 @@ def test_no_step_moves_the_image_by_more_than_told() -> None:
         plan = plan_block(
             stage.motion,
             scenario.T_b_c,
+            stage.world,
             stage.view,
             frame.inverse_depth,
             (begin, begin + 16_000),

@@ -24,10 +24,16 @@ class EventFormat(StrEnum):
 
 def simulate(
     scenario: Annotated[
-        str, typer.Argument(help="Name of a scenario (of events: event_...); a wrong one lists them all.")
+        str,
+        typer.Argument(help="Name of a scenario (of events: event_..., suite_...); a wrong one lists all."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the recording.")],
-    seed: Annotated[int, typer.Option(help="Everything random follows from it.", min=0)] = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            help="Everything random follows from it.", min=0, show_default="the scenario's own, mostly 0"
+        ),
+    ] = None,
     duration: Annotated[
         float | None, typer.Option(help="Seconds.", show_default="the scenario's own")
     ] = None,
@@ -52,8 +58,8 @@ def simulate(
         _simulate_tracks(chosen_tracks, output)
 
 
-def named_scenario(name: str, seed: int, duration_s: float | None) -> Scenario:
-    """A ready-made scenario with another seed and, if given, another length.
+def named_scenario(name: str, seed: int | None, duration_s: float | None) -> Scenario:
+    """A ready-made scenario, if given with another seed and another length.
 
     Raises:
         SimulationError: there is no such scenario, or the length is impossible.
@@ -67,17 +73,19 @@ def named_scenario(name: str, seed: int, duration_s: float | None) -> Scenario:
         raise SimulationError(
             f"scenario {name!r} is unknown; expected one of {', '.join([*SCENARIOS, *EVENT_SCENARIOS])}"
         )
-    scenario = replace(SCENARIOS[name], seed=seed)
+    scenario = SCENARIOS[name]
+    scenario = scenario if seed is None else replace(scenario, seed=seed)
     return scenario if duration_s is None else replace(scenario, duration_s=duration_s)
 
 
-def named_event_scenario(name: str, seed: int, duration_s: float | None) -> EventScenario:
+def named_event_scenario(name: str, seed: int | None, duration_s: float | None) -> EventScenario:
     """As `named_scenario`, of events; there must be one of that name."""
     from dataclasses import replace
 
     from asyneio.simulation import EVENT_SCENARIOS
 
-    scenario = replace(EVENT_SCENARIOS[name], seed=seed)
+    scenario = EVENT_SCENARIOS[name]
+    scenario = scenario if seed is None else replace(scenario, seed=seed)
     return scenario if duration_s is None else replace(scenario, duration_s=duration_s)
 
 

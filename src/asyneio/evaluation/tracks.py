@@ -35,8 +35,10 @@ class KnownPoints(Protocol):
     def hit(self, t_ns: ArrayLike, uv: ArrayLike) -> tuple[FloatArray, IntArray, BoolArray]:
         """What pixels see: points (N,3), index of their surface (N,), whether there is one (N,)."""
 
-    def project(self, t_ns: ArrayLike, points_w: ArrayLike) -> tuple[FloatArray, BoolArray]:
-        """Where points (N,3) are seen: pixels (N,2), visible (N,)."""
+    def project(
+        self, t_ns: ArrayLike, points: ArrayLike, surface: ArrayLike | None = None
+    ) -> tuple[FloatArray, BoolArray]:
+        """Where points (N,3) of surfaces (N,), as `hit` gives both, are seen: pixels (N,2), visible (N,)."""
 
     def single_surface(self, t_ns: ArrayLike, uv: ArrayLike, radius_px: float = 8.0) -> BoolArray:
         """Whether all around pixels (N,2) lies on one surface (N,)."""
@@ -97,16 +99,16 @@ def track_errors(observations: RecordArray, truth: KnownPoints, end_ns: int) -> 
     born_ns, born_uv = t_ns[tracks.first], uv[tracks.first]
     if not tracks.first.size:
         return TrackErrors(tracks, np.empty(0), np.empty(0), np.empty(0, dtype=bool))
-    points, _, known = truth.hit(born_ns, born_uv)
+    points, surface, known = truth.hit(born_ns, born_uv)
     # Any point will do where there is none: the error is replaced.
     points = np.where(known[:, None], points, 0.0)
-    seen_at, _ = truth.project(t_ns, tracks.per_row(points))
+    seen_at, _ = truth.project(t_ns, tracks.per_row(points), tracks.per_row(surface))
     error = np.linalg.norm(uv - seen_at, axis=1)
     error[~tracks.per_row(known)] = np.inf
     return TrackErrors(
         tracks,
         error,
-        _visible_s(truth, points, born_ns, end_ns),
+        _visible_s(truth, points, surface, born_ns, end_ns),
         truth.single_surface(born_ns, born_uv),
     )
 
@@ -156,11 +158,15 @@ def _ages_and_inliers(run: TrackErrors) -> tuple[FloatArray, BoolArray]:
     return np.array(ages), np.array(inliers)
 
 
-def _visible_s(truth: KnownPoints, points: FloatArray, born_ns: IntArray, end_ns: int) -> FloatArray:
-    """How long points (T,3) stay visible from their birth on (T,) [s], sampled; at least one sample."""
+def _visible_s(
+    truth: KnownPoints, points: FloatArray, surface: IntArray, born_ns: IntArray, end_ns: int
+) -> FloatArray:
+    """How long points (T,3) of surfaces (T,) stay visible from birth on (T,) [s]; at least one sample."""
     steps_ns = np.arange(_VISIBLE_STEP_NS, round(FULL_AGE_S * NS_PER_S) + 1, _VISIBLE_STEP_NS)
     t_ns = born_ns[:, None] + steps_ns
-    _, visible = truth.project(t_ns.ravel(), np.repeat(points, steps_ns.size, axis=0))
+    _, visible = truth.project(
+        t_ns.ravel(), np.repeat(points, steps_ns.size, axis=0), np.repeat(surface, steps_ns.size)
+    )
     usable = visible.reshape(t_ns.shape) & (t_ns <= end_ns)
     steps = np.where(usable.all(axis=1), steps_ns.size, np.argmin(usable, axis=1))
     return np.maximum(steps, 1) * (_VISIBLE_STEP_NS / NS_PER_S)

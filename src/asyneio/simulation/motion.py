@@ -5,7 +5,8 @@ position. The attitude is that of a carrier frame `f` (x forward, y left, z up) 
 `C_w_f = Rz(yaw) Ry(pitch) Rx(roll)`; the body is mounted rigidly on the carrier, `C_w_b = C_w_f C_f_b`.
 
 A hold keeps everything still until `hold_s`; after that the motion's own clock runs up to full speed over
-`ramp_s` along a quintic smoothstep, so that position and attitude stay three times differentiable.
+`ramp_s` along a quintic smoothstep, so that position and attitude stay three times differentiable. In the
+same way a pace makes the clock run slow at the start and fast at the end.
 """
 
 from __future__ import annotations
@@ -75,15 +76,19 @@ class AnalyticMotion:
         C_f_b: (3,3) rotation of the body in the carrier (x forward, y left, z up).
         hold_s: how long the body stays still at the start [s]; 0 for none.
         ramp_s: how long it takes to reach full speed after the hold [s]; unused without a hold.
+        pace: speed of the clock at first, and from `pace_over_s` after the hold on; (1, 1) for an even one.
+        pace_over_s: how long the change of pace takes [s].
 
     Raises:
-        SimulationError: negative hold, non-positive ramp, or `C_f_b` not a rotation.
+        SimulationError: negative hold, non-positive ramp or pace, or `C_f_b` not a rotation.
     """
 
     coordinates: Sinusoids
     C_f_b: FloatArray = field(default_factory=lambda: np.eye(3))
     hold_s: float = 0.0
     ramp_s: float = 1.0
+    pace: tuple[float, float] = (1.0, 1.0)
+    pace_over_s: float = 30.0
 
     def __post_init__(self) -> None:
         if self.hold_s < 0.0 or self.ramp_s <= 0.0:
@@ -91,6 +96,8 @@ class AnalyticMotion:
                 f"hold_s = {self.hold_s}, ramp_s = {self.ramp_s}; expected hold_s >= 0 and ramp_s > 0: "
                 "use hold_s = 0 for a motion without a still start"
             )
+        if min(*self.pace, self.pace_over_s) <= 0.0:
+            raise SimulationError(f"pace = {self.pace} over {self.pace_over_s} s; expected positive numbers")
         C = np.asarray(self.C_f_b, dtype=np.float64)
         if C.shape != (3, 3) or not np.allclose(C @ C.T, np.eye(3), atol=1e-6) or np.linalg.det(C) < 0.0:
             raise SimulationError(
@@ -126,11 +133,22 @@ class AnalyticMotion:
 
     def _derivatives(self, t_s: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         t = np.atleast_1d(np.asarray(t_s, dtype=np.float64))
-        if self.hold_s == 0.0:
+        if self.hold_s == 0.0 and self.pace == (1.0, 1.0):
             return self.coordinates.derivatives(t)
-        clock, speed, pickup = _soft_start(t, self.hold_s, self.ramp_s)
+        clock, speed, pickup = self._clock(t)
         value, rate, acceleration = self.coordinates.derivatives(clock)
         return value, rate * speed, acceleration * speed**2 + rate * pickup
+
+    def _clock(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Reading of the motion's own clock at times (N,), its speed and the derivative of its speed."""
+        clock, speed, pickup = t, np.ones_like(t), np.zeros_like(t)
+        if self.hold_s > 0.0:
+            clock, speed, pickup = _soft_start(t, self.hold_s, self.ramp_s)
+        slow, fast = self.pace
+        extra, share, change = _soft_start(clock, 0.0, self.pace_over_s)
+        pace = slow + (fast - slow) * share
+        reading = slow * clock + (fast - slow) * extra
+        return reading, pace * speed, (fast - slow) * change * speed**2 + pace * pickup
 
 
 def _soft_start(t: FloatArray, hold_s: float, ramp_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -9,10 +9,10 @@ import numpy as np
 from asyneio.simulation.motion import COORDINATES, AnalyticMotion, Motion, Sinusoids
 from asyneio.types import FloatArray
 
-#: Width, depth and height [m] of a person with arms.
-PERSON_M = (0.5, 0.3, 1.6)
-#: Where it walks about: ahead (world x), so near that its upper body holds a third of the view.
-_SPOT_M = (1.7, 0.0, -0.2)
+#: Depth, width and height [m] of a person with arms.
+PERSON_M = (0.3, 0.55, 1.75)
+#: Where it walks about unless told otherwise: ahead (world x), its head a little above the camera.
+_SPOT_M = (1.7, 0.0, -0.5)
 #: Terms (amplitude [m or rad], frequency [Hz]) of each coordinate: walks to and fro at up to 1 m/s, as people
 #: do, bobs with its steps and turns to where it goes.
 _WALK = (
@@ -40,20 +40,22 @@ class MovingObject:
         return np.einsum("nij,nj->ni", T_w_o[:, :3, :3], point) + T_w_o[:, :3, 3]
 
 
-def draw_walk(rng: np.random.Generator, scale: float = 1.0) -> AnalyticMotion:
+def draw_walk(
+    rng: np.random.Generator, spot_m: tuple[float, float, float] = _SPOT_M, still: bool = False
+) -> AnalyticMotion:
     """The exact motion of somebody who walks about ahead of the origin, with phases and frequencies drawn.
 
     Args:
         rng: source of randomness; the same state gives the same walk.
-        scale: factor on place and amplitudes, for scenes of another size.
+        spot_m: where in the world, on average [m].
+        still: stands at that spot instead.
     """
     table = np.array(_WALK).transpose(2, 0, 1)
-    amplitude, frequency_hz = table[0].copy(), table[1]
-    amplitude[:3] *= scale
+    amplitude, frequency_hz = (0.0 if still else 1.0) * table[0], table[1]
     scatter = rng.uniform(1.0 - _FREQUENCY_SCATTER, 1.0 + _FREQUENCY_SCATTER, frequency_hz.shape)
     phase = rng.uniform(0.0, 2.0 * np.pi, amplitude.shape)
     offset = np.zeros(len(COORDINATES))
-    offset[:3] = scale * np.array(_SPOT_M)
+    offset[:3] = spot_m
     return AnalyticMotion(Sinusoids(amplitude, frequency_hz * scatter, phase, offset))
 
 

@@ -2,6 +2,10 @@
 
 Magnitudes are those of hand-held and small flying cameras. A term is (amplitude, frequency in Hz); the draw
 scatters each frequency by ten per cent and takes each phase at random, so that seeds of one style differ.
+
+`translation` and `six_dof` are in the manner of the sequences of that name in a published DAVIS240C data set
+(Mueggler et al. 2017): a camera moved by hand in front of a scene, slowly at first and faster and faster, at
+about 1.1 m/s on the whole (69 m in a minute of boxes_6dof).
 """
 
 from __future__ import annotations
@@ -28,13 +32,19 @@ class MotionStyle(StrEnum):
     AGGRESSIVE = "aggressive"
     ROTATION = "rotation"
     STATIC_START = "static_start"
+    TRANSLATION = "translation"
+    SIX_DOF = "six_dof"
 
 
 @dataclass(frozen=True)
 class _Style:
     terms: tuple[Terms, Terms, Terms, Terms, Terms, Terms]
     hold_s: float = 0.0
+    pace: tuple[float, float] = (1.0, 1.0)
 
+
+#: Of a motion that grows faster and faster.
+_SPEEDING_UP = (0.5, 1.7)
 
 _MODERATE = (
     ((0.60, 0.13), (0.08, 0.60)),
@@ -78,6 +88,28 @@ _STYLES: dict[MotionStyle, _Style] = {
         )
     ),
     MotionStyle.STATIC_START: _Style(_MODERATE, hold_s=2.0),
+    MotionStyle.TRANSLATION: _Style(
+        (
+            ((0.47, 0.31), (0.035, 0.95)),
+            ((0.55, 0.34), (0.035, 1.05)),
+            ((0.30, 0.41), (0.025, 1.15)),
+            ((0.05, 0.40), (0.015, 1.10)),
+            ((0.05, 0.35), (0.015, 1.20)),
+            ((0.08, 0.30), (0.020, 0.90)),
+        ),
+        pace=_SPEEDING_UP,
+    ),
+    MotionStyle.SIX_DOF: _Style(
+        (
+            ((0.47, 0.30), (0.035, 0.90)),
+            ((0.55, 0.33), (0.035, 1.00)),
+            ((0.30, 0.40), (0.025, 1.10)),
+            ((0.30, 0.50), (0.05, 1.20)),
+            ((0.20, 0.45), (0.05, 1.30)),
+            ((0.35, 0.35), (0.05, 1.10)),
+        ),
+        pace=_SPEEDING_UP,
+    ),
 }
 
 
@@ -105,4 +137,6 @@ def draw_motion(
     amplitude[:3] *= position_scale
     scatter = rng.uniform(1.0 - _FREQUENCY_SCATTER, 1.0 + _FREQUENCY_SCATTER, frequency_hz.shape)
     phase = rng.uniform(0.0, 2.0 * np.pi, amplitude.shape)
-    return AnalyticMotion(Sinusoids(amplitude, frequency_hz * scatter, phase), C_f_b, hold_s=chosen.hold_s)
+    return AnalyticMotion(
+        Sinusoids(amplitude, frequency_hz * scatter, phase), C_f_b, hold_s=chosen.hold_s, pace=chosen.pace
+    )

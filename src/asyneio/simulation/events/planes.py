@@ -1,5 +1,7 @@
 """Rectangles seen by a camera: per pose, each becomes three linear forms of a viewing ray.
 
+The pose of the camera is wanted in the frame of each body, so that it does not matter which of the two moves.
+
 With the ray `d = (x, y, 1)` in the camera, `1/z = M . d`, `s = A . d / M . d`, `t = B . d / M . d`, where `z`
 is the depth and `s`, `t` the coordinates on the rectangle.
 """
@@ -9,23 +11,30 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.types import FloatArray
+from asyneio.simulation.events.world import World
+from asyneio.types import FloatArray, IntArray
 
+#: Corners, edges and bodies of rectangles, as kernels take them.
+Rectangles = tuple[FloatArray, FloatArray, FloatArray, IntArray]
 #: Rectangles are cut off this close to the camera [m].
 NEAR_M = 0.05
 
 
+def rectangles_of(world: World) -> Rectangles:
+    """The rectangles of a world as kernels take them."""
+    return world.corner, world.edge_u, world.edge_v, world.body
+
+
 @njit(cache=True)
-def linear_forms(
-    corner: FloatArray, edge_u: FloatArray, edge_v: FloatArray, T_w_c: FloatArray, forms: FloatArray
-) -> None:
-    """Fill `forms` (R,9) = [M, A, B] for rectangles (R,3) each and a camera pose (4,4); M = 0 edge-on."""
+def linear_forms(rectangles: Rectangles, T_o_c: FloatArray, pose: int, forms: FloatArray) -> None:
+    """Fill `forms` (R,9) = [M, A, B] for rectangles and one of the camera poses (P,B,4,4); M = 0 edge-on."""
+    corner, edge_u, edge_v, body = rectangles
     for r in range(corner.shape[0]):
-        u, v = edge_u[r], edge_v[r]
+        u, v, o = edge_u[r], edge_v[r], body[r]
         n = np.array([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
         offset, start_s, start_t, uu, vv = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(3):
-            from_corner = T_w_c[i, 3] - corner[r, i]
+            from_corner = T_o_c[pose, o, i, 3] - corner[r, i]
             offset -= n[i] * from_corner
             start_s += u[i] * from_corner
             start_t += v[i] * from_corner
@@ -37,9 +46,9 @@ def linear_forms(
         for j in range(3):
             m, a, b = 0.0, 0.0, 0.0
             for i in range(3):
-                m += n[i] * T_w_c[i, j]
-                a += u[i] * T_w_c[i, j]
-                b += v[i] * T_w_c[i, j]
+                m += n[i] * T_o_c[pose, o, i, j]
+                a += u[i] * T_o_c[pose, o, i, j]
+                b += v[i] * T_o_c[pose, o, i, j]
             m /= offset
             forms[r, j] = m
             forms[r, 3 + j] = (start_s * m + a) / uu
@@ -65,14 +74,13 @@ def border_lines(forms: FloatArray, lines: FloatArray) -> None:
 
 
 @njit(cache=True)
-def poses_forms_and_lines(
-    corner: FloatArray, edge_u: FloatArray, edge_v: FloatArray, T_w_c: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Forms (P,R,9) and lines (P,R,5,3) of rectangles (R,3) each for camera poses (P,4,4)."""
-    forms = np.empty((T_w_c.shape[0], corner.shape[0], 9))
-    lines = np.empty((T_w_c.shape[0], corner.shape[0], 5, 3))
-    for pose in range(T_w_c.shape[0]):
-        linear_forms(corner, edge_u, edge_v, T_w_c[pose], forms[pose])
+def poses_forms_and_lines(rectangles: Rectangles, T_o_c: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Forms (P,R,9) and lines (P,R,5,3) of rectangles for camera poses (P,B,4,4), one a body each."""
+    count = rectangles[0].shape[0]
+    forms = np.empty((T_o_c.shape[0], count, 9))
+    lines = np.empty((T_o_c.shape[0], count, 5, 3))
+    for pose in range(T_o_c.shape[0]):
+        linear_forms(rectangles, T_o_c, pose, forms[pose])
         border_lines(forms[pose], lines[pose])
     return forms, lines
 

@@ -9,9 +9,9 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from asyneio.simulation.camera import BoolArray, PinholeCamera
-from asyneio.simulation.events.planes import linear_forms, nearest
+from asyneio.simulation.events.planes import Rectangles, linear_forms, nearest, rectangles_of
 from asyneio.simulation.events.rays import lens_row, pixel_ray
-from asyneio.simulation.events.worlds import World
+from asyneio.simulation.events.world import World
 from asyneio.simulation.motion import Motion
 from asyneio.types import CameraIntrinsics, FloatArray, IntArray
 
@@ -41,25 +41,34 @@ class PointTruth:
         return self.motion.T_w_b(elapsed_ns * 1e-9) @ self.T_b_c
 
     def hit(self, t_ns: ArrayLike, uv: ArrayLike) -> tuple[FloatArray, IntArray, BoolArray]:
-        """What pixels see: points (N,3) [m] of the world, index (N,) of their rectangle, valid (N,).
+        """What pixels see: points (N,3) [m], index (N,) of their rectangle, valid (N,).
 
+        Points are in the frame of the body that their rectangle is part of: in the world's, unless it moves.
         Invalid, with points nan and index -1: the ray meets nothing, or the lens images nothing there.
         """
         points, surface = _hit(*self._arguments(t_ns, uv))
         return points, surface, surface >= 0
 
-    def project(self, t_ns: ArrayLike, points_w: ArrayLike) -> tuple[FloatArray, BoolArray]:
-        """Where points (N,3) of the world are seen: distorted pixels (N,2), visible (N,).
+    def project(
+        self, t_ns: ArrayLike, points: ArrayLike, surface: ArrayLike | None = None
+    ) -> tuple[FloatArray, BoolArray]:
+        """Where points (N,3) [m] are seen: distorted pixels (N,2), visible (N,).
+
+        `surface` (N,) are the rectangles that they lie on, as `hit` gives them: points go with the bodies of
+        these and are given in their frames. Without it they are points of the world.
 
         Visible: in front of the camera, inside the image, not hidden by a rectangle. Pixels of points that
         are not in front are meaningless but finite.
         """
-        points = np.atleast_2d(np.asarray(points_w, dtype=np.float64))
-        T_w_c = self.T_w_c(t_ns)
-        points_c = np.einsum("nji,nj->ni", T_w_c[:, :3, :3], points - T_w_c[:, :3, 3])
+        p_o = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        T_o_c = self._seen_from(t_ns)
+        # What lies on no rectangle stands still.
+        own = np.full(len(T_o_c), -1) if surface is None else np.atleast_1d(np.asarray(surface))
+        T_own_c = T_o_c[np.arange(len(T_o_c)), np.where(own < 0, 0, self.world.body[own])]
+        points_c = np.einsum("nji,nj->ni", T_own_c[:, :3, :3], p_o - T_own_c[:, :3, 3])
         pixels, visible = PinholeCamera.from_intrinsics(self.camera).visible(points_c, 0.0)
         candidates = np.flatnonzero(visible)
-        seen = _unhidden(*self._rectangles(), T_w_c[candidates], points_c[candidates])
+        seen = _unhidden(rectangles_of(self.world), T_o_c[candidates], points_c[candidates])
         visible[candidates[~seen]] = False
         return pixels, visible
 
@@ -73,51 +82,50 @@ class PointTruth:
         probes = np.vstack([rim, grid[np.hypot(*grid.T) <= radius_px]])
         return _single_surface(*self._arguments(t_ns, uv), probes)
 
-    def _rectangles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return self.world.corner, self.world.edge_u, self.world.edge_v
+    def _seen_from(self, t_ns: ArrayLike) -> FloatArray:
+        """Camera poses (N,B,4,4) in the frame of the world and of each moving body."""
+        elapsed_ns = np.atleast_1d(np.asarray(t_ns, dtype=np.int64)) - self.start_ns
+        return self.world.seen_from(np.asarray(elapsed_ns * 1e-9), self.T_w_c(t_ns))
 
     def _arguments(
         self, t_ns: ArrayLike, uv: ArrayLike
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[Rectangles, FloatArray, FloatArray, FloatArray]:
         pixels = np.atleast_2d(np.asarray(uv, dtype=np.float64))
-        return (*self._rectangles(), lens_row(self.camera), self.T_w_c(t_ns), pixels)
+        return rectangles_of(self.world), lens_row(self.camera), self._seen_from(t_ns), pixels
 
 
 @njit(cache=True)
 def _hit(
-    corner: FloatArray,
-    edge_u: FloatArray,
-    edge_v: FloatArray,
+    rectangles: Rectangles,
     lens: FloatArray,
-    T_w_c: FloatArray,
+    T_o_c: FloatArray,
     uv: FloatArray,
 ) -> tuple[FloatArray, IntArray]:
     points = np.full((uv.shape[0], 3), np.nan)
     surface = np.full(uv.shape[0], -1, dtype=np.int64)
-    forms = np.empty((corner.shape[0], 9))
+    forms = np.empty((rectangles[0].shape[0], 9))
     for n in range(uv.shape[0]):
         x, y, valid = pixel_ray(lens, uv[n, 0], uv[n, 1])
         if not valid:
             continue
-        linear_forms(corner, edge_u, edge_v, T_w_c[n], forms)
+        linear_forms(rectangles, T_o_c, n, forms)
         found, inverse = nearest(forms, x, y)
         if found < 0:
             continue
         surface[n] = found
+        o = rectangles[3][found]
         for i in range(3):
-            ray = T_w_c[n, i, 0] * x + T_w_c[n, i, 1] * y + T_w_c[n, i, 2]
-            points[n, i] = T_w_c[n, i, 3] + ray / inverse
+            ray = T_o_c[n, o, i, 0] * x + T_o_c[n, o, i, 1] * y + T_o_c[n, o, i, 2]
+            points[n, i] = T_o_c[n, o, i, 3] + ray / inverse
     return points, surface
 
 
 @njit(cache=True)
-def _unhidden(
-    corner: FloatArray, edge_u: FloatArray, edge_v: FloatArray, T_w_c: FloatArray, points_c: FloatArray
-) -> NDArray[np.bool_]:
+def _unhidden(rectangles: Rectangles, T_o_c: FloatArray, points_c: FloatArray) -> NDArray[np.bool_]:
     seen = np.empty(points_c.shape[0], dtype=np.bool_)
-    forms = np.empty((corner.shape[0], 9))
+    forms = np.empty((rectangles[0].shape[0], 9))
     for n in range(points_c.shape[0]):
-        linear_forms(corner, edge_u, edge_v, T_w_c[n], forms)
+        linear_forms(rectangles, T_o_c, n, forms)
         depth = points_c[n, 2]
         _, inverse = nearest(forms, points_c[n, 0] / depth, points_c[n, 1] / depth)
         seen[n] = inverse * depth <= 1.0 + _TOLERANCE
@@ -126,21 +134,19 @@ def _unhidden(
 
 @njit(cache=True)
 def _single_surface(
-    corner: FloatArray,
-    edge_u: FloatArray,
-    edge_v: FloatArray,
+    rectangles: Rectangles,
     lens: FloatArray,
-    T_w_c: FloatArray,
+    T_o_c: FloatArray,
     uv: FloatArray,
     probes: FloatArray,
 ) -> NDArray[np.bool_]:
     single = np.zeros(uv.shape[0], dtype=np.bool_)
-    forms = np.empty((corner.shape[0], 9))
+    forms = np.empty((rectangles[0].shape[0], 9))
     for n in range(uv.shape[0]):
         x, y, valid = pixel_ray(lens, uv[n, 0], uv[n, 1])
         if not valid:
             continue
-        linear_forms(corner, edge_u, edge_v, T_w_c[n], forms)
+        linear_forms(rectangles, T_o_c, n, forms)
         middle, _ = nearest(forms, x, y)
         alike = middle >= 0
         for k in range(probes.shape[0]):

@@ -12,9 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from asyneio.simulation.events.planes import poses_forms_and_lines
+from asyneio.simulation.events.planes import poses_forms_and_lines, rectangles_of
 from asyneio.simulation.events.view import TILE, View
-from asyneio.simulation.events.worlds import World
+from asyneio.simulation.events.world import World
 from asyneio.types import FloatArray, IntArray
 
 FloatImage = NDArray[np.float32]
@@ -37,9 +37,10 @@ def empty_frame(view: View) -> Frame:
     return Frame(np.zeros(view.pitch.shape, dtype=np.float32), np.zeros(len(view.tiles)))
 
 
-def render(world: World, view: View, T_w_c: FloatArray, frame: Frame) -> None:
-    """Fill a frame with what a camera at `T_w_c` (4,4) sees."""
-    forms, lines = poses_forms_and_lines(world.corner, world.edge_u, world.edge_v, T_w_c[None])
+def render(world: World, view: View, T_w_c: FloatArray, frame: Frame, t_s: float = 0.0) -> None:
+    """Fill a frame with what a camera at `T_w_c` (4,4) sees at a time [s] since the start."""
+    T_o_c = world.seen_from(np.array([t_s]), T_w_c[None])
+    forms, lines = poses_forms_and_lines(rectangles_of(world), T_o_c)
     textures = texture_arrays(world)
     for tile in range(len(view.tiles)):
         frame.inverse_depth[tile] = render_tile(

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 
 from asyneio.errors import SimulationError
 from asyneio.simulation.events.sensor import SensorSpec
-from asyneio.simulation.scenario import RigScenario
+from asyneio.simulation.scenario import MPU6150_NOISE, RigScenario
 
 _DAVIS = SensorSpec()
 #: A few lux: slow photoreceptors, much noise.
 _DIM = SensorSpec(threshold_on=0.30, threshold_off=0.27, shot_noise_hz=5.0, hot_pixels=20, leak_hz=0.2)
+
+
+class Person(StrEnum):
+    """Whether a box of a person's size is in front of the camera, and what it does there."""
+
+    NOBODY = "nobody"
+    STANDING = "standing"
+    WALKING = "walking"
 
 
 @dataclass(frozen=True)
@@ -22,7 +31,8 @@ class EventScenario(RigScenario):
     `motion_scale` multiplies the positions of the motion (a small world needs small ones). A `motion_file`
     (see `load_motion`), from `motion_offset_s` on, replaces `motion`; it is never scaled. `illumination`:
     intensity of light, 1 in an office; `sunlit`: how many times brighter patches of sun are. The image moves
-    at most `largest_step_px` between two renderings, which are at most `longest_step_s` apart.
+    at most `largest_step_px` between two renderings, which are at most `longest_step_s` apart. `person` names
+    a `Person`, who is in the way at `person_spot_m` on average; motion and world do not depend on it.
     """
 
     name: str = "event_slow"
@@ -35,6 +45,8 @@ class EventScenario(RigScenario):
     sensor: SensorSpec = _DAVIS
     illumination: float = 1.0
     sunlit: float = 1.0
+    person: str = "nobody"
+    person_spot_m: tuple[float, float, float] = (1.1, 0.0, -0.5)
     largest_step_px: float = 0.7
     longest_step_s: float = 0.010
     accelerometer_rate_hz: float = 1000.0
@@ -52,6 +64,8 @@ class EventScenario(RigScenario):
         wrong = [f"{name} = {value}" for name, value in positive.items() if not value > 0.0]
         if wrong:
             raise SimulationError(f"{', '.join(wrong)}; expected a positive value")
+        if self.person not in list(Person):
+            raise SimulationError(f"person {self.person!r} is unknown; expected one of {', '.join(Person)}")
         if self.motion_file is not None and self.motion_scale != 1.0:
             raise SimulationError(
                 f"motion_scale = {self.motion_scale} with motion_file = {self.motion_file}; a recorded "
@@ -60,6 +74,67 @@ class EventScenario(RigScenario):
 
 
 _SLOW = EventScenario()
+
+#: What the scenarios of the suite have in common. An accelerometer's zero is off by tens of thousandths of g
+#: by its data sheet, a gyroscope's, once warmed up and corrected at rest, by half a degree per second.
+_SUITE = replace(
+    _SLOW,
+    duration_s=30.0,
+    noise=MPU6150_NOISE,
+    initial_gyroscope_bias_sigma=0.01,
+    initial_accelerometer_bias_sigma=0.08,
+)
+#: A lamp in a dim room.
+_HDR = {"illumination": 0.1, "sunlit": 60.0}
+
+
+def _suite(
+    seed: int,
+    name: str,
+    world: str,
+    motion: str,
+    scale: float,
+    illumination: float = 1.0,
+    sunlit: float = 1.0,
+) -> EventScenario:
+    return replace(
+        _SUITE,
+        seed=seed,
+        name=f"suite_{name}",
+        world=world,
+        motion=motion,
+        motion_scale=scale,
+        illumination=illumination,
+        sunlit=sunlit,
+    )
+
+
+#: Sequences of the kinds of the DAVIS240C data set (Mueggler et al. 2017), with its camera, clock and IMU.
+#: Each has a seed of its own, so that no two share their motion.
+SUITE: tuple[EventScenario, ...] = (
+    _suite(0, "boxes_6dof", "boxes", "six_dof", 1.0),
+    _suite(1, "boxes_translation", "boxes", "translation", 1.0),
+    _suite(2, "hdr_boxes", "boxes", "six_dof", 1.0, **_HDR),
+    _suite(3, "poster_6dof", "poster", "six_dof", 0.85),
+    _suite(4, "poster_translation", "poster", "translation", 0.85),
+    _suite(5, "hdr_poster", "poster", "six_dof", 0.85, **_HDR),
+    replace(_suite(6, "dynamic_6dof", "room", "six_dof", 0.55), person="walking"),
+    # Further away: where the camera does not turn, the person makes most of the events.
+    replace(
+        _suite(7, "dynamic_translation", "room", "translation", 0.55),
+        person="walking",
+        person_spot_m=(1.7, 0.0, -0.5),
+    ),
+    replace(_suite(8, "low_light", "room", "six_dof", 1.0, illumination=0.03), sensor=_DIM),
+)
+
+#: The dynamic ones with nobody in them, and with somebody who stands still: what the walking costs.
+TWINS: tuple[EventScenario, ...] = tuple(
+    replace(scenario, name=f"{scenario.name}_{person}", person=person)
+    for scenario in SUITE
+    if scenario.person != Person.NOBODY
+    for person in (Person.NOBODY, Person.STANDING)
+)
 
 #: Ready-made event scenarios by name; vary them with `dataclasses.replace`.
 EVENT_SCENARIOS: dict[str, EventScenario] = {
@@ -75,5 +150,7 @@ EVENT_SCENARIOS: dict[str, EventScenario] = {
         replace(_SLOW, name="event_hdr", motion="moderate", illumination=0.1, sunlit=200.0),
         replace(_SLOW, name="event_poster", world="poster", motion="moderate", motion_scale=0.8),
         replace(_SLOW, name="event_boxes", world="boxes", motion="aggressive"),
+        *SUITE,
+        *TWINS,
     )
 }

@@ -1,6 +1,7 @@
 """When to render: so often that the image moves by less than a pixel from one rendering to the next.
 
-Each tile of the image has its own pace: a far wall need not wait for the corner of a near box.
+Each tile of the image has its own pace: a far wall need not wait for the corner of a near box, nor for
+somebody who walks past in another part of the picture.
 """
 
 from __future__ import annotations
@@ -10,9 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter
 
+from asyneio.simulation.events.planes import NEAR_M
 from asyneio.simulation.events.view import View
+from asyneio.simulation.events.world import World
 from asyneio.simulation.motion import Motion
-from asyneio.types import FloatArray, IntArray
+from asyneio.types import BoolArray, FloatArray, IntArray
+
+#: Angular velocity [rad/s] and velocity [m/s] of a camera in its own frame, (N,3) each.
+Twist = tuple[FloatArray, FloatArray]
 
 #: Depths are looked up once for this long; speeds are followed on the lattice.
 BLOCK_US = 16_000
@@ -33,6 +39,7 @@ class Schedule:
 def plan_block(
     motion: Motion,
     T_b_c: FloatArray,
+    world: World,
     view: View,
     inverse_depth: FloatArray,
     span_us: tuple[int, int],
@@ -43,6 +50,7 @@ def plan_block(
 
     Args:
         motion: of the body; `T_b_c` (4,4) mounts the camera on it.
+        world: what may move by itself in it.
         view: of the camera.
         inverse_depth: (J,) [1/m] of the nearest point in each tile of the view, at the start of the block.
         largest_step_px: how far the image may move in between.
@@ -51,9 +59,18 @@ def plan_block(
     begin, end = span_us
     lattice_us = np.linspace(begin, end, max(2, (end - begin) // _LATTICE_US + 1))
     # What is in a tile's neighbour now may be in the tile before the block ends.
-    reachable = maximum_filter(inverse_depth.reshape(view.tile_rows, -1), size=3, mode="nearest").ravel()
-    speed = _SAFETY * _speeds(motion, T_b_c, view, reachable, lattice_us * 1e-6)
-    speed = np.maximum(speed * 1e-6 / largest_step_px, 1.0 / longest_step_us)
+    reachable = _spread(inverse_depth, view)
+    t_s = lattice_us * 1e-6
+    camera = _camera_twist(motion, T_b_c, t_s)
+    speed = _speeds(camera, view, reachable)
+    T_w_c = motion.T_w_b(t_s) @ T_b_c
+    poses = world.seen_from(t_s, T_w_c)
+    for body, own in enumerate(world.motions, start=1):
+        inside, nearest = _extent(poses[:, body], world.corners_of(body), view)
+        relative = _relative_twist(camera, T_w_c, own, t_s)
+        of_body = _speeds(relative, view, np.maximum(reachable, nearest))
+        speed[:, inside] = np.maximum(speed[:, inside], of_body[:, inside])
+    speed = np.maximum(_SAFETY * speed * 1e-6 / largest_step_px, 1.0 / longest_step_us)
     speed = np.maximum(speed[1:], speed[:-1])
     # Progress counts steps: it grows by one whenever the fastest tile has moved, or time has passed, enough.
     fastest = speed.max(axis=1)
@@ -65,16 +82,57 @@ def plan_block(
     return Schedule(np.unique(times[times > begin]), np.maximum(stride, 1))
 
 
-def _speeds(
-    motion: Motion, T_b_c: FloatArray, view: View, inverse_depth: FloatArray, t_s: FloatArray
-) -> FloatArray:
-    """Speed in the image (N,J) [px/s] of the centre of each tile at times (N,)."""
+def _spread(of_tiles: FloatArray, view: View) -> FloatArray:
+    """The largest value (J,) among a tile and its neighbours."""
+    grid = of_tiles.reshape(view.tile_rows, -1)
+    return np.asarray(maximum_filter(grid, size=3, mode="nearest")).ravel()
+
+
+def _camera_twist(motion: Motion, T_b_c: FloatArray, t_s: FloatArray) -> Twist:
+    """Of the camera in the world."""
     C_b_c, p_b_c = T_b_c[:3, :3], T_b_c[:3, 3]
     omega_b = motion.angular_velocity_b(t_s)
     C_w_b = motion.T_w_b(t_s)[:, :3, :3]
     velocity_b = np.einsum("nji,nj->ni", C_w_b, motion.velocity_w(t_s)) + np.cross(omega_b, p_b_c)
-    wx, wy, wz = (omega_b @ C_b_c).T[:, :, None]
-    vx, vy, vz = (velocity_b @ C_b_c).T[:, :, None]
+    return omega_b @ C_b_c, velocity_b @ C_b_c
+
+
+def _relative_twist(camera: Twist, T_w_c: FloatArray, body: Motion, t_s: FloatArray) -> Twist:
+    """Of the camera at `T_w_c` (N,4,4) as somebody on a moving body sees it."""
+    T_w_o = body.T_w_b(t_s)
+    omega_w = np.einsum("nij,nj->ni", T_w_o[:, :3, :3], body.angular_velocity_b(t_s))
+    lever_w = T_w_c[:, :3, 3] - T_w_o[:, :3, 3]
+    carried_w = body.velocity_w(t_s) + np.cross(omega_w, lever_w)
+    C_c_w = T_w_c[:, :3, :3].transpose(0, 2, 1)
+    return (
+        camera[0] - np.einsum("nij,nj->ni", C_c_w, omega_w),
+        camera[1] - np.einsum("nij,nj->ni", C_c_w, carried_w),
+    )
+
+
+def _extent(T_o_c: FloatArray, corners_o: FloatArray, view: View) -> tuple[BoolArray, float]:
+    """Tiles (J,) in which a body may be seen during a block; inverse depth [1/m] of its nearest point.
+
+    `T_o_c` (N,4,4): camera poses in the body's frame on the lattice; `corners_o` (K,3): of its rectangles.
+    """
+    points_c = np.einsum("nji,nkj->nki", T_o_c[:, :3, :3], corners_o - T_o_c[:, None, :3, 3])
+    depth = points_c[..., 2]
+    if np.all(depth < NEAR_M):
+        return np.zeros(len(view.tiles), dtype=bool), 0.0
+    if np.any(depth < NEAR_M):
+        # It reaches past the camera: there is no bound on where it is seen.
+        return np.ones(len(view.tiles), dtype=bool), 1.0 / NEAR_M
+    rays = (points_c[..., :2] / depth[..., None]).reshape(-1, 2)
+    low, high = rays.min(axis=0), rays.max(axis=0)
+    inside = np.all((view.tiles[:, 2:] >= low) & (view.tiles[:, :2] <= high), axis=1)
+    # Its border is blended over a pixel, and between two points of the lattice it may bulge.
+    return _spread(inside.astype(np.float64), view) > 0.0, 1.0 / float(depth.min())
+
+
+def _speeds(twist: Twist, view: View, inverse_depth: FloatArray) -> FloatArray:
+    """Speed in the image (N,J) [px/s] of the centre of each tile under N twists."""
+    wx, wy, wz = twist[0].T[:, :, None]
+    vx, vy, vz = twist[1].T[:, :, None]
     x, y = 0.5 * (view.tiles[:, :2] + view.tiles[:, 2:]).T
     flow_x = inverse_depth * (x * vz - vx) + x * y * wx - (1.0 + x * x) * wy + y * wz
     flow_y = inverse_depth * (y * vz - vy) + (1.0 + y * y) * wx - x * y * wy - x * wz

@@ -10,7 +10,7 @@ import numpy as np
 from asyneio.simulation.events.point_truth import PointTruth
 from asyneio.simulation.events.scenario import EventScenario
 from asyneio.simulation.events.source import event_chunks, set_stage
-from asyneio.simulation.events.worlds import World
+from asyneio.simulation.events.world import World
 from asyneio.simulation.rig import calibration_of, simulate_inertial
 from asyneio.simulation.truth import Truth
 from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
@@ -41,8 +41,13 @@ def stream_events(scenario: EventScenario) -> Iterator[RecordArray]:
     yield from event_chunks(set_stage(scenario, seeds), seeds[2])
 
 
-def simulate_events(scenario: EventScenario) -> EventSimulation:
+def simulate_events(scenario: EventScenario, events: RecordArray | None = None) -> EventSimulation:
     """Simulate a scenario; the same scenario gives the same arrays.
+
+    Args:
+        scenario: what to simulate.
+        events: those of the same scenario, where they were made before (by `stream_events`); all else is made
+            in a second.
 
     Raises:
         SimulationError: the scenario is impossible.
@@ -52,7 +57,8 @@ def simulate_events(scenario: EventScenario) -> EventSimulation:
     inertial = simulate_inertial(
         scenario, stage.motion, np.random.default_rng(seeds[3]), np.random.default_rng(seeds[4])
     )
-    events = np.concatenate([np.empty(0, dtype=EVENT_DTYPE), *event_chunks(stage, seeds[2])])
+    if events is None:
+        events = np.concatenate([np.empty(0, dtype=EVENT_DTYPE), *event_chunks(stage, seeds[2])])
     recording = EventRecording(
         name=f"{scenario.name}-{scenario.seed}",
         events=events,
@@ -75,5 +81,5 @@ def simulate_events(scenario: EventScenario) -> EventSimulation:
 
 
 def _seeds(scenario: EventScenario) -> list[np.random.SeedSequence]:
-    """One for motion, world, sensor, gyroscope and accelerometer each."""
-    return np.random.SeedSequence(scenario.seed).spawn(5)
+    """One for motion, world, sensor, gyroscope, accelerometer and the person each."""
+    return np.random.SeedSequence(scenario.seed).spawn(6)

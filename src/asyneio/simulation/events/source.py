@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import SimulationError
-from asyneio.simulation.events.planes import poses_forms_and_lines
+from asyneio.simulation.events.planes import poses_forms_and_lines, rectangles_of
 from asyneio.simulation.events.render import (
     FloatImage,
     TextureArrays,
@@ -18,13 +18,15 @@ from asyneio.simulation.events.render import (
     render_tile,
     texture_arrays,
 )
-from asyneio.simulation.events.scenario import EventScenario
+from asyneio.simulation.events.scenario import EventScenario, Person
 from asyneio.simulation.events.schedule import BLOCK_US, plan_block
 from asyneio.simulation.events.sensor import MOST_PER_STEP, EventBuffer, Pixels, make_pixels, respond
 from asyneio.simulation.events.view import TILE, View, view_of
-from asyneio.simulation.events.worlds import World, build_world
+from asyneio.simulation.events.world import World
+from asyneio.simulation.events.worlds import Walker, build_world
 from asyneio.simulation.motion import Motion
 from asyneio.simulation.motion_file import load_motion
+from asyneio.simulation.moving import draw_walk
 from asyneio.simulation.presets import draw_motion
 from asyneio.simulation.rig import C_F_C
 from asyneio.types import EVENT_DTYPE, FloatArray, IntArray, RecordArray
@@ -32,6 +34,8 @@ from asyneio.types import EVENT_DTYPE, FloatArray, IntArray, RecordArray
 _US_PER_S = 1_000_000
 _RADIANS = 2.0 * np.pi / _US_PER_S
 _BUFFER = 1 << 17
+#: The camera stays so far from whatever moves.
+_ELBOW_ROOM_M = 0.2
 
 
 @dataclass(frozen=True)
@@ -47,9 +51,13 @@ class Stage:
         """Camera poses (N,4,4) at times (N,) [us] since the start."""
         return self.motion.T_w_b(t_us * 1e-6) @ self.scenario.T_b_c
 
+    def seen_from(self, t_us: IntArray) -> FloatArray:
+        """The same poses (N,B,4,4) in the frame of the world and of each moving body."""
+        return self.world.seen_from(np.asarray(t_us * 1e-6), self.T_w_c(t_us))
+
 
 def set_stage(scenario: EventScenario, seeds: list[np.random.SeedSequence]) -> Stage:
-    """Draw motion and world of a scenario from the first two of `seeds`.
+    """Draw motion and world of a scenario from the first two of `seeds`, and from the last the person in it.
 
     Raises:
         SimulationError: something is unknown, or the camera would leave the free space of the world.
@@ -62,11 +70,22 @@ def set_stage(scenario: EventScenario, seeds: list[np.random.SeedSequence]) -> S
     else:
         motion = load_motion(scenario.motion_file, scenario.motion_offset_s, scenario.duration_s, C_c_b)
     world = build_world(
-        scenario.world, scenario.photographs, scenario.sunlit, np.random.default_rng(seeds[1])
+        scenario.world,
+        scenario.photographs,
+        scenario.sunlit,
+        np.random.default_rng(seeds[1]),
+        _walker(scenario, np.random.default_rng(seeds[-1])),
     )
     stage = Stage(scenario, motion, world, view_of(scenario.camera))
     _check_free(stage)
     return stage
+
+
+def _walker(scenario: EventScenario, rng: np.random.Generator) -> Walker | None:
+    if scenario.person == Person.NOBODY:
+        return None
+    still = scenario.person == Person.STANDING
+    return Walker(draw_walk(rng, scenario.person_spot_m, still), rng)
 
 
 def _check_free(stage: Stage) -> None:
@@ -81,6 +100,17 @@ def _check_free(stage: Stage) -> None:
             f"the start; expected it within {low} to {high} m: use a larger world, a smaller motion_scale or "
             "a shorter run"
         )
+    poses = stage.seen_from(t_us)
+    for body in range(1, poses.shape[1]):
+        corners = stage.world.corners_of(body)
+        low, high = corners.min(axis=0) - _ELBOW_ROOM_M, corners.max(axis=0) + _ELBOW_ROOM_M
+        inside = ((poses[:, body, :3, 3] > low) & (poses[:, body, :3, 3] < high)).all(axis=1)
+        if inside.any():
+            raise SimulationError(
+                f"the camera comes within {_ELBOW_ROOM_M} m of moving body {body} "
+                f"{t_us[inside][0] * 1e-6:.2f} s after the start; expected it to keep away: use "
+                "a spot further away or a smaller motion_scale"
+            )
 
 
 def event_chunks(stage: Stage, seed: np.random.SeedSequence) -> Iterator[RecordArray]:
@@ -102,15 +132,14 @@ def event_chunks(stage: Stage, seed: np.random.SeedSequence) -> Iterator[RecordA
         plan = plan_block(
             stage.motion,
             scenario.T_b_c,
+            stage.world,
             stage.view,
             frame.inverse_depth,
             (now, block_end),
             scenario.largest_step_px,
             round(scenario.longest_step_s * _US_PER_S),
         )
-        planes = poses_forms_and_lines(
-            stage.world.corner, stage.world.edge_u, stage.world.edge_v, stage.T_w_c(plan.t_us)
-        )
+        planes = poses_forms_and_lines(rectangles_of(stage.world), stage.seen_from(plan.t_us))
         parts: list[EventBuffer] = []
         tile, step = 0, -1
         while tile < len(stage.view.tiles):

@@ -9,11 +9,16 @@ from enum import StrEnum
 import numpy as np
 
 from asyneio.errors import SimulationError
-from asyneio.simulation.events.pyramid import Pyramids, build_pyramids
+from asyneio.simulation.events.pyramid import build_pyramids
 from asyneio.simulation.events.textures import load_photographs, photograph_texture, procedural_texture
+from asyneio.simulation.events.world import World
+from asyneio.simulation.motion import Motion
+from asyneio.simulation.moving import PERSON_M
 from asyneio.types import FloatArray
 
 _LARGEST_SIDE = 2048
+#: Texel pitch of what a person wears [m].
+_CLOTHES_PITCH_M = 0.004
 
 
 class WorldKind(StrEnum):
@@ -28,22 +33,6 @@ class WorldKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class World:
-    """Rectangles `corner + s edge_u + t edge_v`, 0 <= s, t <= 1, one texture each.
-
-    `corner`, `edge_u`, `edge_v` (R,3) [m]; the edges of one rectangle are perpendicular. A camera within
-    `free_low` .. `free_high` (3,) [m] touches nothing.
-    """
-
-    corner: FloatArray
-    edge_u: FloatArray
-    edge_v: FloatArray
-    pyramids: Pyramids
-    free_low: FloatArray
-    free_high: FloatArray
-
-
-@dataclass(frozen=True)
 class _Plan:
     """Rectangles (corner, edge_u, edge_v), the texel pitch [m], and the free space."""
 
@@ -53,7 +42,17 @@ class _Plan:
     free_high: tuple[float, float, float]
 
 
-def build_world(kind: str, photographs: bool, sunlit: float, rng: np.random.Generator) -> World:
+@dataclass(frozen=True)
+class Walker:
+    """Somebody who moves through a world: how, and the source of randomness for the clothes."""
+
+    motion: Motion
+    rng: np.random.Generator
+
+
+def build_world(
+    kind: str, photographs: bool, sunlit: float, rng: np.random.Generator, walker: Walker | None = None
+) -> World:
     """A world by name.
 
     Args:
@@ -61,6 +60,7 @@ def build_world(kind: str, photographs: bool, sunlit: float, rng: np.random.Gene
         photographs: textures from photographs instead of procedural ones.
         sunlit: how many times brighter patches of sun are than shade; 1 for even light.
         rng: source of randomness; the same state gives the same world.
+        walker: a box of a person's size in it; None for nobody. The rest of the world stays the same.
 
     Raises:
         SimulationError: the world is unknown, or photographs are missing.
@@ -71,14 +71,17 @@ def build_world(kind: str, photographs: bool, sunlit: float, rng: np.random.Gene
     pictures = load_photographs() if photographs else []
     textures = []
     for rectangle in plan.rectangles:
-        side_u, side_v = (float(np.linalg.norm(edge)) for edge in rectangle[1:])
-        height, width = _texels(side_v, plan.pitch_m), _texels(side_u, plan.pitch_m)
-        if pictures:
-            texture = photograph_texture(pictures, height, width, rng)
-        else:
-            texture = procedural_texture(height, width, (side_v / height) / (side_u / width), rng)
-        textures.append(texture * _sun(height, width, sunlit, rng) if sunlit != 1.0 else texture)
-    corner, edge_u, edge_v = np.array(plan.rectangles).transpose(1, 0, 2).copy()
+        texture = _texture(rectangle, plan.pitch_m, pictures, rng)
+        textures.append(texture * _sun(texture, sunlit, rng) if sunlit != 1.0 else texture)
+    body = np.zeros(len(textures), dtype=np.int64)
+    rectangles = plan.rectangles
+    if walker is not None:
+        size = np.array(PERSON_M)
+        faces = _shell(-0.5 * size, 0.5 * size)
+        textures += [_texture(face, _CLOTHES_PITCH_M, pictures, walker.rng) for face in faces]
+        body = np.concatenate([body, np.ones(len(faces), dtype=np.int64)])
+        rectangles = rectangles + faces
+    corner, edge_u, edge_v = np.array(rectangles).transpose(1, 0, 2).copy()
     return World(
         corner,
         edge_u,
@@ -86,15 +89,29 @@ def build_world(kind: str, photographs: bool, sunlit: float, rng: np.random.Gene
         build_pyramids(textures),
         np.array(plan.free_low),
         np.array(plan.free_high),
+        () if walker is None else (walker.motion,),
+        body,
     )
+
+
+def _texture(
+    rectangle: FloatArray, pitch_m: float, pictures: list[FloatArray], rng: np.random.Generator
+) -> FloatArray:
+    """What is printed on a rectangle (3,3), with texels of about a pitch [m]."""
+    side_u, side_v = (float(np.linalg.norm(edge)) for edge in rectangle[1:])
+    height, width = _texels(side_v, pitch_m), _texels(side_u, pitch_m)
+    if pictures:
+        return photograph_texture(pictures, height, width, rng)
+    return procedural_texture(height, width, (side_v / height) / (side_u / width), rng)
 
 
 def _texels(length_m: float, pitch_m: float) -> int:
     return int(np.clip(2 ** round(float(np.log2(length_m / pitch_m))), 32, _LARGEST_SIDE))
 
 
-def _sun(height: int, width: int, sunlit: float, rng: np.random.Generator) -> FloatArray:
-    """Light on a surface (height, width): 1 in the shade, `sunlit` in a slanted band, sharply bounded."""
+def _sun(texture: FloatArray, sunlit: float, rng: np.random.Generator) -> FloatArray:
+    """Light on a surface, of its texture's shape: 1 in the shade, `sunlit` in a sharp slanted band."""
+    height, width = texture.shape
     y, x = np.mgrid[:height, :width] / max(height, width)
     turn = rng.uniform(0.0, np.pi)
     along = np.cos(turn) * x + np.sin(turn) * y

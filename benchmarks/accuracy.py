@@ -1,0 +1,216 @@
+"""From events to a trajectory, end to end: accuracy over a suite of sequences, and what dominates the error.
+
+Evidence: simulation. Every sequence is run causally with one configuration, the default, for all. `suite` is
+nine sequences of 30 s in the manner of the DAVIS240C data set, `small` six scenes of 16 s with two seeds
+each, `twins` the dynamic ones of the suite beside the same with a person who stands still and with nobody.
+
+With `--substitution`, the same estimator gets true parts in turn: true positions of the same features over
+the same lives with pixel noise (what the tracker's errors cost), features that live as long as they stay
+visible (what their short life costs), inertial samples without bias (what not knowing the biases costs). With
+`--perturb MS DEG` it is told a wrong time shift and a wrong rotation of the camera.
+
+Figures are of the longest segment. NEES: mean over time, 3 where the covariance is honest. Real time: the
+recorded time over the slower of front end and estimator, which run side by side.
+
+    python benchmarks/accuracy.py [--scenes suite | small | twins | SCENE ...] [--seeds N ...] [--seconds S]
+        [--substitution] [--noise 0.4] [--perturb MS DEG] [--tracker gradient|haste] [--cache DIR]
+        [--tracks-cache DIR] [--markdown FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asyneio.config import Config, FrontendConfig
+from asyneio.evaluation import NeesBlock, evaluate, nees, pose_trajectory, protocol_named
+from asyneio.io.atomic import write_text
+from asyneio.pipeline import RunResult, run_recording
+from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
+from asyneio.simulation.events.scenario import SUITE, TWINS
+from asyneio.simulation.faults import without_bias
+from asyneio.types import NS_PER_S, Estimate, EventRecording
+from common import table
+from sequences import DEFAULT_CACHE, TrackedRun, sequence, tracked
+from true_tracks import true_tracks
+
+_SMALL = ("event_slow", "event_fast", "event_rotation", "event_low_light", "event_near", "event_far")
+_SUITE = tuple(scenario.name for scenario in SUITE)
+_DYNAMIC = tuple(scenario.name for scenario in SUITE if scenario.person == "walking")
+#: Scenes, seeds and seconds of each list; None for a scenario's own.
+LISTS: dict[str, tuple[tuple[str, ...], tuple[int, ...], float | None]] = {
+    "suite": (_SUITE, (0,), None),
+    "small": (_SMALL, (0, 1), 16.0),
+    "twins": ((*_DYNAMIC, *(scenario.name for scenario in TWINS)), (0,), None),
+}
+#: Columns and how their numbers are written.
+COLUMNS = {
+    "path m": ".1f",
+    "Mev/s": ".2f",
+    "MPE %": ".3f",
+    "hku %": ".3f",
+    "yaw deg": ".2f",
+    "scale %": "+.2f",
+    "first s": ".2f",
+    "segments": ".0f",
+    "covered %": ".1f",
+    "lost": ".0f",
+    "NEES position": ".2f",
+    "NEES orientation": ".2f",
+    "x real time": ".2f",
+}
+SUBSTITUTED = {
+    "true tracks, same life: MPE %": ".3f",
+    "true tracks, full life: MPE %": ".3f",
+    "true biases: MPE %": ".3f",
+}
+
+
+def longest_segment(estimates: Sequence[Estimate]) -> tuple[list[Estimate], int]:
+    """Estimates of the longest segment, and how many segments there are."""
+    segments = [list(group) for _, group in groupby(estimates, key=lambda estimate: estimate.segment)]
+    return max(segments, key=len, default=[]), len(segments)
+
+
+def figures(simulation: EventSimulation, result: RunResult, frontend_s: float) -> dict[str, float]:
+    """The columns of one run, whose tracking took `frontend_s`; what there is no estimate for is missing."""
+    recording, summary = simulation.recording, result.summary
+    estimates, segments = longest_segment(result.run.estimates)
+    found = {
+        "Mev/s": recording.events.size / simulation.scenario.duration_s / 1e6,
+        "segments": float(segments),
+        "lost": float(summary.lost_steps),
+        "x real time": summary.duration_s / max(summary.processing_s, frontend_s),
+    }
+    if len(estimates) < 3 or recording.ground_truth is None:
+        return found
+    trajectory = pose_trajectory(estimates)
+    score = evaluate(trajectory, recording.ground_truth, protocol_named("posyaw"))
+    hku = evaluate(trajectory, recording.ground_truth, protocol_named("hku"))
+    # Covariances are relative to the knot that defines the world: it belongs at their head.
+    origin = result.origin
+    head = [origin] if origin is not None and origin.segment == estimates[0].segment else []
+    consistency = nees([*head, *estimates], simulation.truth.at).values
+    return found | {
+        "path m": score.path_length_m,
+        "MPE %": score.mpe_percent,
+        "hku %": hku.mpe_percent,
+        "yaw deg": score.yaw_deg.rmse,
+        "scale %": score.scale_error_percent,
+        "first s": summary.first_estimate_s,
+        "covered %": 100.0 * (estimates[-1].t_ns - estimates[0].t_ns) / NS_PER_S / summary.duration_s,
+        "NEES position": float(np.mean(consistency[NeesBlock.POSITION][1:])),
+        "NEES orientation": float(np.mean(consistency[NeesBlock.ORIENTATION][1:])),
+    }
+
+
+def mpe(result: RunResult, simulation: EventSimulation) -> float:
+    """Mean position error (posyaw) in percent of the path; NaN without estimates."""
+    estimates, _ = longest_segment(result.run.estimates)
+    truth = simulation.recording.ground_truth
+    if len(estimates) < 3 or truth is None:
+        return float("nan")
+    return evaluate(pose_trajectory(estimates), truth, protocol_named("posyaw")).mpe_percent
+
+
+def substitutions(
+    simulation: EventSimulation, run: TrackedRun, config: Config, noise_px: float
+) -> dict[str, float]:
+    """The columns of SUBSTITUTED."""
+    scores = []
+    for alive in (None, config.frontend.max_features):
+        tracks = true_tracks(simulation, run.observations, noise_px, alive)
+        scores.append(mpe(run_recording(tracks, config), simulation))
+    recording = simulation.recording
+    streams = recording.gyroscope, recording.accelerometer
+    gyroscope, accelerometer = (simulation.truth.at(stream["t_ns"]) for stream in streams)
+    unbiased = replace(
+        recording,
+        gyroscope=without_bias(streams[0], gyroscope.bias_gyroscope),
+        accelerometer=without_bias(streams[1], accelerometer.bias_accelerometer),
+    )
+    again = run_recording(unbiased, config, observations=run.observations)
+    return dict(zip(SUBSTITUTED, [*scores, mpe(again, simulation)], strict=True))
+
+
+def perturbed(recording: EventRecording, timeshift_ms: float, rotation_deg: float) -> EventRecording:
+    """The recording with a calibration that is wrong by so much, about an axis that no motion favours."""
+    calibration = recording.calibration
+    assert calibration is not None
+    T_b_c = calibration.T_b_c.copy()
+    turn = np.deg2rad(rotation_deg) / np.sqrt(3.0) * np.ones(3)
+    T_b_c[:3, :3] = T_b_c[:3, :3] @ Rotation.from_rotvec(turn).as_matrix()
+    shift_ns = calibration.timeshift_ns + round(timeshift_ms * 1e6)
+    return replace(recording, calibration=replace(calibration, T_b_c=T_b_c, timeshift_ns=shift_ns))
+
+
+def main() -> None:
+    """Print a row for each sequence and the means."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--scenes", nargs="+", default=["suite"], choices=[*LISTS, *EVENT_SCENARIOS], metavar="X"
+    )
+    parser.add_argument("--seeds", type=int, nargs="+", help="added to the scenarios' own")
+    parser.add_argument("--seconds", type=float)
+    parser.add_argument("--substitution", action="store_true", help="also with true parts")
+    parser.add_argument("--noise", type=float, default=0.4, help="of true tracks, pixels")
+    parser.add_argument("--perturb", type=float, nargs=2, default=(0.0, 0.0), metavar=("MS", "DEG"))
+    parser.add_argument("--tracker", default="gradient", choices=["gradient", "haste"])
+    parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of events")
+    parser.add_argument("--tracks-cache", type=Path, help="of what the front end gave")
+    parser.add_argument("--markdown", type=Path, help="also write the table here")
+    options = parser.parse_args()
+    config = Config(frontend=FrontendConfig.model_validate({"tracker": options.tracker}))
+    columns = COLUMNS | (SUBSTITUTED if options.substitution else {})
+    names, runs, notes = [], [], []
+    for scene, seed, seconds in _sequences(options.scenes, options.seeds, options.seconds):
+        simulation = sequence(scene, seed, seconds, options.cache)
+        simulation = replace(simulation, recording=perturbed(simulation.recording, *options.perturb))
+        run = tracked(simulation, config, options.tracks_cache)
+        result = run_recording(simulation.recording, config, observations=run.observations)
+        found = figures(simulation, result, run.seconds)
+        if options.substitution:
+            found |= substitutions(simulation, run, config, options.noise)
+        names.append(simulation.recording.name)
+        runs.append(found)
+        if result.summary.failure:
+            notes.append(f"* {names[-1]}: {result.summary.failure}\n")
+        print(" | ".join([names[-1], *_cells(found, columns)]), flush=True)
+    rows = [[name, *_cells(found, columns)] for name, found in zip(names, runs, strict=True)]
+    means = {
+        column: float(np.mean([found[column] for found in runs if column in found]))
+        for column in columns
+        if any(column in found for found in runs)
+    }
+    text = table(["sequence", *columns], [*rows, ["mean", *_cells(means, columns)]]) + "\n"
+    text += "\n".join(["", *notes]) if notes else ""
+    print(f"\n{text}")
+    if options.markdown:
+        write_text(options.markdown, text)
+
+
+def _sequences(
+    scenes: Sequence[str], seeds: Sequence[int] | None, seconds: float | None
+) -> Iterator[tuple[str, int, float | None]]:
+    """Scene, seed and seconds of each sequence asked for."""
+    for chosen in scenes:
+        names, own_seeds, own_seconds = LISTS.get(chosen, ((chosen,), (0,), None))
+        for name in names:
+            for seed in seeds or own_seeds:
+                yield name, seed, seconds or own_seconds
+
+
+def _cells(found: dict[str, float], columns: dict[str, str]) -> list[str]:
+    return [f"{found[name]:{form}}" if name in found else "-" for name, form in columns.items()]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+"""Simulated sequences of events, kept on disk, and what the front end made of them.
+
+Sequences are simulated once and opened as a memory map from then on. Only the events are kept, as a flat
+`.npy` file; motion, world and inertial samples are made anew in a second.
+A file is named after its scenario and a fingerprint of what the simulator makes of it, so that neither can
+change unnoticed.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+import asyneio.frontend
+import asyneio.geometry
+from asyneio.config import Config
+from asyneio.io.atomic import atomic_file
+from asyneio.packets import usable_span
+from asyneio.simulation import EVENT_SCENARIOS, EventSimulation, simulate_events, stream_events
+from asyneio.tracking import ObservationStream
+from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
+
+#: Where sequences are kept unless told otherwise.
+DEFAULT_CACHE = Path(tempfile.gettempdir()) / "asyneio-sequences"
+#: Chunks of events that a fingerprint is taken of, and poses.
+_CHUNKS, _POSES = 2, 200
+
+
+def sequence(scene: str, seed: int, seconds: float | None, cache: Path) -> EventSimulation:
+    """A simulated sequence, from the cache where it is there.
+
+    Args:
+        scene: name of a scenario.
+        seed: added to the scenario's own.
+        seconds: length; None for the scenario's own.
+        cache: folder.
+    """
+    base = EVENT_SCENARIOS[scene]
+    duration_s = base.duration_s if seconds is None else seconds
+    scenario = replace(base, seed=base.seed + seed, duration_s=duration_s)
+    simulation = simulate_events(scenario, np.empty(0, dtype=EVENT_DTYPE))
+    path = cache / f"{simulation.recording.name}-{duration_s:g}-{fingerprint(simulation)}.npy"
+    if not path.is_file():
+        with atomic_file(path) as stream:
+            _write_events(stream, stream_events(scenario))
+    events = np.load(path, mmap_mode="r", allow_pickle=False)
+    return replace(simulation, recording=replace(simulation.recording, events=events))
+
+
+def fingerprint(simulation: EventSimulation) -> str:
+    """Changes whenever the simulator would make other events: from the first of them and all motions."""
+    points, digest = simulation.points, hashlib.sha256()
+    t_ns = np.linspace(0.0, simulation.scenario.duration_s * NS_PER_S, _POSES).astype(np.int64)
+    poses = points.world.seen_from(t_ns / NS_PER_S, points.T_w_c(points.start_ns + t_ns))
+    # Rounded: another version of a library may differ in the last digit.
+    digest.update((np.round(poses, 9) + 0.0).tobytes())
+    for chunk in islice(stream_events(simulation.scenario), _CHUNKS):
+        for name in chunk.dtype.names or ():
+            digest.update(np.ascontiguousarray(chunk[name]).tobytes())
+    return digest.hexdigest()[:10]
+
+
+def _code(path: Path) -> str:
+    """The syntax tree of a module without its docstrings."""
+    tree = ast.parse(path.read_bytes())
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            node.body = [one for one in body if not _is_text(one)]  # type: ignore[attr-defined]
+    return ast.dump(tree)
+
+
+def _is_text(node: ast.AST) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+def _write_events(stream: IO[bytes], chunks: Iterator[RecordArray]) -> None:
+    """An `.npy` file of one array, never more than a chunk of it in memory."""
+    _write_header(stream, 0)
+    start, count = stream.tell(), 0
+    for chunk in chunks:
+        stream.write(chunk.data)
+        count += chunk.size
+    stream.seek(0)
+    _write_header(stream, count)
+    assert stream.tell() == start, "the header has another size once the count is known"
+
+
+def _write_header(stream: IO[bytes], count: int) -> None:
+    # NumPy pads headers to a fixed alignment and leaves room for the digits of the length.
+    description = {
+        "descr": np.lib.format.dtype_to_descr(EVENT_DTYPE),
+        "fortran_order": False,
+        "shape": (count,),
+    }
+    np.lib.format.write_array_header_1_0(stream, description)
+
+
+@dataclass(frozen=True)
+class TrackedRun:
+    """What the front end made of a sequence: observations (OBSERVATION_DTYPE, IMU clock) as the estimator is
+    given them, and the seconds it took."""
+
+    observations: RecordArray
+    seconds: float
+
+
+def tracked(simulation: EventSimulation, config: Config, cache: Path | None) -> TrackedRun:
+    """The front end's observations of a sequence, from the cache where they are there.
+
+    `run_recording(simulation.recording, config, observations=...)` with them gives the same estimates as on
+    the events.
+
+    Args:
+        simulation: of `sequence`; its recording's calibration may have been changed.
+        config: of the run; its front end and knot interval decide what comes out.
+        cache: folder; None to track anew.
+    """
+    recording = simulation.recording
+    key = hashlib.sha256(fingerprint(simulation).encode())
+    key.update(f"{config.frontend!r} {config.window.knot_interval_s} {recording.calibration!r}".encode())
+    for folder in (asyneio.frontend, asyneio.geometry):
+        for path in sorted(Path(folder.__path__[0]).rglob("*.py")):
+            key.update(_code(path).encode())
+    kept = cache / f"{recording.name}-{key.hexdigest()[:10]}.npz" if cache else None
+    if kept and kept.is_file():
+        with np.load(kept, allow_pickle=False) as found:
+            return TrackedRun(found["observations"], float(found["seconds"]))
+    interval_ns = round(config.window.knot_interval_s * NS_PER_S)
+    start_ns, end_ns = usable_span(recording)
+    ends_ns = start_ns + interval_ns * np.arange((end_ns - start_ns) // interval_ns + 1, dtype=np.int64)
+    stream = ObservationStream(recording, config.frontend, ends_ns)
+    for _ in stream:
+        pass
+    run = TrackedRun(stream.observations(), stream.busy_s)
+    if kept:
+        with atomic_file(kept) as file:
+            np.savez_compressed(file, observations=run.observations, seconds=run.seconds)
+    return run
