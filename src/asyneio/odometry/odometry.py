@@ -11,16 +11,21 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
+from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.intake import Intake, until
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.propagation import predict_knot
+from asyneio.odometry.rest import RestDetector
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
+from asyneio.odometry.static_start import static_start
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, Packet, RecordArray, StepReport
 
 #: Attempts to start are this far apart; each sees more motion than the last.
 _START_RETRY_NS = 250_000_000
+#: The end of a rest is noticed late: what was said of the stretch before it [ns] is taken back.
+_REST_DOUBT_NS = 200_000_000
 
 
 class Odometry:
@@ -33,6 +38,9 @@ class Odometry:
         self._config = config
         self._calibration = calibration
         self._intake = Intake(calibration.camera, config.visual.pixel_sigma)
+        self._rest = RestDetector(config.inertial, calibration, config.visual.pixel_sigma)
+        self._attitude = AttitudeFilter(config.inertial, calibration.noise)
+        self._latest: Estimate | None = None
         self._settings: Settings | None = None
         self._window: Window | None = None
         self._solution: Solution | None = None
@@ -43,6 +51,14 @@ class Odometry:
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         """Take a packet (times ascending, after all earlier packets); return the newest states it gives."""
         self._intake.append(packet)
+        self._rest.append(packet)
+        attitude = self._attitude.update(packet.gyroscope, packet.accelerometer, packet.t_end_ns)
+        estimates, report = self._step(packet)
+        posed = report.health in (Health.TRACKING, Health.DEGRADED)
+        return estimates, replace(report, still=self._rest.still, attitude=None if posed else attitude)
+
+    def _step(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        """Start, or advance by the knots that the packet completes."""
         if self._failure:
             return [], StepReport(packet.t_end_ns, Health.LOST, self._failure)
         if self._window is None:
@@ -96,7 +112,10 @@ class Odometry:
         # A packet may reach beyond the knot: its first guess uses nothing later than itself.
         streams = (until(intake.gyroscope, knot_ns), until(intake.accelerometer, knot_ns))
         knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
-        window.extend(knot_ns, knot, *streams, intake.observations.between(from_ns, knot_ns))
+        still = self._rest.judge(from_ns, knot_ns, self._latest)
+        window.extend(knot_ns, knot, *streams, intake.observations.between(from_ns, knot_ns), still)
+        if not still:
+            window.take_back_rest(from_ns - _REST_DOUBT_NS)
         window.add_landmarks()
         self._solution = window.optimize(settings.optimizer)
         intake.drop_until(knot_ns)
@@ -123,6 +142,7 @@ class Odometry:
         return self._solution
 
     def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
+        self._rest.judge(t_ns, t_ns, None)
         if t_ns < self._next_attempt_ns:
             return [], StepReport(t_ns, Health.INITIALIZING, "collecting measurements")
         self._next_attempt_ns = t_ns + _START_RETRY_NS
@@ -133,7 +153,11 @@ class Odometry:
             _rate_hz(self._intake.gyroscope),
             _rate_hz(self._intake.accelerometer),
         )
-        started = try_start(self._intake, self._settings)
+        since_ns = self._rest.since_ns
+        if since_ns is None:
+            started = try_start(self._intake, self._settings)
+        else:
+            started = static_start(self._intake, self._settings, since_ns)
         if isinstance(started, str):
             return [], StepReport(t_ns, Health.INITIALIZING, started)
         self._window, self._solution = started.window, started.solution
@@ -150,6 +174,7 @@ class Odometry:
             # No unknown of this window; what the increments say is better than what was predicted.
             rate = rate_at_end(window.preintegrations[-1], window.states.bias[-1])
             estimate = replace(estimate, angular_velocity_b=rate)
+        self._latest = estimate
         return estimate
 
     def _report(self, t_ns: int) -> StepReport:
