@@ -59,8 +59,6 @@ CASES = {
         for name, model, scheme in (
             ("gpif", "wnoj-se3", "gpif"),
             ("wnoa", "wnoa-so3xr3", "gpif"),
-            ("preint", "wnoj-so3xr3", "preint"),
-            ("extpreint", "wnoj-se3", "extpreint"),
             ("gpp", "wnoj-se3", "gpp"),
         )
     },
@@ -69,8 +67,8 @@ every_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 
 
 def softened(rest: Rest) -> Rest:
-    """The same a hundred times weaker: the toy's sensor moves, and a minimum is to be found all the same."""
-    return rest._replace(root_information=0.01 * rest.root_information)
+    """The same a thousand times weaker: the toy's sensor moves, and a minimum is to be found all the same."""
+    return rest._replace(root_information=1e-3 * rest.root_information)
 
 
 @cache

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.simulation.camera import BoolArray, PinholeCamera
+from asyneio.simulation.motion import Motion
+from asyneio.simulation.pause import PausedMotion
 from asyneio.simulation.presets import draw_motion
 from asyneio.simulation.rig import C_F_C, calibration_of, simulate_inertial
 from asyneio.simulation.scenario import Scenario
@@ -47,7 +49,10 @@ def simulate(scenario: Scenario) -> Simulation:
     seeds = np.random.SeedSequence(scenario.seed).spawn(5)
     for_motion, for_scene, for_tracks, for_gyroscope, for_accelerometer = map(np.random.default_rng, seeds)
     # The camera, not the body, looks along the carrier: any mounting of the IMU then sees the same scene.
-    motion = draw_motion(scenario.motion, for_motion, C_F_C @ scenario.T_b_c[:3, :3].T)
+    mounting = C_F_C @ scenario.T_b_c[:3, :3].T
+    motion: Motion = draw_motion(scenario.motion, for_motion, mounting, scenario.motion_scale)
+    if scenario.pause_s is not None:
+        motion = PausedMotion(motion, *scenario.pause_s)
     landmarks_w = draw_landmarks(scenario.scene, scenario.landmarks, for_scene)
     camera = PinholeCamera.from_intrinsics(scenario.camera)
     viewer = Viewer(motion, camera, scenario.T_b_c, landmarks_w)
