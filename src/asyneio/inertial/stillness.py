@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.types import FloatArray, IntArray
+from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: Length of a bin [ns]: the shortest push that moves anything by a tenth of a millimetre at the limit.
 BIN_NS = 50_000_000
@@ -28,6 +28,10 @@ LEAST_DENSITY = (2e-4, 2e-3)
 LEAST_SCATTER = (6e-3, 0.1)
 #: Single samples may scatter by so many times what is declared: figures are often put too low.
 _SCATTER_FACTOR = 2.0
+
+
+#: No sensor reads more, in any unit: such a sample is corrupt.
+_IMPOSSIBLE = 1e6
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class Stillness:
 def measure_stillness(t_ns: IntArray, value: FloatArray, start_ns: int, end_ns: int) -> Stillness | None:
     """Figures of one sensor between two times; `t_ns` (N,) ascending, `value` (N,3).
 
-    None where the samples do not tell: fewer than two in a bin.
+    None where the samples do not tell: fewer than two in a bin, or corrupt ones.
     """
     inside = slice(*np.searchsorted(t_ns, [start_ns, end_ns], side="right"))
     t, x = t_ns[inside], value[inside]
@@ -54,12 +58,19 @@ def measure_stillness(t_ns: IntArray, value: FloatArray, start_ns: int, end_ns: 
     index = bins - 1 - (end_ns - t) // BIN_NS
     t, x, index = t[index >= 0], x[index >= 0], index[index >= 0]
     counts = np.bincount(index, minlength=bins)
-    if bins == 0 or counts.min() < 2 or not np.isfinite(x).all():
+    if bins == 0 or counts.min() < 2 or not possible(x).all():
         return None
     means = np.stack([np.bincount(index, x[:, i], bins) / counts for i in range(3)], axis=1)
     within = x - means[index]
     scatter = np.sqrt((within**2).sum(axis=0) / (len(x) - bins))
-    return Stillness(means.mean(axis=0), means, scatter, bins * BIN_NS * 1e-9, float(bins * BIN_NS * 1e-9 / len(x)))
+    return Stillness(
+        means.mean(axis=0), means, scatter, bins * BIN_NS * 1e-9, float(bins * BIN_NS * 1e-9 / len(x))
+    )
+
+
+def possible(value: FloatArray) -> BoolArray:
+    """Which samples (N,3) a sensor may have read: (N,)."""
+    return np.asarray((np.abs(value) < _IMPOSSIBLE).all(axis=1))
 
 
 def deviation(found: Stillness, reference: FloatArray, density: float, walk: float = 0.0) -> float:

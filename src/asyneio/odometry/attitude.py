@@ -1,8 +1,8 @@
-"""Attitude before scale: roll and pitch from gyroscope and gravity, by a multiplicative Kalman filter on SO(3).
+"""Attitude before scale: roll and pitch from gyroscope and gravity, by a multiplicative Kalman filter.
 
-Source: Lefferts, Markley and Shuster, "Kalman filtering for spacecraft attitude estimation", J. Guidance 1982.
-The error state is a turn on the right of `C_w_b` and the change of the gyroscope's bias; the measurement is the
-mean specific force of a step, which a sensor that does not accelerate reads as gravity, upwards.
+Source: Lefferts, Markley and Shuster, "Kalman filtering for spacecraft attitude estimation", J. Guidance
+1982. The error state is a turn on the right of `C_w_b` and the change of the gyroscope's bias; the measurement
+is the mean specific force of a step, which a sensor that does not accelerate reads as gravity, upwards.
 
 How much the sensor accelerates nobody says, but the magnitude of the force does: an acceleration `a` across
 gravity changes it by `a^2 / 2g` and one along gravity by `a`, so a magnitude that is off by `e` stands for an
@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from asyneio.config import InertialConfig
 from asyneio.geometry.gravity import upright
 from asyneio.inertial.dead_reckoning import interpolate_samples
+from asyneio.inertial.stillness import possible
 from asyneio.odometry.intake import around
 from asyneio.odometry.propagation import propagate
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Attitude, FloatArray, ImuNoise, RecordArray
@@ -30,7 +31,8 @@ _STEP_S = 0.025
 _PUSH_S = 0.2
 #: Tilt that the first sample's acceleration may feign [rad]: a tenth of gravity.
 _FIRST_TILT = 0.1
-#: Zero offset of a gyroscope that nobody has calibrated [rad/s], one sigma: consumer sensors have up to 5 deg/s.
+#: Zero offset of a gyroscope that nobody has calibrated [rad/s], one sigma: consumer sensors have up to
+#: 5 deg/s.
 _OFFSET = 0.05
 #: Time over which the magnitude at rest is learned [s]: bias and scale keep it away from gravity's.
 _MAGNITUDE_S = 5.0
@@ -56,13 +58,11 @@ class AttitudeFilter:
         #: Magnitude of the force of late, and over a longer time.
         self._recent = self._magnitude = inertial.gravity
 
-    def update(
-        self, gyroscope: RecordArray, accelerometer: RecordArray, t_end_ns: int
-    ) -> Attitude | None:
+    def update(self, gyroscope: RecordArray, accelerometer: RecordArray, t_end_ns: int) -> Attitude | None:
         """Take samples (INERTIAL_DTYPE, ascending, up to `t_end_ns`); the attitude then, None before both
         sensors have delivered."""
-        self._gyroscope = np.concatenate([self._gyroscope, _finite(gyroscope)])
-        self._accelerometer = np.concatenate([self._accelerometer, _finite(accelerometer)])
+        self._gyroscope = np.concatenate([self._gyroscope, _possible(gyroscope)])
+        self._accelerometer = np.concatenate([self._accelerometer, _possible(accelerometer)])
         if min(len(self._gyroscope), len(self._accelerometer)) == 0:
             return None
         if self._t_ns is None:
@@ -143,5 +143,5 @@ class AttitudeFilter:
         self._P = keep @ self._P @ keep.T + variance * gain @ gain.T
 
 
-def _finite(samples: RecordArray) -> RecordArray:
-    return samples[np.isfinite(samples["xyz"]).all(axis=1)]
+def _possible(samples: RecordArray) -> RecordArray:
+    return samples[possible(samples["xyz"])]

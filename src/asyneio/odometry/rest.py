@@ -1,13 +1,13 @@
 """Is the sensor at rest? The inertial samples and the image are both asked.
 
 Inertial samples alone cannot tell rest from smooth uniform motion, the image alone cannot tell a dark or empty
-one from a still one, so each covers for the other:
+scene from a still one, so each covers for the other:
 
-| the image | rest is declared if |
-|---|---|
-| tracks stay where they are | inertial samples are quiet |
-| tracks move | never; a rest that has begun goes on only while the samples stay quiet by a stricter measure |
-| no tracks | samples are quiet and the velocity estimated so far may be zero; before there is one, only where no more events come than noise makes |
+- *Tracks stay where they are*: rest, if the inertial samples are quiet.
+- *Tracks move*: no rest begins. One that has begun goes on while the samples are quiet by a stricter measure:
+  people walk through the view of a sensor at rest.
+- *No tracks*: rest, if the samples are quiet and the velocity estimated so far may be zero. Before there is
+  an estimate, only where no more events come than noise makes.
 
 Quiet means: no mean over 50 ms or half a second strays from what the sensor read before, no vibration, the
 turn rate is no more than the gyroscope's bias, and the specific force is as large as gravity.
@@ -41,10 +41,10 @@ from asyneio.types import (
 
 #: Inertial samples are judged over so long [ns].
 _SPAN_NS = 500_000_000
-#: Standard deviations of the means: some thirty are compared, so that one in five hundred spans at rest is
-#: refused; a rest ends at six, which noise alone never reaches, or at less where tracks move as well:
-#: people walk through the view of a sensor at rest.
-_ENTER, _LEAVE, _LEAVE_WITH_TRACKS = 4.0, 6.0, 3.5
+#: Standard deviations of the means: some sixty are compared, so that one in three hundred spans at rest is
+#: refused; a rest ends at six, which noise alone never reaches, or, where tracks move as well, at what it
+#: reaches once in some minutes.
+_ENTER, _LEAVE, _LEAVE_WITH_TRACKS = 4.0, 6.0, 4.5
 #: The reading at rest is averaged over so long [s]: biases wander little in it.
 _MEMORY_S = 10.0
 #: Zero offset of a gyroscope before it is estimated [rad/s]: consumer sensors have up to 5 deg/s.
@@ -136,9 +136,7 @@ class RestDetector:
         elif self._reading is None:
             if self._begins(quiet, image, known):
                 self._reading, self.since_ns = [f.mean for f in quiet], begin_ns
-        elif self._strays(quiet, self._reading) > (
-            _LEAVE_WITH_TRACKS if image is _Image.MOVING else _LEAVE
-        ):
+        elif self._strays(quiet, self._reading) > (_LEAVE_WITH_TRACKS if image is _Image.MOVING else _LEAVE):
             self._leave()
         else:
             share = min((end_ns - start_ns) * 1e-9 / _MEMORY_S, 1.0)

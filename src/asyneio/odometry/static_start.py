@@ -1,8 +1,8 @@
-"""Start at rest: the samples of a still IMU tell gravity's direction and the gyroscope's bias; velocity is zero.
+"""Start at rest: a still IMU tells gravity's direction and the gyroscope's bias; velocity is zero.
 
 No feature is needed: landmarks come when motion brings parallax, and scale with them, from the accelerometer.
-Of the accelerometer's bias, rest shows only the part along gravity. The other two cannot be told from tilt: both
-stay as uncertain as the prior on the bias leaves them, and correlated, in the window's covariance.
+Of the accelerometer's bias, rest shows only the part along gravity. The other two cannot be told from tilt:
+both stay as uncertain as the prior on the bias leaves them, and correlated, in the window's covariance.
 """
 
 from __future__ import annotations

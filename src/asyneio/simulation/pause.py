@@ -17,7 +17,8 @@ class PausedMotion:
     """`motion` with its clock stopped from `begin_s` to `end_s` [s].
 
     The clock slows down during `ramp_s` before and picks up during `ramp_s` after the pause along a quintic
-    smoothstep, so that position and attitude stay three times differentiable.
+    smoothstep, so that position and attitude stay three times differentiable. A pause from 0 on needs no time
+    to slow down.
 
     Raises:
         SimulationError: the pause ends before it begins, or there is no time to slow down before it.
@@ -29,10 +30,11 @@ class PausedMotion:
     ramp_s: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.ramp_s <= self.begin_s <= self.end_s:
+        slows = self.begin_s == 0.0 or self.begin_s >= self.ramp_s
+        if not (self.ramp_s > 0.0 and slows and self.begin_s <= self.end_s):
             raise SimulationError(
                 f"a pause from {self.begin_s} s to {self.end_s} s with ramps of {self.ramp_s} s; expected "
-                "0 < ramp <= begin <= end"
+                "0 < ramp <= begin <= end, or begin = 0"
             )
 
     def T_w_b(self, t_s: ArrayLike) -> FloatArray:

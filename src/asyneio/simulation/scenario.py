@@ -115,8 +115,8 @@ class Scenario(RigScenario):
     """One simulated run at the level of feature tracks. Another pixel noise leaves motion, scene and IMU as
     they were.
 
-    `scene` names a `SceneKind` with `landmarks` points. `motion_scale` multiplies the positions of the motion:
-    0 leaves a rotation on the spot. `camera_offset_s`: when the first track begins.
+    `scene` names a `SceneKind` with `landmarks` points. `motion_scale` multiplies the positions of the
+    motion: 0 leaves a rotation on the spot. `camera_offset_s`: when the first track begins.
     """
 
     scene: str = "room"
