@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -29,10 +30,11 @@ def noise(seed: int) -> np.ndarray:
 
 
 def test_figures_are_those_of_their_definition(rng: np.random.Generator) -> None:
-    value = rng.normal(size=(len(T_NS), 3)) + [1.0, 2.0, 3.0]
+    value = rng.normal(size=(len(T_NS), 3)) + np.array([1.0, 2.0, 3.0])
     found = measure_stillness(T_NS, value, 0, SPAN_NS)
     assert found is not None
-    bins = [value[(T_NS > k * BIN_NS) & (T_NS <= (k + 1) * BIN_NS)] for k in range(SPAN_NS // BIN_NS)]
+    edges = np.searchsorted(T_NS, BIN_NS * np.arange(SPAN_NS // BIN_NS + 1), side="right")
+    bins = [value[a:b] for a, b in pairwise(edges)]
     assert {len(part) for part in bins} == {20}
     np.testing.assert_allclose(found.bins, [part.mean(axis=0) for part in bins], rtol=1e-12)
     np.testing.assert_allclose(found.mean, found.bins.mean(axis=0), rtol=1e-12)

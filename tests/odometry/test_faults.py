@@ -13,7 +13,6 @@ from tests.odometry.runs import (
     SCENARIO,
     Outcome,
     as_bytes,
-    configured,
     cut,
     errors,
     plain_run,

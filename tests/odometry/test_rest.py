@@ -81,6 +81,11 @@ def steady(speed: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda t: speed * np.asarray(t)[:, None] * np.array([1.0, 0.3, 0.0])
 
 
+def even(size: float) -> Callable[[np.ndarray], np.ndarray]:
+    """The same all the time, along the vertical."""
+    return lambda t: nothing(t) + np.array([0.0, size, 0.0])
+
+
 def wave(size: float, hz: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda t: size * np.sin(2.0 * np.pi * hz * np.asarray(t))[:, None] * np.array([1.0, -0.5, 0.7])
 
@@ -103,21 +108,22 @@ AT_REST = {
 IN_MOTION = {
     "hand": (Situation(turn=wave(0.1, 1.0), push=wave(0.3, 0.8)), None),
     "hand, in the dark": (Situation(turn=wave(0.1, 1.0), push=wave(0.3, 0.8), events=0), known(0.3)),
-    "turning slowly": (Situation(turn=lambda t: nothing(t) + [0.0, 0.15, 0.0]), None),
-    "turning at the pace of the bias": (Situation(turn=lambda t: nothing(t) + [0.0, 0.02, 0.0]), known(0.0)),
+    "turning slowly": (Situation(turn=even(0.15)), None),
+    "turning at the pace of the bias": (Situation(turn=even(0.02)), known(0.0)),
     "gliding, seen by tracks": (Situation(image=steady(8.0)), None),
     "gliding, known from before": (Situation(), known(0.5)),
     "gliding, in the dark": (Situation(events=0), known(0.5)),
     "many events before the start": (Situation(events=MANY_EVENTS), None),
     "engine": (Situation(push=wave(1.5, 77.0)), None),
-    "falling": (Situation(push=lambda t: nothing(t) - UP), None),
-    "speeding up evenly": (Situation(push=lambda t: nothing(t) + [0.0, 1.5, 0.0]), None),
+    "falling": (Situation(push=even(-9.81)), None),
+    "speeding up evenly": (Situation(push=even(1.5)), None),
 }
 
 
 @pytest.mark.parametrize("name", AT_REST)
 def test_at_rest(name: str) -> None:
-    answers = judged(*[AT_REST[name][0], 1.5, AT_REST[name][1]])
+    situation, estimate = AT_REST[name]
+    answers = judged(situation, 1.5, estimate)
     assert not any(answers[:4]), "half a second has to be seen first"
     assert all(answers[5:]), answers
 

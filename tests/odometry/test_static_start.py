@@ -37,7 +37,7 @@ def seconds(outcome: Outcome) -> np.ndarray:
 
 @pytest.mark.parametrize("frames", [False, True], ids=["events", "frames"])
 def test_starts_at_rest_without_parallax(frames: bool) -> None:
-    simulation, outcome = held(0, frames=frames)
+    _, outcome = held(0, frames=frames)
     assert seconds(outcome)[0] < 1.3
     before = [r for r in outcome.reports if r.health is Health.INITIALIZING]
     assert all(r.reason and r.attitude is not None for r in before[1:])
@@ -100,7 +100,7 @@ def test_other_schemes_start_at_rest_too(scheme: str) -> None:
 
 
 def test_standing_still_from_the_start_does_not_drift() -> None:
-    """Ten seconds with walking biases: nothing but drift could move it. benchmarks/standing_still.py: 60 s."""
+    """Eleven seconds with walking biases: nothing but drift could move it."""
     simulation = simulate(varied(2, motion=MotionStyle.MODERATE, duration_s=12.5, pause_s=(0.0, 11.0)))
     outcome = run(eventful(simulation.recording, 0.0, 11.0))
     resting = [e for e in outcome.estimates if e.t_ns <= START_NS + 11_000_000_000]

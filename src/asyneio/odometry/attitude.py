@@ -1,8 +1,9 @@
 """Attitude before scale: roll and pitch from gyroscope and gravity, by a multiplicative Kalman filter.
 
 Source: Lefferts, Markley and Shuster, "Kalman filtering for spacecraft attitude estimation", J. Guidance
-1982. The error state is a turn on the right of `C_w_b` and the change of the gyroscope's bias; the measurement
-is the mean specific force of a step, which a sensor that does not accelerate reads as gravity, upwards.
+1982. The error state is a turn on the right of `C_w_b` and the change of the gyroscope's bias; the
+measurement is the mean specific force of a step, which a sensor that does not accelerate reads as gravity,
+upwards.
 
 How much the sensor accelerates nobody says, but the magnitude of the force does: an acceleration `a` across
 gravity changes it by `a^2 / 2g` and one along gravity by `a`, so a magnitude that is off by `e` stands for an

@@ -1,7 +1,7 @@
 """Is the sensor at rest? The inertial samples and the image are both asked.
 
-Inertial samples alone cannot tell rest from smooth uniform motion, the image alone cannot tell a dark or empty
-scene from a still one, so each covers for the other:
+Inertial samples alone cannot tell rest from smooth uniform motion, the image alone cannot tell a dark or
+empty scene from a still one, so each covers for the other:
 
 - *Tracks stay where they are*: rest, if the inertial samples are quiet.
 - *Tracks move*: no rest begins. One that has begun goes on while the samples are quiet by a stricter measure:
