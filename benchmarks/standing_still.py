@@ -3,7 +3,7 @@
 Evidence: simulation (feature tracks and IMU with exact truth; biases walk). As with an event camera there
 are no tracks while nothing moves; `--frames` keeps them, as of a camera with frames. Measured from the first
 to the last knot at rest: how far the estimate moved at most, and its error against the truth at both ends.
-The two are not the same: a gyroscope at rest tells its bias, and what is learned of the bias corrects the pose
+The two differ: a gyroscope at rest tells its bias, and what is learned of the bias corrects the pose
 that was reached with it. `--before 0` rests from the start, when there is nothing to correct: all that moves
 is drift.
 
