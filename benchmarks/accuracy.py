@@ -85,7 +85,7 @@ def figures(simulation: EventSimulation, result: RunResult, frontend_s: float) -
     found = {
         "Mev/s": recording.events.size / simulation.scenario.duration_s / 1e6,
         "segments": float(segments),
-        "lost": float(summary.lost_steps),
+        "lost": float(sum(report.health is Health.LOST for report in result.run.reports)),
         "x real time": summary.duration_s / max(summary.processing_s, frontend_s),
     }
     if len(estimates) < 3 or recording.ground_truth is None:
@@ -94,8 +94,8 @@ def figures(simulation: EventSimulation, result: RunResult, frontend_s: float) -
     score = evaluate(trajectory, recording.ground_truth, protocol_named("posyaw"))
     hku = evaluate(trajectory, recording.ground_truth, protocol_named("hku"))
     # Covariances are relative to the knot that defines the world: it belongs at their head.
-    origin = result.origin
-    head = [origin] if origin is not None and origin.segment == estimates[0].segment else []
+    origin = result.origin_of(estimates[0].segment)
+    head = [] if origin is None else [origin]
     consistency = nees([*head, *estimates], simulation.truth.at).values
     return found | {
         "path m": score.path_length_m,
@@ -105,8 +105,8 @@ def figures(simulation: EventSimulation, result: RunResult, frontend_s: float) -
         "scale %": score.scale_error_percent,
         "first s": summary.first_estimate_s,
         "covered %": 100.0 * (estimates[-1].t_ns - estimates[0].t_ns) / NS_PER_S / summary.duration_s,
-        "NEES position": float(np.mean(consistency[NeesBlock.POSITION][1:])),
-        "NEES orientation": float(np.mean(consistency[NeesBlock.ORIENTATION][1:])),
+        "NEES position": float(np.mean(consistency[NeesBlock.POSITION][len(head) :])),
+        "NEES orientation": float(np.mean(consistency[NeesBlock.ORIENTATION][len(head) :])),
     }
 
 

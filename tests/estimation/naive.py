@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem, States
 from asyneio.trajectory.model import SE3, WNOJ
 from tests.estimation.naive_increments import preintegration_residuals, propagated_poses
-from tests.estimation.naive_lie import exp_se3, log_se3, right_jacobian, right_jacobian_rate, times
+from tests.estimation.naive_lie import exp_se3, log_se3, log_so3, right_jacobian, right_jacobian_rate, times
 
 Array = NDArray[np.float64]
 
@@ -207,6 +207,17 @@ def reprojection_residuals(problem: Problem, local: Array, point: Point) -> Arra
     return times(problem.visual.root_information, h[..., :2] / h[..., 2:] - problem.visual.xy)
 
 
+def rest_residuals(problem: Problem, point: Point) -> Array:
+    """Whitened, (..., 18 n), of the n intervals at rest: what moved, in the first body's axes, and rates."""
+    i = np.flatnonzero(problem.rest.present)
+    begin, end = point.T[..., i, :, :], point.T[..., i + 1, :, :]
+    back = np.swapaxes(begin[..., :3, :3], -1, -2)
+    turned = log_so3(back @ end[..., :3, :3])
+    gone = times(back, end[..., :3, 3] - begin[..., :3, 3])
+    rates = [point.varpi[..., k, 0, :] for k in (i, i + 1)]
+    return _rows(np.concatenate([turned, gone, *rates], axis=-1) * problem.rest.root_information[i], 2)
+
+
 def prior_residuals(prior: Prior, point: Point) -> Array:
     lin, m = prior.linearization, len(prior.linearization.r)
     pose = log_se3(np.linalg.inv(poses(lin)) @ point.T[..., :m, :, :])
@@ -229,6 +240,8 @@ def residuals(problem: Problem, prior: Prior | None, point: Point, weights: Arra
     ]
     if problem.preintegrated.present.any():
         rows.insert(0, preintegration_residuals(problem, point.T, point.varpi, point.bias))
+    if problem.rest.present.any():
+        rows.insert(0, rest_residuals(problem, point))
     if prior is not None:
         rows.insert(0, prior_residuals(prior, point))
     return np.concatenate(rows, axis=-1)

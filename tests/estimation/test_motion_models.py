@@ -14,7 +14,8 @@ from asyneio.estimation.covariance import joint_covariance, newest_covariance, r
 from asyneio.estimation.linear_system import eliminate_landmarks, linearize
 from asyneio.estimation.marginalization import marginalize_oldest
 from asyneio.estimation.optimizer import OptimizerSettings, Solution, add_prior, difference, optimize
-from asyneio.estimation.problem import Preintegrated, Prior, Problem, Propagated
+from asyneio.estimation.problem import Preintegrated, Prior, Problem, Propagated, Rest
+from asyneio.estimation.rest_terms import rest_of
 from asyneio.estimation.schemes import SCHEMES
 from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, MotionModel
 from tests.estimation import naive
@@ -31,10 +32,11 @@ ONE_STEP = OptimizerSettings(max_iterations=1, relative_decrease=1e-12, damping=
 
 @dataclass(frozen=True)
 class Case:
-    """A motion model and an inertial scheme."""
+    """A motion model, an inertial scheme, and the intervals in which the sensor is said to stand still."""
 
     model: MotionModel
     scheme: str
+    still: tuple[bool, ...] = (False,) * (KNOTS - 1)
 
     def toy(self) -> Toy:
         settings = replace(SETTINGS, motion_model=self.model, scheme=SCHEMES[self.scheme])
@@ -52,8 +54,21 @@ CASES = {
         )
         for name in names
     },
+    **{
+        f"still-{name}": Case(MODELS[model], scheme, still=(True, False, True))
+        for name, model, scheme in (
+            ("gpif", "wnoj-se3", "gpif"),
+            ("wnoa", "wnoa-so3xr3", "gpif"),
+            ("gpp", "wnoj-se3", "gpp"),
+        )
+    },
 }
 every_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
+
+
+def softened(rest: Rest) -> Rest:
+    """The same a thousand times weaker: the toy's sensor moves, and a minimum is to be found all the same."""
+    return rest._replace(root_information=1e-3 * rest.root_information)
 
 
 @cache
@@ -71,6 +86,7 @@ def drawn(case: Case, frozen: int = 0) -> tuple[Problem, Prior]:
         linearization=problem.states,
         frozen=frozen,
         preintegrated=sums._replace(bias=sums.bias - 0.02),
+        rest=softened(rest_of(np.array(case.still), problem.model)),
     )
     return problem, prior
 
@@ -251,5 +267,6 @@ def _without_oldest(problem: Problem) -> Problem:
         landmarks=landmarks._replace(anchor=landmarks.anchor - 1),
         model=problem.model._replace(dt=problem.model.dt[1:]),
         preintegrated=Preintegrated(*(a[1:] for a in problem.preintegrated)),
+        rest=Rest(*(a[1:] for a in problem.rest)),
         propagated=Propagated(*(a[keep] if len(problem.propagated.tau) else a for a in problem.propagated)),
     )

@@ -23,6 +23,7 @@ from asyneio.estimation.interval_terms import (
 from asyneio.estimation.preintegration_terms import preintegration_terms
 from asyneio.estimation.problem import Landmarks, Model, Problem
 from asyneio.estimation.propagated_terms import propagated_terms
+from asyneio.estimation.rest_terms import rest_terms
 from asyneio.estimation.visual_terms import VisualSums, empty_sums, visual_terms
 from asyneio.types import BoolArray, FloatArray, IntArray
 
@@ -104,6 +105,8 @@ def _terms(
     )
     if len(problem.preintegrated.present):
         cost += preintegration_terms(problem, with_jacobian, *by_knot)
+    if len(problem.rest.present):
+        cost += rest_terms(problem, with_jacobian, *by_knot)
     if len(problem.propagated.tau):
         visual, rejected = propagated_terms(problem, with_jacobian, *by_knot, sums)
     else:

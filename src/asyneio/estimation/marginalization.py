@@ -107,6 +107,7 @@ def _factors_of_oldest(problem: Problem, prior: Prior) -> Problem:
         # The others' biases are still what their observations were propagated with.
         preintegrated=_only_first(problem.preintegrated, knots),
         propagated=problem.propagated.chosen(chosen),
+        rest=problem.rest.only_first(knots - 1),
     )
 
 

@@ -89,6 +89,18 @@ class Propagated(NamedTuple):
         return self if len(self.tau) == 0 else Propagated(*(a[index] for a in self))
 
 
+class Rest(NamedTuple):
+    """Intervals in which the sensor stands still; none where I is 0."""
+
+    present: BoolArray  # (I,) whether it does
+    root_information: FloatArray  # (I,18) 1/sigma of the rows of the residual
+
+    def only_first(self, intervals: int) -> Rest:
+        """For `intervals` intervals, of which the first alone counts."""
+        n = intervals
+        return Rest(self.present[:n] & (np.arange(len(self.present[:n])) == 0), self.root_information[:n])
+
+
 class Landmarks(NamedTuple):
     """Landmarks: bearing and inverse depth in the camera at the anchor knot."""
 
@@ -130,6 +142,7 @@ NOTHING_PREINTEGRATED = Preintegrated(
     np.zeros((0, 6)),
     np.zeros((0, 9, 9)),
 )
+NOTHING_AT_REST = Rest(np.zeros(0, dtype=np.bool_), np.zeros((0, 18)))
 NOTHING_PROPAGATED = Propagated(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 9, 6)))
 
 
@@ -166,6 +179,7 @@ class Problem(NamedTuple):
     model: Model
     preintegrated: Preintegrated = NOTHING_PREINTEGRATED
     propagated: Propagated = NOTHING_PROPAGATED
+    rest: Rest = NOTHING_AT_REST
 
 
 def bearing_tangent(kappa: FloatArray) -> FloatArray:

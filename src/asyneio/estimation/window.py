@@ -26,10 +26,11 @@ from asyneio.estimation.problem import (
     Propagated,
     States,
 )
+from asyneio.estimation.rest_terms import rest_of
 from asyneio.estimation.schemes import Scheme, measure
 from asyneio.inertial.increments import Preintegration, SampleNoise
 from asyneio.trajectory.model import MotionModel
-from asyneio.types import FloatArray, IntArray, RecordArray
+from asyneio.types import BoolArray, FloatArray, IntArray, RecordArray
 
 #: Inverse depth of the first landmarks without parallax, 1/m: a room.
 _DEFAULT_RHO = 0.5
@@ -88,6 +89,7 @@ class Window:
         self._accelerometer = InertialBuffer(prior_kind)
         self._preintegrations = PreintegrationBuffer()
         self._visual = VisualBuffer(prior_kind)
+        self._still: BoolArray = np.empty(0, dtype=np.bool_)
         self.landmarks = LandmarkTable()
 
     @property
@@ -116,9 +118,11 @@ class Window:
         gyroscope: RecordArray,
         accelerometer: RecordArray,
         observations: TrackObservations,
+        still: bool = False,
     ) -> None:
         """Append a predicted knot (States with K = 1) at `t_ns` and the measurements of the interval
         before it; inertial samples from shortly before the interval settle what happens at its start.
+        `still`: the sensor was at rest all through it.
 
         Raises:
             EstimationError, InertialError: as `schemes.measure`.
@@ -140,11 +144,16 @@ class Window:
             bounds,
             self._increments(measured.preintegration, observations.t_ns),
         )
+        self._still = np.append(self._still, still)
         self.t_ns = np.append(self.t_ns, t_ns)
         self.states = States(*(np.concatenate(pair) for pair in zip(self.states, knot, strict=True)))
         self._linearization = States(
             *(np.concatenate(pair) for pair in zip(self._linearization, knot, strict=True))
         )
+
+    def take_back_rest(self, since_ns: int) -> None:
+        """Intervals that end after `since_ns` are no longer taken to be at rest."""
+        self._still = self._still & (self.t_ns[1:] <= since_ns)
 
     def _increments(self, preintegration: Preintegration | None, t_ns: IntArray) -> Propagated:
         """Increments since the newest knot at times (N,), where the scheme propagates."""
@@ -160,6 +169,7 @@ class Window:
         visual, propagated = self._visual.arrays(
             self.landmarks.index_of(self._visual.track), self.landmarks.anchor, self.first, intervals
         )
+        model = self._model()
         return Problem(
             states=self.states,
             linearization=self._linearization,
@@ -169,9 +179,10 @@ class Window:
             accelerometer=self._accelerometer.arrays(self.first, intervals),
             visual=visual,
             landmarks=self.landmarks.arrays(self.first),
-            model=self._model(),
+            model=model,
             preintegrated=self._preintegrations.arrays(self.first, intervals),
             propagated=propagated,
+            rest=rest_of(self._still, model),
         )
 
     def _model(self) -> Model:
@@ -215,6 +226,7 @@ class Window:
         self._gyroscope.drop_before(self.first)
         self._accelerometer.drop_before(self.first)
         self._preintegrations.drop_before(self.first)
+        self._still = self._still[1:]
         self.t_ns = self.t_ns[1:]
         self.states = States(*(a[1:] for a in self.states))
         self._linearization = States(*(a[1:] for a in self._linearization))

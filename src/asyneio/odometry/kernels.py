@@ -28,6 +28,7 @@ from asyneio.estimation.problem import (
     Visual,
     bearing_tangent,
 )
+from asyneio.estimation.rest_terms import rest_of, rest_terms
 from asyneio.frontend import Frontend, gradient_kernel
 from asyneio.geometry.camera import CameraModel
 from asyneio.odometry.propagation import predict_knot
@@ -105,6 +106,8 @@ def compile_intervals() -> None:
     interval_terms.accelerometer_terms(
         problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
     )
+    resting = problem._replace(rest=rest_of(np.ones(1, dtype=np.bool_), problem.model))
+    rest_terms(resting, True, np.zeros((48, 48)), np.zeros(48))
 
 
 def _tiny_problem() -> Problem:

@@ -11,18 +11,33 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
+from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.intake import Intake, until
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.propagation import predict_knot
+from asyneio.odometry.rest import RestDetector
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
+from asyneio.odometry.static_start import static_start
 from asyneio.odometry.vitals import sample_gap_s
 from asyneio.odometry.watch import Advance, Watch
 from asyneio.trajectory.gp_trajectory import GPTrajectory
-from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, Packet, RecordArray, StepReport
+from asyneio.types import (
+    NS_PER_S,
+    Attitude,
+    Calibration,
+    Estimate,
+    FloatArray,
+    Health,
+    Packet,
+    RecordArray,
+    StepReport,
+)
 
 #: Attempts to start are this far apart; each sees more motion than the last.
 _START_RETRY_NS = 250_000_000
+#: The end of a rest is noticed late: what was said of the stretch before it [ns] is taken back.
+_REST_DOUBT_NS = 200_000_000
 
 
 class Odometry:
@@ -39,13 +54,18 @@ class Odometry:
         self._segment = 0
         self._packet_ns: int | None = None
         self._begin_segment()
+        self._attitude = AttitudeFilter(config.inertial, calibration.noise)
+        self._upright: Attitude | None = None
 
     def _begin_segment(self) -> None:
         """Forget everything: nothing from before may enter the next start."""
-        self._intake = Intake(self._calibration.camera, self._config.visual.pixel_sigma)
-        inertial = self._config.inertial
+        config, calibration = self._config, self._calibration
+        self._intake = Intake(calibration.camera, config.visual.pixel_sigma)
+        self._rest = RestDetector(config.inertial, calibration, config.visual.pixel_sigma)
+        inertial = config.inertial
         bias_sigma = [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma]
-        self._watch = Watch(self._config.health, self._calibration.camera, np.repeat(bias_sigma, 3))
+        self._watch = Watch(config.health, calibration.camera, np.repeat(bias_sigma, 3))
+        self._latest: Estimate | None = None
         self._settings: Settings | None = None
         self._window: Window | None = None
         self._solution: Solution | None = None
@@ -60,17 +80,30 @@ class Odometry:
         before_ns, self._packet_ns = self._packet_ns, packet.t_end_ns
         if before_ns is not None and packet.t_end_ns < before_ns:
             back_s = (before_ns - packet.t_end_ns) / NS_PER_S
-            return [], self._interrupted(packet, f"time jumps back by {back_s:.3f} s")
-        self._intake.append(packet)
+            estimates: list[Estimate] = []
+            report = self._interrupted(packet, f"time jumps back by {back_s:.3f} s")
+        else:
+            estimates, report = self._step(packet, before_ns)
+        posed = report.health in (Health.TRACKING, Health.DEGRADED)
+        return estimates, replace(report, still=self._rest.still, attitude=None if posed else self._upright)
+
+    def _step(self, packet: Packet, before_ns: int | None) -> tuple[list[Estimate], StepReport]:
+        """Start, or advance by the knots that the packet completes; `before_ns`: end of the packet before."""
+        self._take(packet)
         renewed = self._watch.see(packet)
-        if self._window is None:
-            if renewed:
-                return [], self._interrupted(packet, "all feature tracks were replaced at once")
-            gap_s = 0.0 if before_ns is None else self._gap_s(before_ns, packet.t_end_ns)
-            if gap_s > self._config.health.lost_inertial_gap_s:
-                return [], self._interrupted(packet, f"no inertial samples for {gap_s:.2f} s")
-            return self._try_start(packet.t_end_ns)
-        return self._track(packet.t_end_ns)
+        if self._window is not None:
+            return self._track(packet.t_end_ns)
+        if renewed:
+            return [], self._interrupted(packet, "all feature tracks were replaced at once")
+        gap_s = 0.0 if before_ns is None else self._gap_s(before_ns, packet.t_end_ns)
+        if gap_s > self._config.health.lost_inertial_gap_s:
+            return [], self._interrupted(packet, f"no inertial samples for {gap_s:.2f} s")
+        return self._try_start(packet.t_end_ns)
+
+    def _take(self, packet: Packet) -> None:
+        self._intake.append(packet)
+        self._rest.append(packet)
+        self._upright = self._attitude.update(packet.gyroscope, packet.accelerometer, packet.t_end_ns)
 
     def _track(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
         """All knots that the intake covers."""
@@ -100,7 +133,8 @@ class Odometry:
         report = StepReport(packet.t_end_ns, health, reason, segment=self._segment)
         self._segment += health is Health.LOST
         self._begin_segment()
-        self._intake.append(packet)
+        self._attitude = AttitudeFilter(self._config.inertial, self._calibration.noise)
+        self._take(packet)
         return report
 
     def trajectory(self) -> GPTrajectory | PropagatedTrajectory:
@@ -144,11 +178,14 @@ class Odometry:
         gap_s = self._gap_s(from_ns, knot_ns)
         knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
         known = window.states.r
-        window.extend(knot_ns, knot, *streams, observations)
+        still = self._rest.judge(from_ns, knot_ns, self._latest)
+        window.extend(knot_ns, knot, *streams, observations, still)
+        if not still:
+            window.take_back_rest(from_ns - _REST_DOUBT_NS)
         window.add_landmarks()
         self._solution = window.optimize(settings.optimizer)
         intake.drop_until(knot_ns)
-        return Advance(self._solution.problem, known, observations.t_ns, gap_s)
+        return Advance(self._solution.problem, known, observations.t_ns, gap_s, still=still)
 
     def _gap_s(self, start_ns: int, end_ns: int) -> float:
         return sample_gap_s((self._intake.gyroscope, self._intake.accelerometer), start_ns, end_ns)
@@ -175,6 +212,7 @@ class Odometry:
         return self._solution
 
     def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
+        self._rest.judge(t_ns, t_ns, None)
         if self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
             return [], self._initializing(t_ns, "collecting measurements")
         self._next_attempt_ns = t_ns + _START_RETRY_NS
@@ -185,7 +223,11 @@ class Odometry:
             _rate_hz(self._intake.gyroscope),
             _rate_hz(self._intake.accelerometer),
         )
-        started = try_start(self._intake, self._settings)
+        since_ns = self._rest.since_ns
+        if since_ns is None:
+            started = try_start(self._intake, self._settings)
+        else:
+            started = static_start(self._intake, self._settings, since_ns)
         if isinstance(started, str):
             return [], self._initializing(t_ns, started)
         self._window, self._solution = started.window, started.solution
@@ -206,6 +248,7 @@ class Odometry:
             # No unknown of this window; what the increments say is better than what was predicted.
             rate = rate_at_end(window.preintegrations[-1], window.states.bias[-1])
             estimate = replace(estimate, angular_velocity_b=rate)
+        self._latest = estimate
         return estimate
 
     def _report(self, t_ns: int, health: Health, reason: str = "") -> StepReport:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import relative_scale_sigma
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import Prior, States
 from asyneio.estimation.window import TrackObservations, Window
+from asyneio.geometry.gravity import upright
 from asyneio.initialization.alignment import AlignmentData, align
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.intake import Intake, around
@@ -58,7 +58,7 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         states = _aligned_states(intake, settings, knots_ns, seen)
         if isinstance(states, str):
             return states
-        window = _filled_window(intake, settings, knots_ns, states)
+        window = filled_window(intake, settings, knots_ns, states)
         solution = window.optimize(settings.start.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
@@ -148,7 +148,7 @@ def _aligned_states(
             f"(rays miss by {np.degrees(aligned.residual_rad):.2f} deg, "
             f"{100 * aligned.share_in_front:.0f} % of the points in front of the camera)"
         )
-    C_w_b0 = _upright(aligned.gravity)
+    C_w_b0 = upright(aligned.gravity)
     at = free.at(knots_ns)
     t = ((knots_ns - knots_ns[0]) * 1e-9)[:, None]
     r = (aligned.velocity * t + 0.5 * aligned.gravity * t**2 + free.r[at]) @ C_w_b0.T
@@ -167,18 +167,6 @@ def _aligned_states(
     return States(C, r, varpi, np.zeros((len(knots_ns), 6)))
 
 
-def _upright(gravity_b: FloatArray) -> FloatArray:
-    """Smallest rotation (3,3) that turns the gravity seen in the body to -z."""
-    down = np.array([0.0, 0.0, -1.0])
-    unit = gravity_b / np.linalg.norm(gravity_b)
-    axis = np.cross(unit, down)
-    sine, cosine = np.linalg.norm(axis), float(unit @ down)
-    if sine < 1e-12:
-        return np.eye(3) if cosine > 0.0 else np.diag([1.0, -1.0, -1.0])
-    matrix: FloatArray = Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine)).as_matrix()
-    return matrix
-
-
 def _gauge_prior(first: States, bias_sigma: FloatArray) -> Prior:
     """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero."""
     R = np.zeros((12, 24))
@@ -191,8 +179,10 @@ def _gauge_prior(first: States, bias_sigma: FloatArray) -> Prior:
     return Prior(R, R.T @ R, r_0, first)
 
 
-def _filled_window(intake: Intake, settings: Settings, knots_ns: IntArray, states: States) -> Window:
-    """A window with all knots, their measurements and landmarks."""
+def filled_window(
+    intake: Intake, settings: Settings, knots_ns: IntArray, states: States, still: bool = False
+) -> Window:
+    """A window with all knots, their measurements and landmarks; `still`: at rest all the time."""
 
     def knot(k: int) -> States:
         return States(*(a[k : k + 1].copy() for a in states))
@@ -207,6 +197,7 @@ def _filled_window(intake: Intake, settings: Settings, knots_ns: IntArray, state
             around(intake.gyroscope, *span),
             around(intake.accelerometer, *span),
             intake.observations.between(*span),
+            still,
         )
     window.add_landmarks()
     return window

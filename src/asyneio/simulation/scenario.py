@@ -66,7 +66,8 @@ class RigScenario:
     """What every simulated run has: a motion, a clock, a camera on an IMU, noise. Seconds, hertz, metres.
 
     `motion` names a `MotionStyle`. Everything random follows from `seed`, each part from a stream of its own.
-    `*_offset_s` is the time of a stream's first sample. `t_imu = t_cam + timeshift_ns`.
+    `*_offset_s` is the time of a stream's first sample. `t_imu = t_cam + timeshift_ns`. `pause_s`: begin
+    and end of a standstill.
     """
 
     name: str = "moderate"
@@ -86,6 +87,7 @@ class RigScenario:
     initial_accelerometer_bias_sigma: float = 0.05
     gravity: float = 9.81
     ground_truth_rate_hz: float = 200.0
+    pause_s: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if self.duration_s <= 0.0 or self.ground_truth_rate_hz <= 0.0:
@@ -122,13 +124,15 @@ class Scenario(RigScenario):
     """One simulated run at the level of feature tracks. Another pixel noise leaves motion, scene and IMU as
     they were.
 
-    `scene` names a `SceneKind` with `landmarks` points. `camera_offset_s`: when the first track begins.
+    `scene` names a `SceneKind` with `landmarks` points. `motion_scale` multiplies the positions of the
+    motion: 0 leaves a rotation on the spot. `camera_offset_s`: when the first track begins.
     """
 
     scene: str = "room"
     landmarks: int = 3000
     tracks: TrackSpec = _DEFAULT_TRACKS
     camera_offset_s: float = 0.05
+    motion_scale: float = 1.0
 
 
 _DEFAULT = Scenario()

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.simulation.camera import BoolArray, PinholeCamera
+from asyneio.simulation.motion import Motion
 from asyneio.simulation.moving import MovingObject, draw_person
+from asyneio.simulation.pause import PausedMotion
 from asyneio.simulation.presets import draw_motion
 from asyneio.simulation.rig import C_F_C, calibration_of, simulate_inertial
 from asyneio.simulation.scenario import Scenario
@@ -61,7 +63,10 @@ def simulate(scenario: Scenario) -> Simulation:
         np.random.default_rng, seeds
     )
     # The camera, not the body, looks along the carrier: any mounting of the IMU then sees the same scene.
-    motion = draw_motion(scenario.motion, for_motion, C_F_C @ scenario.T_b_c[:3, :3].T)
+    mounting = C_F_C @ scenario.T_b_c[:3, :3].T
+    motion: Motion = draw_motion(scenario.motion, for_motion, mounting, scenario.motion_scale)
+    if scenario.pause_s is not None:
+        motion = PausedMotion(motion, *scenario.pause_s)
     landmarks_w = draw_landmarks(scenario.scene, scenario.landmarks, for_scene)
     camera = PinholeCamera.from_intrinsics(scenario.camera)
     moving = draw_person(_OBJECT_POINTS, for_object) if scenario.tracks.moving_share > 0.0 else None

@@ -27,6 +27,7 @@ from asyneio.simulation.events.worlds import Walker, build_world
 from asyneio.simulation.motion import Motion
 from asyneio.simulation.motion_file import load_motion
 from asyneio.simulation.moving import draw_walk
+from asyneio.simulation.pause import PausedMotion
 from asyneio.simulation.presets import draw_motion
 from asyneio.simulation.rig import C_F_C
 from asyneio.types import EVENT_DTYPE, FloatArray, IntArray, RecordArray
@@ -69,6 +70,8 @@ def set_stage(scenario: EventScenario, seeds: list[np.random.SeedSequence]) -> S
         motion = draw_motion(scenario.motion, rng, C_F_C @ C_c_b, scenario.motion_scale)
     else:
         motion = load_motion(scenario.motion_file, scenario.motion_offset_s, scenario.duration_s, C_c_b)
+    if scenario.pause_s is not None:
+        motion = PausedMotion(motion, *scenario.pause_s)
     world = build_world(
         scenario.world,
         scenario.photographs,

@@ -1,0 +1,146 @@
+"""Standing still for a minute: how far does the estimate wander, and does it go on afterwards?
+
+Evidence: simulation (feature tracks and IMU with exact truth; biases walk). As with an event camera there
+are no tracks while nothing moves; `--frames` keeps them, as of a camera with frames. Measured from the first
+to the last knot at rest: how far the estimate moved at most, and its error against the truth at both ends.
+The two differ: a gyroscope at rest tells its bias, and what is learned of the bias corrects the pose
+that was reached with it. `--before 0` rests from the start, when there is nothing to correct: all that moves
+is drift.
+
+    python benchmarks/standing_still.py [--seeds 2] [--before 12] [--seconds 60] [--scheme gpif] [--frames]
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asyneio.config import Config
+from asyneio.simulation import SCENARIOS, Simulation, simulate
+from asyneio.types import NS_PER_S, Estimate, FloatArray, Recording
+from common import parallel, run, table
+
+_AFTER_S = 8.0
+#: The end of a rest may be noticed so late: motion begins softly.
+_LATE_NS = 200_000_000
+#: An event camera sees features move again after about a pixel of motion.
+_UNSEEN_S = 0.15
+
+
+def simulated(seed: int, before_s: float, rest_s: float) -> Simulation:
+    """A run with a pause, with as many observations as consistency needs."""
+    base = SCENARIOS["moderate"]
+    return simulate(
+        replace(
+            base,
+            duration_s=before_s + rest_s + _AFTER_S,
+            pause_s=(before_s, before_s + rest_s),
+            seed=seed,
+            tracks=replace(
+                base.tracks, features_alive=40, spacing_px=4.0, min_spacing_s=0.03, max_spacing_s=0.1
+            ),
+            gyroscope_rate_hz=200.0,
+        )
+    )
+
+
+def without_tracks_at_rest(recording: Recording, begin_ns: int, end_ns: int) -> Recording:
+    """The recording as an event camera would have made it."""
+    t_ns = recording.observations["t_ns"]
+    # A run begins with the first observation, whatever comes before it.
+    seen = (t_ns < max(begin_ns, t_ns[0] + NS_PER_S // 5)) | (t_ns > end_ns + round(_UNSEEN_S * NS_PER_S))
+    return replace(recording, observations=recording.observations[seen])
+
+
+def one_run(seed: int, before_s: float, rest_s: float, scheme: str, frames: bool) -> list[str]:
+    """A row of the table."""
+    simulation = simulated(seed, before_s, rest_s)
+    begin_ns, end_ns = (
+        simulation.truth.start_ns + round(t * NS_PER_S) for t in (before_s, before_s + rest_s)
+    )
+    recording = simulation.recording
+    if not frames:
+        recording = without_tracks_at_rest(recording, begin_ns, end_ns)
+    result = run(recording, Config.model_validate({"inertial": {"scheme": scheme}}))
+    at_rest = np.array([r.t_ns for r in result.run.reports if r.still])
+    wrong = int(((at_rest < begin_ns) | (at_rest > end_ns + _LATE_NS)).sum())
+    still = at_rest[(at_rest >= begin_ns) & (at_rest <= end_ns)]
+    estimates = [e for e in result.run.estimates if still[0] <= e.t_ns <= end_ns]
+    truth = simulation.truth.at([e.t_ns for e in estimates]).T_w_b
+    origin = result.origin_of(0)
+    assert origin is not None
+    first = simulation.truth.at([origin.t_ns]).T_w_b[0]
+    position, yaw = _errors(np.array([e.T_w_b for e in estimates]), truth, origin.T_w_b, first)
+    moved, turned = np.linalg.norm(position - position[0], axis=1).max(), np.abs(yaw - yaw[0]).max()
+    return [
+        str(seed),
+        f"{(still[0] - begin_ns) / NS_PER_S:.2f}",
+        f"{len(still)}, {wrong}",
+        f"{1e3 * moved:.2f}",
+        " / ".join(f"{1e3 * np.linalg.norm(p):.2f}" for p in position[[0, -1]]),
+        f"{np.degrees(turned):.3f}",
+        " / ".join(f"{np.degrees(y):.3f}" for y in yaw[[0, -1]]),
+        f"{100 * _error_after(simulation, result.run.estimates, end_ns):.2f}",
+        str(len({e.segment for e in result.run.estimates})),
+    ]
+
+
+def _errors(
+    found: FloatArray, truth: FloatArray, origin: FloatArray, true_origin: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Errors of position (N,3) [m] and of yaw (N,) [rad] in the world that the origin defines."""
+    C = Rotation.from_euler("z", _yaw(origin @ np.linalg.inv(true_origin))).as_matrix()
+    way = (truth[:, :3, 3] - true_origin[:3, 3]) @ C.T
+    turn = found[:, :3, :3] @ (C @ truth[:, :3, :3]).swapaxes(1, 2)
+    return found[:, :3, 3] - origin[:3, 3] - way, np.unwrap(_yaw(turn))
+
+
+def _yaw(C: FloatArray) -> FloatArray:
+    """Turn about the vertical of rotations (...,3,3) or poses that are nearly one about it."""
+    return np.asarray(np.arctan2(C[..., 1, 0] - C[..., 0, 1], C[..., 0, 0] + C[..., 1, 1]))
+
+
+def _error_after(simulation: Simulation, estimates: list[Estimate], end_ns: int) -> float:
+    """Largest difference [m] between the ways gone since the rest, estimated and true, both in the axes that
+    the body has at its end."""
+    after = [e for e in estimates if e.t_ns >= end_ns]
+    truth = simulation.truth.at([e.t_ns for e in after]).T_w_b
+    return float(np.linalg.norm(_way(np.array([e.T_w_b for e in after])) - _way(truth), axis=1).max())
+
+
+def _way(T: FloatArray) -> FloatArray:
+    return np.asarray((T[:, :3, 3] - T[0, :3, 3]) @ T[0, :3, :3])
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--before", type=float, default=12.0, help="seconds of motion before")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of standing still")
+    parser.add_argument("--scheme", default="gpif")
+    parser.add_argument("--frames", action="store_true", help="tracks at rest too")
+    o = parser.parse_args()
+    task = partial(one_run, before_s=o.before, rest_s=o.seconds, scheme=o.scheme, frames=o.frames)
+    header = [
+        "seed",
+        "noticed after s",
+        "knots at rest, wrongly",
+        "moved mm at most",
+        "error mm, begin / end",
+        "yaw moved deg at most",
+        "error deg, begin / end",
+        f"error cm in {_AFTER_S:g} s after",
+        "segments",
+    ]
+    print(table(header, parallel(task, range(o.seeds), f"rest of {o.seconds:g} s", jobs=1)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,148 @@
+"""Attitude before scale: roll and pitch from gyroscope and gravity, by a multiplicative Kalman filter.
+
+Source: Lefferts, Markley and Shuster, "Kalman filtering for spacecraft attitude estimation", J. Guidance
+1982. The error state is a turn on the right of `C_w_b` and the change of the gyroscope's bias; the
+measurement is the mean specific force of a step, which a sensor that does not accelerate reads as gravity,
+upwards.
+
+How much the sensor accelerates nobody says, but the magnitude of the force does: an acceleration `a` across
+gravity changes it by `a^2 / 2g` and one along gravity by `a`, so a magnitude that is off by `e` stands for an
+acceleration of up to `sqrt(2 g e)` and `e`. Accelerations last: `e` is that of the magnitude over `_PUSH_S`,
+and they count as white noise of the same variance over this time. What is shorter is a shock, and is counted
+as noise of its own size. A constant bias of the accelerometer does not average away and is added to the
+result's variance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asyneio.config import InertialConfig
+from asyneio.geometry.gravity import upright
+from asyneio.inertial.dead_reckoning import interpolate_samples
+from asyneio.inertial.stillness import possible
+from asyneio.odometry.intake import around
+from asyneio.odometry.propagation import propagate
+from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Attitude, FloatArray, ImuNoise, RecordArray
+
+#: Length of a step [s]: the mean of its samples is one measurement.
+_STEP_S = 0.025
+#: How long an acceleration of a hand or a small vehicle lasts [s].
+_PUSH_S = 0.2
+#: Tilt that the first sample's acceleration may feign [rad]: a tenth of gravity.
+_FIRST_TILT = 0.1
+#: Zero offset of a gyroscope that nobody has calibrated [rad/s], one sigma: consumer sensors have up to
+#: 5 deg/s.
+_OFFSET = 0.05
+#: Time over which the magnitude at rest is learned [s]: bias and scale keep it away from gravity's.
+_MAGNITUDE_S = 5.0
+#: Turn rate that is not excluded while the gyroscope is silent [rad/s].
+_UNSEEN_RATE = 1.0
+
+
+class AttitudeFilter:
+    """Takes inertial samples; gives the attitude in a world with z up whose yaw begins at zero."""
+
+    def __init__(self, inertial: InertialConfig, noise: ImuNoise) -> None:
+        self._gravity = inertial.gravity
+        self._turn_density = inertial.noise_inflation * noise.gyroscope_density
+        self._walk = inertial.walk_inflation * noise.gyroscope_walk
+        self._force_density = inertial.noise_inflation * noise.accelerometer_density
+        self._constant_tilt = inertial.initial_accelerometer_bias_sigma / inertial.gravity
+        self._gyroscope: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
+        self._accelerometer: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
+        self._t_ns: int | None = None
+        self._C = np.eye(3)
+        self._bias = np.zeros(3)
+        self._P = np.zeros((6, 6))
+        #: Magnitude of the force of late, and over a longer time.
+        self._recent = self._magnitude = inertial.gravity
+
+    def update(self, gyroscope: RecordArray, accelerometer: RecordArray, t_end_ns: int) -> Attitude | None:
+        """Take samples (INERTIAL_DTYPE, ascending, up to `t_end_ns`); the attitude then, None before both
+        sensors have delivered."""
+        self._gyroscope = np.concatenate([self._gyroscope, _possible(gyroscope)])
+        self._accelerometer = np.concatenate([self._accelerometer, _possible(accelerometer)])
+        if min(len(self._gyroscope), len(self._accelerometer)) == 0:
+            return None
+        if self._t_ns is None:
+            self._t_ns = self._begin(t_end_ns)
+        if t_end_ns > self._t_ns:
+            self._advance(self._t_ns, t_end_ns)
+            self._t_ns = t_end_ns
+        world = self._C @ self._P[:3, :3] @ self._C.T
+        variance = 0.5 * (world[0, 0] + world[1, 1]) + self._constant_tilt**2
+        return Attitude(t_end_ns, self._C.copy(), float(np.sqrt(variance)))
+
+    def _begin(self, t_end_ns: int) -> int:
+        """Upright by the first samples of force; the time from which samples count."""
+        t_ns = max(int(self._gyroscope["t_ns"][0]), int(self._accelerometer["t_ns"][0]))
+        first = self._accelerometer
+        span_ns = round(_STEP_S * NS_PER_S)
+        force = first["xyz"][first["t_ns"] <= first["t_ns"][0] + span_ns].mean(axis=0)
+        self._C = upright(-force)
+        self._recent = self._magnitude = float(np.linalg.norm(force))
+        tilt = np.diag([_FIRST_TILT**2, _FIRST_TILT**2, 0.0])
+        self._P[:3, :3] = self._C.T @ tilt @ self._C
+        self._P[3:, 3:] = _OFFSET**2 * np.eye(3)
+        return min(t_ns, t_end_ns)
+
+    def _advance(self, from_ns: int, to_ns: int) -> None:
+        """Through one step after the other, predicting and correcting."""
+        steps = max(1, round((to_ns - from_ns) / NS_PER_S / _STEP_S))
+        times = np.linspace(from_ns, to_ns, steps + 1).astype(np.int64)
+        used = self._bias.copy()
+        streams = (self._gyroscope, self._accelerometer)
+        zero = np.zeros(3)
+        # In a world without gravity the velocity gained is the integral of the specific force.
+        path = propagate(*streams, np.r_[used, zero], (np.eye(3), zero, zero), times, zero)
+        at = path.at(times)
+        turns = np.swapaxes(path.C[at[:-1]], 1, 2) @ path.C[at[1:]]
+        dt = np.diff(times) / NS_PER_S
+        forces = np.einsum("nji,nj->ni", path.C[at[1:]], np.diff(path.v[at], axis=0)) / dt[:, None]
+        rates = interpolate_samples((times[1:] + times[:-1]) // 2, streams[0]["t_ns"], streams[0]["xyz"])
+        seen = [np.diff(np.searchsorted(s["t_ns"], times, side="right")) > 0 for s in streams]
+        for k in range(steps):
+            self._predict(turns[k], rates[k] - self._bias, used, float(dt[k]), bool(seen[0][k]))
+            if seen[1][k]:
+                self._correct(forces[k], float(dt[k]))
+        self._gyroscope = around(self._gyroscope, to_ns, to_ns)
+        self._accelerometer = around(self._accelerometer, to_ns, to_ns)
+
+    def _predict(self, turn: FloatArray, rate: FloatArray, used: FloatArray, dt: float, seen: bool) -> None:
+        """Turn by what the gyroscope saw, integrated with the bias `used`."""
+        correction = Rotation.from_rotvec((used - self._bias) * dt).as_matrix()
+        self._C = self._C @ turn @ correction
+        F = np.eye(6)
+        F[:3, :3] = Rotation.from_rotvec(-rate * dt).as_matrix()
+        F[:3, 3:] = -dt * np.eye(3)
+        unseen = 0.0 if seen else (_UNSEEN_RATE * dt) ** 2
+        noise = np.repeat([self._turn_density**2 * dt + unseen, self._walk**2 * dt], 3)
+        self._P = F @ self._P @ F.T + np.diag(noise)
+
+    def _correct(self, force: FloatArray, dt: float) -> None:
+        """By the mean specific force (3,) of a step, in the axes of its end."""
+        length = float(np.linalg.norm(force))
+        self._recent += min(dt / _PUSH_S, 1.0) * (length - self._recent)
+        self._magnitude += dt / _MAGNITUDE_S * (length - self._magnitude)
+        excess = abs(self._recent - self._magnitude)
+        push = 2.0 * self._gravity * excess + excess**2
+        shock = (length - self._recent) ** 2
+        variance = (self._force_density**2 + push * _PUSH_S) / dt + shock
+        up = self._C[2] * self._gravity
+        # (C Exp(eps))^T e_z g = up + up x eps.
+        H = np.zeros((3, 6))
+        H[:, :3] = [[0.0, -up[2], up[1]], [up[2], 0.0, -up[0]], [-up[1], up[0], 0.0]]
+        S = H @ self._P @ H.T + variance * np.eye(3)
+        gain = np.linalg.solve(S, H @ self._P).T
+        # Only the direction tells anything; a wrong magnitude has no share along `up` in H.
+        step = gain @ (force - up)
+        self._C = self._C @ Rotation.from_rotvec(step[:3]).as_matrix()
+        self._bias = self._bias + step[3:]
+        keep = np.eye(6) - gain @ H
+        self._P = keep @ self._P @ keep.T + variance * gain @ gain.T
+
+
+def _possible(samples: RecordArray) -> RecordArray:
+    return samples[possible(samples["xyz"])]

@@ -1,0 +1,209 @@
+"""Is the sensor at rest? The inertial samples and the image are both asked.
+
+Inertial samples alone cannot tell rest from smooth uniform motion, the image alone cannot tell a dark or
+empty scene from a still one, so each covers for the other:
+
+- *Tracks stay where they are*: rest, if the inertial samples are quiet.
+- *Tracks move*: no rest begins. One that has begun goes on while the samples are quiet by a stricter measure:
+  people walk through the view of a sensor at rest.
+- *No tracks*: rest, if the samples are quiet and the velocity estimated so far may be zero. Before there is
+  an estimate, only where no more events come than noise makes.
+
+Quiet means: no mean over 50 ms or half a second strays from what the sensor read before, no vibration, the
+turn rate is no more than the gyroscope's bias, and the specific force is as large as gravity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from asyneio.config import InertialConfig
+from asyneio.inertial.stillness import (
+    LEAST_DENSITY,
+    LEAST_SCATTER,
+    Stillness,
+    deviation,
+    measure_stillness,
+    shakes,
+)
+from asyneio.types import (
+    INERTIAL_DTYPE,
+    OBSERVATION_DTYPE,
+    Calibration,
+    Estimate,
+    FloatArray,
+    Packet,
+    RecordArray,
+)
+
+#: Inertial samples are judged over so long [ns].
+_SPAN_NS = 500_000_000
+#: Standard deviations of the means: some sixty are compared, so that one in three hundred spans at rest is
+#: refused; a rest ends at six, which noise alone never reaches, or, where tracks move as well, at what it
+#: reaches once in some minutes.
+_ENTER, _LEAVE, _LEAVE_WITH_TRACKS = 4.0, 6.0, 4.5
+#: The reading at rest is averaged over so long [s]: biases wander little in it.
+_MEMORY_S = 10.0
+#: Zero offset of a gyroscope before it is estimated [rad/s]: consumer sensors have up to 5 deg/s.
+_MAX_OFFSET = 0.1
+#: Error of a gyroscope's bias that is left to an estimate, however sure it is of itself [rad/s].
+_BIAS_SLACK = 3e-3
+#: What bias and scale of an accelerometer may do to the magnitude of gravity [m/s^2]; one of two sensors
+#: lying still was off by 0.77.
+_MAX_EXCESS = 1.0
+#: A velocity this small may be zero, however sure the estimate is of it [m/s]; and standard deviations of it.
+_SLOW, _SPEED_SIGMAS = 0.05, 5.0
+#: Tracks that must be seen before they tell anything; for so long [s].
+_MIN_TRACKS, _MIN_EXTENT_S = 5, 0.2
+#: Median of the squared displacement in units of its variance per axis: noise alone gives 1.39 (two degrees
+#: of freedom); four times as much is a displacement of twice the noise.
+_MOVED = 4.0 * 1.386
+#: Events per second and pixel that noise makes in room light: two sensors lying still gave 0.44 and 0.62.
+_NOISE_EVENTS_HZ = 1.0
+
+
+class _Image(Enum):
+    """What the image says."""
+
+    STILL = 0
+    MOVING = 1
+    QUIET = 2
+    BUSY = 3
+
+
+@dataclass(frozen=True)
+class _Sensor:
+    """Noise of one inertial sensor, as far as it is believed."""
+
+    density: float
+    walk: float
+    least_scatter: float
+
+
+class RestDetector:
+    """Takes all packets; says of one stretch of time after the other whether the sensor was at rest.
+
+    `still`: the last answer. `since_ns`: begin of the rest, None in motion.
+    """
+
+    def __init__(self, inertial: InertialConfig, calibration: Calibration, pixel_sigma: float) -> None:
+        noise, camera = calibration.noise, calibration.camera
+        figures = (
+            (noise.gyroscope_density, noise.gyroscope_walk),
+            (noise.accelerometer_density, noise.accelerometer_walk),
+        )
+        self._sensors = [
+            _Sensor(max(density, least), walk, scatter)
+            for (density, walk), least, scatter in zip(figures, LEAST_DENSITY, LEAST_SCATTER, strict=True)
+        ]
+        self._gravity = inertial.gravity
+        self._pixel_sigma = pixel_sigma
+        self._pixels = camera.width * camera.height
+        self._streams = [np.empty(0, dtype=INERTIAL_DTYPE) for _ in range(2)]
+        self._observations = np.empty(0, dtype=OBSERVATION_DTYPE)
+        #: Ends of packets and events in them, -1 where they are not counted.
+        self._events = np.empty((0, 2), dtype=np.int64)
+        self._reading: list[FloatArray] | None = None
+        self.since_ns: int | None = None
+
+    @property
+    def still(self) -> bool:
+        """Whether the sensor was at rest in the stretch judged last."""
+        return self.since_ns is not None
+
+    def append(self, packet: Packet) -> None:
+        """Take over what a packet holds."""
+        new = (packet.gyroscope, packet.accelerometer)
+        self._streams = [np.concatenate(pair) for pair in zip(self._streams, new, strict=True)]
+        self._observations = np.concatenate([self._observations, packet.observations])
+        count = -1 if packet.events is None else packet.events
+        self._events = np.vstack([self._events, [packet.t_end_ns, count]])
+
+    def judge(self, start_ns: int, end_ns: int, known: Estimate | None) -> bool:
+        """Whether the sensor was at rest from `start_ns` to `end_ns`, by what was measured until then.
+
+        `known`: the newest estimate before, None where there is none. Stretches must come in order.
+        """
+        begin_ns = min(start_ns, end_ns - _SPAN_NS)
+        found = [measure_stillness(s["t_ns"], s["xyz"], begin_ns, end_ns) for s in self._streams]
+        image = self._image(begin_ns, end_ns)
+        quiet = [f for f in found if f is not None]
+        if len(quiet) < 2 or self._any_shakes(quiet):
+            self._leave()
+        elif self._reading is None:
+            if self._begins(quiet, image, known):
+                self._reading, self.since_ns = [f.mean for f in quiet], begin_ns
+        elif self._strays(quiet, self._reading) > (_LEAVE_WITH_TRACKS if image is _Image.MOVING else _LEAVE):
+            self._leave()
+        else:
+            share = min((end_ns - start_ns) * 1e-9 / _MEMORY_S, 1.0)
+            self._reading = [r + share * (f.mean - r) for r, f in zip(self._reading, quiet, strict=True)]
+        self._forget(begin_ns)
+        return self.still
+
+    def _leave(self) -> None:
+        self._reading, self.since_ns = None, None
+
+    def _any_shakes(self, found: list[Stillness]) -> bool:
+        pairs = zip(found, self._sensors, strict=True)
+        return any(shakes(f, sensor.density, sensor.least_scatter) for f, sensor in pairs)
+
+    def _strays(self, found: list[Stillness], reading: list[FloatArray]) -> float:
+        """How far the means are from a reading, in standard deviations; the larger of both sensors."""
+        return max(
+            deviation(f, r, sensor.density, sensor.walk * np.sqrt(_MEMORY_S))
+            for f, r, sensor in zip(found, reading, self._sensors, strict=True)
+        )
+
+    def _begins(self, found: list[Stillness], image: _Image, known: Estimate | None) -> bool:
+        """Whether a rest has begun."""
+        if image is _Image.MOVING or (image is _Image.BUSY and known is None):
+            return False
+        if self._strays(found, [f.mean for f in found]) > _ENTER:
+            return False
+        turn, force = found[0].mean, found[1].mean
+        if known is None:
+            return bool(np.abs(turn).max() < _MAX_OFFSET) and self._is_gravity(force)
+        sigma = np.sqrt(known.covariance.diagonal())
+        turning = np.abs(turn - known.bias_gyroscope) > _BIAS_SLACK + _ENTER * sigma[18:21]
+        if turning.any() or not self._is_gravity(force - known.bias_accelerometer):
+            return False
+        speed = float(np.linalg.norm(known.velocity_w))
+        slowest = _SLOW + _SPEED_SIGMAS * float(np.linalg.norm(sigma[9:12]))
+        return image is _Image.STILL or speed < slowest
+
+    def _is_gravity(self, force: FloatArray) -> bool:
+        return bool(abs(np.linalg.norm(force) - self._gravity) < _MAX_EXCESS)
+
+    def _image(self, begin_ns: int, end_ns: int) -> _Image:
+        """What tracks and events between two times say."""
+        o = self._observations
+        o = o[slice(*np.searchsorted(o["t_ns"], [begin_ns, end_ns], side="right"))]
+        moved, extent_s = self._displacements(o)
+        if len(moved) >= _MIN_TRACKS:
+            if np.median(moved) > _MOVED:
+                return _Image.MOVING
+            if np.median(extent_s) > _MIN_EXTENT_S:
+                return _Image.STILL
+        ends, counts = self._events[:, 0], self._events[:, 1]
+        inside = (ends > begin_ns) & (ends <= end_ns) & (counts >= 0)
+        rate_hz = counts[inside].sum() / ((end_ns - begin_ns) * 1e-9 * self._pixels)
+        return _Image.BUSY if rate_hz > _NOISE_EVENTS_HZ else _Image.QUIET
+
+    def _displacements(self, o: RecordArray) -> tuple[FloatArray, FloatArray]:
+        """From the first to the last observation of each track: squared displacement (T,) in units of its
+        variance per axis, and time (T,) [s]."""
+        o = o[np.lexsort((o["t_ns"], o["id"]))]
+        _, first, counts = np.unique(o["id"], return_index=True, return_counts=True)
+        first, last = first[counts > 1], (first + counts - 1)[counts > 1]
+        square = (o["u"][last] - o["u"][first]) ** 2 + (o["v"][last] - o["v"][first]) ** 2
+        shared = o["covariance"].astype(np.float64)[:, [0, 2]].mean(axis=1) + self._pixel_sigma**2
+        return square / (shared[first] + shared[last]), (o["t_ns"][last] - o["t_ns"][first]) * 1e-9
+
+    def _forget(self, begin_ns: int) -> None:
+        self._streams = [s[np.searchsorted(s["t_ns"], begin_ns) :] for s in self._streams]
+        self._observations = self._observations[np.searchsorted(self._observations["t_ns"], begin_ns) :]
+        self._events = self._events[self._events[:, 0] > begin_ns]

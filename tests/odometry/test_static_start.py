@@ -1,0 +1,145 @@
+"""From rest: the window starts at once, knows what rest tells and no more, and holds still until it moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asyneio.simulation import MotionStyle, Simulation, simulate
+from asyneio.types import Estimate, Health, Recording
+from tests.odometry.runs import Outcome, configured, errors, run, varied
+
+START_NS = varied(0).start_ns
+
+
+def eventful(recording: Recording, begin_s: float, end_s: float) -> Recording:
+    """As an event camera sees it: no tracks while nothing moves, but for a few at the very start."""
+    t_s = (recording.observations["t_ns"] - START_NS) * 1e-9
+    seen = (t_s < max(begin_s, 0.15)) | (t_s > end_s + 0.1)
+    return replace(recording, observations=recording.observations[seen])
+
+
+@cache
+def held(seed: int, scheme: str = "gpif", frames: bool = False) -> tuple[Simulation, Outcome]:
+    """Two seconds of rest, then three and a half of motion."""
+    simulation = simulate(varied(seed, motion=MotionStyle.STATIC_START, duration_s=5.5))
+    recording = simulation.recording if frames else eventful(simulation.recording, 0.0, 2.0)
+    return simulation, run(recording, configured(inertial={"scheme": scheme}))
+
+
+def seconds(outcome: Outcome) -> np.ndarray:
+    return np.array([(e.t_ns - START_NS) * 1e-9 for e in outcome.estimates])
+
+
+@pytest.mark.parametrize("frames", [False, True], ids=["events", "frames"])
+def test_starts_at_rest_without_parallax(frames: bool) -> None:
+    _, outcome = held(0, frames=frames)
+    assert seconds(outcome)[0] < 1.3
+    before = [r for r in outcome.reports if r.health is Health.INITIALIZING]
+    assert all(r.reason and r.attitude is not None for r in before[1:])
+    after = outcome.reports[len(before) :]
+    assert {r.health for r in after} == {Health.TRACKING}
+    assert all(r.attitude is None for r in after)
+    resting = [r.still for r in after if r.t_ns < START_NS + 2_000_000_000]
+    assert all(resting)
+    assert not any(r.still for r in after if r.t_ns > START_NS + 2_300_000_000)
+    for estimate in outcome.estimates[: len(resting)]:
+        assert np.linalg.norm(estimate.velocity_w) < 0.005
+        assert np.linalg.norm(estimate.T_w_b[:3, 3]) < 1e-3
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_scale_is_right_once_it_moves(seed: int) -> None:
+    simulation, outcome = held(seed)
+    late = [e for e in outcome.estimates if e.t_ns > START_NS + 3_000_000_000]
+    truth = simulation.truth.at([e.t_ns for e in late])
+    way = np.linalg.norm(np.diff([e.T_w_b[:3, 3] for e in late], axis=0), axis=1).sum()
+    true_way = np.linalg.norm(np.diff(truth.T_w_b[:, :3, 3], axis=0), axis=1).sum()
+    assert true_way > 1.0
+    assert way / true_way == pytest.approx(1.0, abs=0.02)
+    e = errors(simulation, outcome.estimates)
+    assert e.position < 0.05
+    assert e.tilt < 1.0
+
+
+def test_covariance_says_what_rest_shows_of_the_biases() -> None:
+    """Along gravity the accelerometer's bias is seen; across it, it stays as uncertain as before and is
+    one with the tilt. The gyroscope's bias is seen as well as averaging its noise allows."""
+    simulation, outcome = held(0)
+    first = outcome.estimates[0]
+    truth = simulation.truth.at([first.t_ns])
+    prior = configured().inertial.initial_accelerometer_bias_sigma
+    C = first.T_w_b[:3, :3]
+    bias_w = C @ first.covariance[21:, 21:] @ C.T
+    tilt_w = C @ first.covariance[:3, :3] @ C.T
+    assert np.sqrt(bias_w[2, 2]) < 0.1 * prior
+    np.testing.assert_allclose(np.sqrt(bias_w.diagonal()[:2]), prior, rtol=0.05)
+    np.testing.assert_allclose(np.sqrt(tilt_w.diagonal()[:2]), prior / 9.81, rtol=0.1)
+    # A bias along x is a tilt about y: all but perfectly correlated.
+    both = C @ first.covariance[21:, :3] @ C.T
+    assert abs(both[0, 1]) > 0.98 * np.sqrt(bias_w[0, 0] * tilt_w[1, 1])
+    error_w = C @ (first.bias_accelerometer - truth.bias_accelerometer[0])
+    assert abs(error_w[2]) < 3.0 * np.sqrt(bias_w[2, 2])
+    sigma = np.sqrt(first.covariance.diagonal()[18:21])
+    assert sigma.max() < 1e-3
+    assert np.all(np.abs(first.bias_gyroscope - truth.bias_gyroscope[0]) < 3.0 * sigma)
+
+
+@pytest.mark.parametrize("scheme", ["preint", "gpp"])
+def test_other_schemes_start_at_rest_too(scheme: str) -> None:
+    simulation, outcome = held(0, scheme)
+    assert seconds(outcome)[0] < 1.3
+    assert {r.health for r in outcome.reports[-30:]} == {Health.TRACKING}
+    e = errors(simulation, outcome.estimates)
+    assert e.position < 0.1
+    assert e.tilt < 1.0
+
+
+def test_standing_still_from_the_start_does_not_drift() -> None:
+    """Eleven seconds with walking biases: nothing but drift could move it."""
+    simulation = simulate(varied(2, motion=MotionStyle.MODERATE, duration_s=12.5, pause_s=(0.0, 11.0)))
+    outcome = run(eventful(simulation.recording, 0.0, 11.0))
+    resting = [e for e in outcome.estimates if e.t_ns <= START_NS + 11_000_000_000]
+    assert len(resting) > 90
+    T = np.array([e.T_w_b for e in resting])
+    assert np.linalg.norm(T[:, :3, 3] - T[0, :3, 3], axis=1).max() < 2e-4
+    yaw = np.unwrap(np.arctan2(T[:, 1, 0], T[:, 0, 0]))
+    assert np.degrees(np.ptp(yaw)) < 0.01
+    after = [e for e in outcome.estimates if e.t_ns > START_NS + 11_000_000_000]
+    assert errors(simulation, after).position < 0.05
+    assert outcome.reports[-1].health is Health.TRACKING
+
+
+def test_a_rest_on_the_way() -> None:
+    """Ten seconds after four of motion: the biases are learned, and it goes on. What is learned corrects the
+    pose that was reached with them, and an estimate that knows what it knows moves by no more than its
+    variance shrinks."""
+    simulation = simulate(varied(1, motion=MotionStyle.MODERATE, duration_s=16.0, pause_s=(4.0, 14.0)))
+    outcome = run(eventful(simulation.recording, 4.0, 14.0))
+    assert {r.health for r in outcome.reports[-110:]} == {Health.TRACKING}
+    still = np.array([(r.t_ns - START_NS) * 1e-9 for r in outcome.reports if r.still])
+    assert 4.0 < still[0] < 4.8
+    assert still[-1] < 14.3
+    assert len(still) > 90
+    t = seconds(outcome)
+    resting = [outcome.estimates[n] for n in np.flatnonzero((t >= still[0]) & (t <= 14.0))]
+    begin, end = resting[0], resting[-1]
+    moved = np.linalg.norm(end.T_w_b[:3, 3] - begin.T_w_b[:3, 3])
+    assert moved < 2.0 * np.sqrt(variance(begin, 3) - variance(end, 3)) + 1e-3
+    turned = Rotation.from_matrix(begin.T_w_b[:3, :3].T @ end.T_w_b[:3, :3]).magnitude()
+    assert turned < 2.0 * np.sqrt(variance(begin, 0) - variance(end, 0)) + 1e-3
+    assert variance(end, 18) < 0.5 * variance(begin, 18)
+    truth = simulation.truth.at([end.t_ns])
+    assert np.linalg.norm(end.bias_gyroscope - truth.bias_gyroscope[0]) < 3.0 * np.sqrt(variance(end, 18))
+    after = [e for e, at in zip(outcome.estimates, t, strict=True) if at > 14.0]
+    assert errors(simulation, after).position < 0.04
+    assert errors(simulation, after).velocity < 0.04
+
+
+def variance(estimate: Estimate, first: int) -> float:
+    """Of three coordinates of the error state together."""
+    return float(np.trace(estimate.covariance[first : first + 3, first : first + 3]))
