@@ -143,6 +143,7 @@ SCENARIOS: dict[str, Scenario] = {
         replace(_DEFAULT, name="plane", motion="gentle", scene="plane"),
         replace(_DEFAULT, name="near_far", scene="near_far"),
         replace(_DEFAULT, name="outliers", tracks=TrackSpec(outlier_fraction=0.05)),
+        replace(_DEFAULT, name="moving_object", tracks=TrackSpec(moving_share=1.0 / 3.0)),
         _SYNCHRONOUS,
         replace(
             _DEFAULT,

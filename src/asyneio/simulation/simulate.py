@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.simulation.camera import BoolArray, PinholeCamera
+from asyneio.simulation.moving import MovingObject, draw_person
 from asyneio.simulation.presets import draw_motion
 from asyneio.simulation.rig import C_F_C, calibration_of, simulate_inertial
 from asyneio.simulation.scenario import Scenario
@@ -15,13 +16,17 @@ from asyneio.simulation.tracks import Tracks, Viewer, simulate_tracks
 from asyneio.simulation.truth import Truth
 from asyneio.types import OBSERVATION_DTYPE, FloatArray, IntArray, RecordArray, Recording
 
+#: Points on a moving object: always more than there are tracks to follow them.
+_OBJECT_POINTS = 1000
+
 
 @dataclass(frozen=True)
 class Simulation:
     """A simulated run.
 
     `recording` has all times in the IMU clock. `landmarks_w` (L,3) [m]; `landmark_of_track` (K,) is the index
-    of the landmark that track id k follows; `outlier` (M,) tells which observations were displaced.
+    of the landmark that track id k follows, from L on of the points of `moving_object`; `outlier` (M,) tells
+    which observations were displaced.
     """
 
     scenario: Scenario
@@ -30,6 +35,13 @@ class Simulation:
     landmarks_w: FloatArray
     landmark_of_track: IntArray
     outlier: BoolArray
+    moving_object: MovingObject | None = None
+
+    @property
+    def on_object(self) -> BoolArray:
+        """Which observations (M,) lie on the moving object."""
+        landmark = self.landmark_of_track[self.recording.observations["id"]]
+        return np.asarray(landmark >= len(self.landmarks_w))
 
     def observations_in_camera_clock(self) -> RecordArray:
         """The observations as a camera would stamp them, `t_cam = t_imu - timeshift`, for writing files."""
@@ -44,13 +56,16 @@ def simulate(scenario: Scenario) -> Simulation:
     Raises:
         SimulationError: the scenario is impossible, or its camera never sees a landmark.
     """
-    seeds = np.random.SeedSequence(scenario.seed).spawn(5)
-    for_motion, for_scene, for_tracks, for_gyroscope, for_accelerometer = map(np.random.default_rng, seeds)
+    seeds = np.random.SeedSequence(scenario.seed).spawn(6)
+    for_motion, for_scene, for_tracks, for_gyroscope, for_accelerometer, for_object = map(
+        np.random.default_rng, seeds
+    )
     # The camera, not the body, looks along the carrier: any mounting of the IMU then sees the same scene.
     motion = draw_motion(scenario.motion, for_motion, C_F_C @ scenario.T_b_c[:3, :3].T)
     landmarks_w = draw_landmarks(scenario.scene, scenario.landmarks, for_scene)
     camera = PinholeCamera.from_intrinsics(scenario.camera)
-    viewer = Viewer(motion, camera, scenario.T_b_c, landmarks_w)
+    moving = draw_person(_OBJECT_POINTS, for_object) if scenario.tracks.moving_share > 0.0 else None
+    viewer = Viewer(motion, camera, scenario.T_b_c, landmarks_w, moving)
     tracks = simulate_tracks(
         viewer, scenario.tracks, scenario.camera_offset_s, scenario.duration_s, for_tracks
     )
@@ -64,7 +79,7 @@ def simulate(scenario: Scenario) -> Simulation:
         ground_truth=inertial.truth.poses(scenario.ground_truth_rate_hz),
     )
     return Simulation(
-        scenario, recording, inertial.truth, landmarks_w, tracks.landmark_of_track, tracks.outlier
+        scenario, recording, inertial.truth, landmarks_w, tracks.landmark_of_track, tracks.outlier, moving
     )
 
 

@@ -3,7 +3,7 @@
 A fixed number of slots each hold one live track. A track follows one landmark for a random life or until the
 landmark leaves the image, and is then replaced by a track of another landmark under a new id. A track is
 observed about once per `spacing_px` of its own motion in the image, within bounds on the time between two
-observations.
+observations. Some of the slots may prefer points of an object that moves by itself.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from asyneio.errors import SimulationError
 from asyneio.simulation.camera import BoolArray, PinholeCamera
 from asyneio.simulation.motion import Motion
+from asyneio.simulation.moving import MovingObject
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
 #: Visibility and image speed are followed on this lattice; observation times themselves are off it.
@@ -33,7 +34,8 @@ class TrackSpec:
 
     Lives are exponential with mean `mean_life_s`, cut at `max_life_s`. The spacing between observations is
     jittered by up to the fraction `jitter` of itself and lies within [`min_spacing_s`, `max_spacing_s`].
-    `outlier_fraction` of all observations is displaced by 5 to 25 px.
+    `outlier_fraction` of all observations is displaced by 5 to 25 px. `moving_share` of the tracks alive lie
+    on a moving object as long as it is in view, and on the scene when it is not.
     """
 
     features_alive: int = 60
@@ -46,6 +48,7 @@ class TrackSpec:
     margin_px: float = 8.0
     pixel_sigma: float = 0.5
     outlier_fraction: float = 0.0
+    moving_share: float = 0.0
 
     def __post_init__(self) -> None:
         positive = min(self.features_alive, self.mean_life_s, self.max_life_s, self.spacing_px)
@@ -66,6 +69,8 @@ class TrackSpec:
                 f"outlier_fraction = {self.outlier_fraction}, pixel_sigma = {self.pixel_sigma}; "
                 "expected 0 <= outlier_fraction <= 1 and pixel_sigma >= 0"
             )
+        if not 0.0 <= self.moving_share <= 1.0:
+            raise SimulationError(f"moving_share = {self.moving_share}; expected 0 to 1")
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,7 @@ class Tracks:
     """Observations in time order: `t_ns` (M,) since the start, `track` (M,) ids, `pixels` (M,2).
 
     `outlier` (M,) tells which were displaced. `landmark_of_track` (K,) is the index of the landmark that each
-    track id 0..K-1 follows.
+    track id 0..K-1 follows: of the scene, or beyond those the index of a point of the moving object.
     """
 
     t_ns: IntArray
@@ -85,16 +90,31 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Viewer:
-    """A camera carried by a moving body through a scene: `T_b_c` (4,4), `landmarks_w` (L,3) [m]."""
+    """A camera carried by a moving body through a scene: `T_b_c` (4,4), `landmarks_w` (L,3) [m].
+
+    Landmarks are counted through: 0..L-1 of the scene, from L on the points of the `moving` object.
+    """
 
     motion: Motion
     camera: PinholeCamera
     T_b_c: FloatArray
     landmarks_w: FloatArray
+    moving: MovingObject | None = None
 
     def T_w_c(self, t_s: FloatArray) -> FloatArray:
         """Camera poses (N,4,4) at times (N,) [s]."""
         return self.motion.T_w_b(t_s) @ self.T_b_c
+
+    def positions_w(self, landmark: IntArray, t_s: FloatArray) -> FloatArray:
+        """Where landmarks (N,) are in the world at times (N,) [s], or all at one (1,): (N,3) [m]."""
+        still = len(self.landmarks_w)
+        if self.moving is None or not np.any(landmark >= still):
+            return self.landmarks_w[landmark]
+        on_object = landmark >= still
+        positions = self.landmarks_w[np.where(on_object, 0, landmark)]
+        t_s = np.broadcast_to(t_s, landmark.shape)[on_object]
+        positions[on_object] = self.moving.positions_w(t_s, self.moving.points_o[landmark[on_object] - still])
+        return positions
 
 
 def simulate_tracks(
@@ -127,7 +147,9 @@ def _lives(
     viewer: Viewer, spec: TrackSpec, lattice_s: FloatArray, T_w_c: FloatArray, rng: np.random.Generator
 ) -> Iterator[tuple[int, FloatArray]]:
     """Landmark and observation times [s] of one track after another, in order of birth."""
-    free = np.ones(len(viewer.landmarks_w), dtype=bool)
+    still = len(viewer.landmarks_w)
+    free = np.ones(still + (len(viewer.moving.points_o) if viewer.moving else 0), dtype=bool)
+    on_object = round(spec.moving_share * spec.features_alive)
     # (lattice index of the next birth, slot, landmark that the slot frees then)
     queue = [(0, slot, -1) for slot in range(spec.features_alive)]
     while queue:
@@ -136,35 +158,49 @@ def _lives(
             free[finished] = True
         if birth >= lattice_s.size - 1:
             continue
-        landmark = _pick_visible(viewer, spec, T_w_c[birth], np.flatnonzero(free), rng)
+        now_s, T_now = lattice_s[birth : birth + 1], T_w_c[birth]
+        landmark = -1
+        if slot < on_object:
+            candidates = still + np.flatnonzero(free[still:])
+            landmark = _pick_visible(viewer, spec, now_s, T_now, candidates, rng)
+        if landmark < 0:
+            landmark = _pick_visible(viewer, spec, now_s, T_now, np.flatnonzero(free[:still]), rng)
         if landmark < 0:
             heapq.heappush(queue, (birth + round(_RETRY_S / _LATTICE_S), slot, -1))
             continue
         free[landmark] = False
         life_s = min(rng.exponential(spec.mean_life_s), spec.max_life_s)
         until = min(birth + 1 + max(1, round(life_s / _LATTICE_S)), lattice_s.size)
-        pixels, seen = viewer.camera.visible(
-            _to_camera(viewer.landmarks_w[landmark], T_w_c[birth:until]), spec.margin_px
-        )
+        positions_w = viewer.positions_w(np.full(until - birth, landmark), lattice_s[birth:until])
+        pixels, seen = viewer.camera.visible(_to_camera(positions_w, T_w_c[birth:until]), spec.margin_px)
         alive = seen.size if seen.all() else int(np.argmin(seen))
         heapq.heappush(queue, (birth + max(1, alive - 1), slot, landmark))
         yield landmark, _observation_times(lattice_s[birth : birth + alive], pixels[:alive], spec, rng)
 
 
 def _pick_visible(
-    viewer: Viewer, spec: TrackSpec, T_w_c: FloatArray, free: IntArray, rng: np.random.Generator
+    viewer: Viewer,
+    spec: TrackSpec,
+    now_s: FloatArray,
+    T_w_c: FloatArray,
+    free: IntArray,
+    rng: np.random.Generator,
 ) -> int:
-    """One of the landmarks `free` (indices) that a camera at `T_w_c` (4,4) sees, uniformly; -1 for none."""
+    """One of the landmarks `free` (indices) that a camera at `T_w_c` (4,4) sees now, uniformly; -1 for none.
+
+    `now_s` (1,) [s] is the time.
+    """
     shuffled = free[rng.permutation(free.size)]
     for some in (shuffled[:_TRIALS], shuffled[_TRIALS:]):
-        _, seen = viewer.camera.visible(_to_camera(viewer.landmarks_w[some], T_w_c), spec.margin_px)
+        positions_w = viewer.positions_w(some, now_s)
+        _, seen = viewer.camera.visible(_to_camera(positions_w, T_w_c), spec.margin_px)
         if seen.any():
             return int(some[np.argmax(seen)])
     return -1
 
 
 def _to_camera(points_w: FloatArray, T_w_c: FloatArray) -> FloatArray:
-    """Points (N,3) or (3,) of the world in one or many camera frames (4,4) or (N,4,4): (N,3)."""
+    """Points (N,3) of the world in one or many camera frames (4,4) or (N,4,4): (N,3)."""
     offset = points_w - T_w_c[..., :3, 3]
     return np.einsum("...ji,...j->...i", T_w_c[..., :3, :3], offset)
 
@@ -203,8 +239,9 @@ def _observe(
     t_ns = np.rint(np.concatenate(times) * NS_PER_S).astype(np.int64)
     order = np.argsort(t_ns, kind="stable")
     t_ns, track = t_ns[order], track[order]
-    T_w_c = viewer.T_w_c(t_ns / NS_PER_S)
-    pixels, _ = viewer.camera.project(_to_camera(viewer.landmarks_w[landmarks[track]], T_w_c))
+    t_s = t_ns / NS_PER_S
+    positions_w = viewer.positions_w(landmarks[track], t_s)
+    pixels, _ = viewer.camera.project(_to_camera(positions_w, viewer.T_w_c(t_s)))
     pixels = pixels + spec.pixel_sigma * rng.normal(size=pixels.shape)
     outlier = rng.random(t_ns.size) < spec.outlier_fraction
     angle = rng.uniform(0.0, 2.0 * np.pi, t_ns.size)

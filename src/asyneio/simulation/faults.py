@@ -1,0 +1,131 @@
+"""Faults of sensors, as pure functions of records: spikes, saturation, gaps, jumps.
+
+All take records with a field `t_ns`, ascending (EVENT_DTYPE, INERTIAL_DTYPE, OBSERVATION_DTYPE), and return
+new ones; the input stays as it is. Intervals are half open, [start, end).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import overload
+
+import numpy as np
+
+from asyneio.errors import SimulationError
+from asyneio.types import EventRecording, FloatArray, PoseTrajectory, RecordArray, Recording
+
+
+def spikes(records: RecordArray, share: float, magnitude: float, rng: np.random.Generator) -> RecordArray:
+    """Inertial samples of which some are off by `magnitude` [unit of the samples], in random directions.
+
+    Args:
+        records: INERTIAL_DTYPE.
+        share: how many of the samples, 0 to 1; drawn for each sample by itself.
+        magnitude: length of what is added.
+        rng: source of randomness.
+
+    Raises:
+        SimulationError: the share is none.
+    """
+    if not 0.0 <= share <= 1.0:
+        raise SimulationError(f"a share of {share} of the samples; expected 0 to 1")
+    struck = rng.random(records.size) < share
+    direction = rng.normal(size=(records.size, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return _with_readings(records, records["xyz"] + magnitude * struck[:, None] * direction)
+
+
+def saturated(records: RecordArray, limit: float) -> RecordArray:
+    """Inertial samples (INERTIAL_DTYPE) of a sensor that cannot read more than `limit` on an axis.
+
+    Raises:
+        SimulationError: the limit is not positive.
+    """
+    if not limit > 0.0:
+        raise SimulationError(f"a limit of {limit}; expected a positive one")
+    return _with_readings(records, np.clip(records["xyz"], -limit, limit))
+
+
+def without(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
+    """Records of a sensor that was silent in an interval: a dropout, a blackout.
+
+    Raises:
+        SimulationError: the interval ends before it starts.
+    """
+    begin, end = _cut(records, start_ns, end_ns)
+    return np.concatenate([records[:begin], records[end:]])
+
+
+def skipped(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
+    """Records without those of an interval, and what follows stamped earlier by its length.
+
+    Of all sensors of a recording together, this is a kidnapping: nobody sees the way from one place to the
+    other, and no gap in the stamps tells of it.
+
+    Raises:
+        SimulationError: the interval ends before it starts.
+    """
+    begin, end = _cut(records, start_ns, end_ns)
+    later = records[end:].copy()
+    later["t_ns"] -= end_ns - start_ns
+    return np.concatenate([records[:begin], later])
+
+
+@overload
+def kidnapped(recording: Recording, start_ns: int, end_ns: int) -> Recording: ...
+
+
+@overload
+def kidnapped(recording: EventRecording, start_ns: int, end_ns: int) -> EventRecording: ...
+
+
+def kidnapped(
+    recording: Recording | EventRecording, start_ns: int, end_ns: int
+) -> Recording | EventRecording:
+    """A recording from which an interval (IMU clock) is skipped in all sensors; ground truth likewise.
+
+    Tracks do not survive it: what follows bears new ids, as a tracker would begin anew.
+
+    Raises:
+        SimulationError: the interval ends before it starts.
+    """
+    truth = recording.ground_truth
+    if truth is not None:
+        keep = (truth.t_ns < start_ns) | (truth.t_ns >= end_ns)
+        t_ns = np.where(truth.t_ns >= end_ns, truth.t_ns - (end_ns - start_ns), truth.t_ns)[keep]
+        truth = PoseTrajectory(t_ns, truth.position[keep], truth.quaternion[keep])
+    gyroscope = skipped(recording.gyroscope, start_ns, end_ns)
+    accelerometer = skipped(recording.accelerometer, start_ns, end_ns)
+    if isinstance(recording, EventRecording):
+        shift_ns = recording.calibration.timeshift_ns if recording.calibration else 0
+        events = skipped(recording.events, start_ns - shift_ns, end_ns - shift_ns)
+        return replace(
+            recording, events=events, gyroscope=gyroscope, accelerometer=accelerometer, ground_truth=truth
+        )
+    observations = skipped(recording.observations, start_ns, end_ns)
+    observations["id"][observations["t_ns"] >= start_ns] += recording.observations["id"].max(initial=0) + 1
+    return replace(
+        recording,
+        observations=observations,
+        gyroscope=gyroscope,
+        accelerometer=accelerometer,
+        ground_truth=truth,
+    )
+
+
+def without_bias(records: RecordArray, bias: FloatArray) -> RecordArray:
+    """Inertial samples (N,) less their biases (N,3): what a sensor without bias would have read."""
+    return _with_readings(records, records["xyz"] - bias)
+
+
+def _with_readings(records: RecordArray, xyz: FloatArray) -> RecordArray:
+    changed = records.copy()
+    changed["xyz"] = xyz
+    return changed
+
+
+def _cut(records: RecordArray, start_ns: int, end_ns: int) -> tuple[int, int]:
+    if end_ns < start_ns:
+        raise SimulationError(f"an interval from {start_ns} to {end_ns} ns; expected an end after its start")
+    begin, end = np.searchsorted(records["t_ns"], [start_ns, end_ns])
+    return int(begin), int(end)
