@@ -6,10 +6,12 @@ import numpy as np
 
 from asyneio.estimation.window import TrackObservations
 from asyneio.geometry.camera import CameraModel
-from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, FloatArray, Packet, RecordArray
+from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, FloatArray, IntArray, Packet, RecordArray
 
 #: Inertial samples before an interval that settle what happens at its start.
 _EARLIER = 4
+#: Refused tracks are remembered up to so many: far more than a tracker holds at a time.
+_REFUSED = 10_000
 
 
 class Intake:
@@ -24,6 +26,7 @@ class Intake:
         self.observations = TrackObservations(empty, empty, np.empty((0, 2)), np.empty((0, 2, 2)))
         self.end_ns: int | None = None
         self.invalid = 0
+        self._refused: IntArray = np.empty(0, dtype=np.int64)
 
     def append(self, packet: Packet) -> None:
         """Take over a packet; observations outside the lens model's valid set are counted and dropped."""
@@ -31,6 +34,7 @@ class Intake:
         self.accelerometer = np.concatenate([self.accelerometer, packet.accelerometer])
         self.end_ns = packet.t_end_ns
         raw = packet.observations
+        raw = raw[~np.isin(raw["id"], self._refused)]
         xy, d_xy_d_uv, valid = self._camera.undistort(np.column_stack([raw["u"], raw["v"]]))
         self.invalid += int(np.count_nonzero(~valid))
         new = TrackObservations(
@@ -45,6 +49,15 @@ class Intake:
             np.concatenate([old.track, new.track]),
             np.concatenate([old.xy, new.xy]),
             np.concatenate([old.root_information, new.root_information]),
+        )
+
+    def refuse(self, ids: IntArray) -> None:
+        """Drop what is held of some tracks, and take nothing more of them."""
+        self._refused = np.concatenate([self._refused, ids])[-_REFUSED:]
+        o = self.observations
+        keep = ~np.isin(o.track, ids)
+        self.observations = TrackObservations(
+            o.t_ns[keep], o.track[keep], o.xy[keep], o.root_information[keep]
         )
 
     def _root_information(self, d_xy_d_uv: FloatArray, covariance_uv: FloatArray) -> FloatArray:

@@ -12,8 +12,10 @@ from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.intake import Intake, until
+from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.propagation import predict_knot
+from asyneio.odometry.screen import contradicting_tracks
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
 from asyneio.trajectory.gp_trajectory import GPTrajectory
@@ -98,7 +100,8 @@ class Odometry:
         knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
         window.extend(knot_ns, knot, *streams, intake.observations.between(from_ns, knot_ns))
         window.add_landmarks()
-        self._solution = window.optimize(settings.optimizer)
+        self._solution, outliers = optimize_without_outliers(window, settings.optimizer)
+        intake.refuse(outliers)
         intake.drop_until(knot_ns)
 
     def _slide(self) -> None:
@@ -133,6 +136,9 @@ class Odometry:
             _rate_hz(self._intake.gyroscope),
             _rate_hz(self._intake.accelerometer),
         )
+        w = self._settings.window
+        gravity = float(np.linalg.norm(w.gravity_w))
+        self._intake.refuse(contradicting_tracks(self._intake, w.T_b_c, gravity, w.bearing_sigma))
         started = try_start(self._intake, self._settings)
         if isinstance(started, str):
             return [], StepReport(t_ns, Health.INITIALIZING, started)
