@@ -16,7 +16,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from typing import NamedTuple
+
 import numpy as np
+from scipy.stats import chi2
 
 from asyneio.initialization.alignment import AlignmentData
 from asyneio.types import BoolArray, FloatArray, IntArray
@@ -25,13 +28,11 @@ from asyneio.types import BoolArray, FloatArray, IntArray
 _SUBSET = 3
 _HYPOTHESES = 60
 _REFINEMENTS = 4
-#: RMS misses beyond so many standard deviations are outliers.
-_GATE = 4.0
+#: Probability that noise alone puts a good track outside its chi-square gate.
+_FALSE_ALARM = 1e-4
 #: Velocities [m/s] and gravity errors [m/s^2] that a start may meet: regularises what a subset leaves open.
 _VELOCITY_SIGMA = 3.0
 _GRAVITY_SIGMA = 2.0
-#: Bias of a gyroscope that nobody has corrected yet [rad/s]: a drift along a track that no point explains.
-_GYROSCOPE_SIGMA = 0.02
 #: Observations and tracks without which there is no verdict.
 _MIN_OBSERVATIONS = 4
 _MIN_TRACKS = 8
@@ -48,25 +49,48 @@ class _Sums:
     basis: FloatArray  # (L,3,2) of the plane orthogonal to it
     freedom: FloatArray  # (L,) equations less unknowns
     variance: FloatArray  # (L,) of one equation, rad^2
+    allowed: FloatArray  # (L,) mean squared miss that noise explains, rad^2
 
 
-def agreeing_tracks(data: AlignmentData, gravity: float, bearing_sigma: float) -> BoolArray:
-    """Which tracks (L,) are consistent with the motion that most of them agree on.
+class BiasEffect(NamedTuple):
+    """Derivatives (M,3,3) of `direction` and `offset` of the alignment's data by the gyroscope's bias."""
+
+    direction: FloatArray
+    offset: FloatArray
+
+
+class Consensus(NamedTuple):
+    """Which tracks (L,) agree, and the gyroscope's bias (3,) [rad/s] that their rays tell of, with its largest
+    standard deviation; None where there is no verdict."""
+
+    agreeing: BoolArray
+    gyroscope_bias: FloatArray | None
+    gyroscope_sigma: float
+
+
+def find_consensus(
+    data: AlignmentData, effect: BiasEffect, gravity: float, bearing_sigma: float, gyroscope_sigma: float
+) -> Consensus:
+    """Which tracks are consistent with the motion that most of them agree on.
 
     Tracks with fewer than four observations are; so are all where there are too few to tell, or where no
     motion suits more than half of them.
 
     Args:
         data: rays and offsets, as alignment takes them; a second or so of them.
+        effect: what a bias of the gyroscope does to them.
         gravity: its magnitude [m/s^2].
         bearing_sigma: noise of a bearing across the ray [rad].
+        gyroscope_sigma: of what is left of the gyroscope's bias [rad/s]: it turns the rays along a track as
+            no point does.
     """
     agreeing = np.ones(data.tracks, dtype=np.bool_)
     counts = np.bincount(data.track, minlength=data.tracks)
     long = np.flatnonzero(counts >= _MIN_OBSERVATIONS)
     if len(long) < _MIN_TRACKS:
-        return agreeing
-    sums = _sums(data, long, bearing_sigma)
+        return Consensus(agreeing, None, gyroscope_sigma)
+    rays = _Rays(data, effect, long)
+    sums = _sums(rays, bearing_sigma, gyroscope_sigma)
     down = _mean_gravity(data, gravity)
     solve = _Solver(sums, down)
     rng = np.random.default_rng(0)
@@ -75,60 +99,95 @@ def agreeing_tracks(data: AlignmentData, gravity: float, bearing_sigma: float) -
     np.put_along_axis(member, subsets, 1.0, axis=1)
     hypotheses = solve(member)
     misses = _misses(sums, hypotheses)
-    best = int(np.argmin(np.minimum(misses, _GATE**2).sum(axis=1)))
+    best = int(np.argmin(np.minimum(misses, 1.0).sum(axis=1)))
     z, miss = hypotheses[best], misses[best]
     for _ in range(_REFINEMENTS):
-        refined = solve((miss < _GATE**2)[None].astype(np.float64) * _closeness(sums, z))[0]
+        refined = solve((miss < 1.0)[None].astype(np.float64) * _closeness(sums, z))[0]
         new = _misses(sums, refined[None])[0]
-        if np.minimum(new, _GATE**2).sum() >= np.minimum(miss, _GATE**2).sum():
+        if np.minimum(new, 1.0).sum() >= np.minimum(miss, 1.0).sum():
             break
         z, miss = refined, new
-    # Noise may be other than it is said to be: the inliers themselves tell.
-    inside = miss < _GATE**2
+    inside = miss < 1.0
     if np.mean(inside) <= 0.5:
-        return agreeing
-    scale = max(1.0, float(np.median(miss[inside])))
-    agreeing[long] = miss < _GATE**2 * scale
-    return agreeing
+        return Consensus(agreeing, None, gyroscope_sigma)
+    agreeing[long] = inside
+    bias, sigma = _gyroscope_bias(rays, sums, z, inside, gyroscope_sigma)
+    return Consensus(agreeing, bias, sigma)
 
 
-def _sums(data: AlignmentData, long: IntArray, bearing_sigma: float) -> _Sums:
-    number = np.full(data.tracks, -1)
-    number[long] = np.arange(len(long))
-    chosen = np.flatnonzero(number[data.track] >= 0)
-    chosen = chosen[np.argsort(number[data.track[chosen]], kind="stable")]
-    track = number[data.track[chosen]]
-    begin = np.searchsorted(track, np.arange(len(long)))
-    counts = np.diff(np.append(begin, len(track))).astype(np.float64)
+class _Rays:
+    """Observations of the long tracks, sorted by track."""
 
-    def total(values: FloatArray) -> FloatArray:
-        return np.add.reduceat(values, begin, axis=0)
+    def __init__(self, data: AlignmentData, effect: BiasEffect, long: IntArray) -> None:
+        number = np.full(data.tracks, -1)
+        number[long] = np.arange(len(long))
+        chosen = np.flatnonzero(number[data.track] >= 0)
+        chosen = chosen[np.argsort(number[data.track[chosen]], kind="stable")]
+        self.track = number[data.track[chosen]]
+        self.begin = np.searchsorted(self.track, np.arange(len(long)))
+        self.counts = np.diff(np.append(self.begin, len(chosen))).astype(np.float64)
+        self.t, self.direction = data.t[chosen], data.direction[chosen]
+        self.d_direction, d_offset = effect.direction[chosen], effect.offset[chosen]
+        self.d_offset = self._centred(d_offset)
+        t, eye = self.t[:, None, None], np.broadcast_to(np.eye(3), (len(chosen), 3, 3))
+        F = np.concatenate([t * eye, 0.5 * t * t * eye, data.offset[chosen][:, :, None]], axis=2)
+        self.F = self._centred(F)
+        self.P = eye - self.direction[:, :, None] * self.direction[:, None, :]
 
-    t, d = data.t[chosen], data.direction[chosen]
-    eye = np.broadcast_to(np.eye(3), (len(t), 3, 3))
-    F = np.concatenate(
-        [t[:, None, None] * eye, 0.5 * (t * t)[:, None, None] * eye, data.offset[chosen][:, :, None]], axis=2
-    )
-    F -= (total(F) / counts[:, None, None])[track]
-    P = eye - d[:, :, None] * d[:, None, :]
-    PF = P @ F
-    mean = total(d)
+    def total(self, values: FloatArray) -> FloatArray:
+        """Sums over the observations of each track."""
+        return np.asarray(np.add.reduceat(values, self.begin, axis=0))
+
+    def _centred(self, values: FloatArray) -> FloatArray:
+        """Values (M,3,n) about their mean over the track."""
+        return np.asarray(values - (self.total(values) / self.counts[:, None, None])[self.track])
+
+
+def _sums(rays: _Rays, bearing_sigma: float, gyroscope_sigma: float) -> _Sums:
+    PF = rays.P @ rays.F
+    mean = rays.total(rays.direction)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-    axis = np.zeros_like(mean)
-    axis[np.arange(len(mean)), np.argmin(np.abs(mean), axis=1)] = 1.0
-    u = np.cross(mean, axis)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    basis = np.stack([u, np.cross(mean, u)], axis=2)
-    spread = total(t * t) / counts - (total(t) / counts) ** 2
+    freedom = 2.0 * rays.counts - 3.0
+    spread = rays.total(rays.t**2) / rays.counts - (rays.total(rays.t) / rays.counts) ** 2
     return _Sums(
-        S=total(P),
-        K=total(PF),
-        G=total(np.swapaxes(F, 1, 2) @ PF),
+        S=rays.total(rays.P),
+        K=rays.total(PF),
+        G=rays.total(np.swapaxes(rays.F, 1, 2) @ PF),
         mean=mean,
-        basis=basis,
-        freedom=2.0 * counts - 3.0,
-        variance=bearing_sigma**2 + _GYROSCOPE_SIGMA**2 * spread,
+        # The complement of the mean ray.
+        basis=np.swapaxes(np.linalg.svd(mean[:, None, :])[2][:, 1:], 1, 2),
+        freedom=freedom,
+        variance=bearing_sigma**2 + gyroscope_sigma**2 * spread,
+        # Noise of the bearings averages out over a track, a turn of all of them does not.
+        allowed=bearing_sigma**2 * chi2.isf(_FALSE_ALARM, freedom) / freedom
+        + gyroscope_sigma**2 * spread * 0.5 * chi2.isf(_FALSE_ALARM, 2.0),
     )
+
+
+def _gyroscope_bias(
+    rays: _Rays, sums: _Sums, z: FloatArray, inside: BoolArray, gyroscope_sigma: float
+) -> tuple[FloatArray, float]:
+    """Bias (3,) and its largest standard deviation by one Gauss-Newton step over velocity, gravity, bias and the points of the tracks `inside`."""
+    rho = _points(sums, z[None])[0][0][rays.track][:, None]
+    P, Fz = rays.P, rays.F @ z
+    e = np.einsum("nij,nj->ni", P, sums.mean[rays.track] - rho * Fz)
+    own = P @ np.concatenate([sums.basis[rays.track], -Fz[:, :, None]], axis=2)
+    rho = rho[:, :, None]
+    # kappa - rho F z must be along the turned ray.
+    common = -P @ np.concatenate([rho * rays.F[:, :, :6], rays.d_direction + rho * rays.d_offset], axis=2)
+    A = rays.total(np.swapaxes(own, 1, 2) @ own)
+    # Without parallax the last of the three is open.
+    A += 1e-9 * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    B = rays.total(np.swapaxes(own, 1, 2) @ common)
+    a = rays.total(np.einsum("nji,nj->ni", own, e))
+    gain = np.swapaxes(np.linalg.solve(A, B), 1, 2)
+    H = rays.total(np.swapaxes(common, 1, 2) @ common) - gain @ B
+    b = rays.total(np.einsum("nji,nj->ni", common, e)) - np.einsum("lij,lj->li", gain, a)
+    weight = inside / sums.variance
+    prior = np.repeat([_VELOCITY_SIGMA, _GRAVITY_SIGMA, gyroscope_sigma], 3) ** -2.0
+    covariance = np.linalg.inv(np.einsum("l,lij->ij", weight, H) + np.diag(prior))
+    step = -covariance @ (weight @ b)
+    return step[6:], float(np.sqrt(np.linalg.eigvalsh(covariance[6:, 6:])[-1]))
 
 
 def _mean_gravity(data: AlignmentData, gravity: float) -> FloatArray:
@@ -178,8 +237,8 @@ def _points(sums: _Sums, z: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _misses(sums: _Sums, z: FloatArray) -> FloatArray:
-    """Mean squared misses (H,L) of the rays in their own variances."""
-    return np.maximum(_points(sums, z)[1], 0.0) / (sums.freedom * sums.variance)
+    """Mean squared misses (H,L) of the rays, relative to what noise explains."""
+    return np.maximum(_points(sums, z)[1], 0.0) / (sums.freedom * sums.allowed)
 
 
 def _closeness(sums: _Sums, z: FloatArray) -> FloatArray:

@@ -35,6 +35,7 @@ def optimize_without_outliers(
             break
         removed.append(window.landmarks.track[bad])
         window.remove_tracks(removed[-1])
-        if share > _MANY:
-            solution = window.optimize(settings)
+        if share <= _MANY:
+            break
+        solution = window.optimize(settings)
     return solution, np.concatenate(removed)

@@ -6,7 +6,7 @@ import numpy as np
 
 from asyneio.estimation.window import TrackObservations
 from asyneio.initialization.alignment import AlignmentData
-from asyneio.initialization.consensus import agreeing_tracks
+from asyneio.initialization.consensus import BiasEffect, find_consensus
 from asyneio.odometry.intake import Intake
 from asyneio.odometry.propagation import propagate
 from asyneio.types import NS_PER_S, FloatArray, IntArray
@@ -15,6 +15,12 @@ from asyneio.types import NS_PER_S, FloatArray, IntArray
 #: pace to part from the scene, short enough for the errors of a cheap IMU not to matter yet.
 _SPAN_S = 1.0
 _SHORTEST_SPAN_S = 0.5
+#: Standard deviation of the gyroscope's bias [rad/s] as long as nobody has corrected it.
+_GYROSCOPE_SIGMA = 0.02
+#: The first look corrects it, the second is the sharper one.
+_LOOKS = 2
+#: Step of the numerical derivative by that bias [rad/s].
+_BIAS_STEP = 1e-4
 
 
 def contradicting_tracks(
@@ -44,19 +50,49 @@ def contradicting_tracks(
         part = seen.between(first_ns - 1, last_ns)
         if len(part.t_ns) == 0:
             continue
-        data, ids = alignment_data(intake, part, first_ns, T_b_c)
-        found.append(ids[~agreeing_tracks(data, gravity, bearing_sigma)])
+        found.append(_contradicting(intake, part, first_ns, T_b_c, gravity, bearing_sigma))
     return np.unique(np.concatenate(found))
 
 
+def _contradicting(
+    intake: Intake,
+    seen: TrackObservations,
+    first_ns: int,
+    T_b_c: FloatArray,
+    gravity: float,
+    bearing_sigma: float,
+) -> IntArray:
+    """Ids of the contradicting tracks within one span; none where there is no verdict."""
+    bias = np.zeros(3)
+    agreeing = None
+    sigma = _GYROSCOPE_SIGMA
+    for _ in range(_LOOKS):
+        data, ids = alignment_data(intake, seen, first_ns, T_b_c, bias)
+        moved = [
+            alignment_data(intake, seen, first_ns, T_b_c, bias + _BIAS_STEP * axis)[0] for axis in np.eye(3)
+        ]
+        effect = BiasEffect(
+            np.stack([(m.direction - data.direction) / _BIAS_STEP for m in moved], axis=2),
+            np.stack([(m.offset - data.offset) / _BIAS_STEP for m in moved], axis=2),
+        )
+        consensus = find_consensus(data, effect, gravity, bearing_sigma, sigma)
+        if consensus.gyroscope_bias is None:
+            break
+        agreeing = consensus.agreeing
+        # What the rays tell of the bias leans on distances that are rough still.
+        sigma = max(consensus.gyroscope_sigma, 0.5 * sigma)
+        bias = bias + consensus.gyroscope_bias
+    return np.empty(0, dtype=np.int64) if agreeing is None else ids[~agreeing]
+
+
 def alignment_data(
-    intake: Intake, seen: TrackObservations, first_ns: int, T_b_c: FloatArray
+    intake: Intake, seen: TrackObservations, first_ns: int, T_b_c: FloatArray, bias_gyroscope: FloatArray
 ) -> tuple[AlignmentData, IntArray]:
     """Rays of observations from `first_ns` on as alignment takes them, and the ids of their tracks (L,)."""
     zero = np.zeros(3)
     times = np.union1d([first_ns], seen.t_ns)
     free = propagate(
-        intake.gyroscope, intake.accelerometer, np.zeros(6), (np.eye(3), zero, zero), times, zero
+        intake.gyroscope, intake.accelerometer, np.r_[bias_gyroscope, zero], (np.eye(3), zero, zero), times, zero
     )
     at = free.at(seen.t_ns)
     rays = np.column_stack([seen.xy, np.ones(len(seen.xy))])
