@@ -11,7 +11,7 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
-from asyneio.odometry.intake import Intake, until
+from asyneio.odometry.intake import Intake, rate_hz, until
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.propagation import predict_knot
@@ -34,7 +34,7 @@ class Odometry:
     def __init__(self, config: Config, calibration: Calibration) -> None:
         self._config = config
         self._calibration = calibration
-        self._intake = Intake(calibration.camera, config.visual.pixel_sigma)
+        self._intake = Intake(calibration.camera, config.visual.pixel_sigma, calibration.noise)
         self._settings: Settings | None = None
         self._window: Window | None = None
         self._solution: Solution | None = None
@@ -133,8 +133,8 @@ class Odometry:
         self._settings = resolve(
             self._config,
             self._calibration,
-            _rate_hz(self._intake.gyroscope),
-            _rate_hz(self._intake.accelerometer),
+            rate_hz(self._intake.gyroscope),
+            rate_hz(self._intake.accelerometer),
         )
         w = self._settings.window
         gravity = float(np.linalg.norm(w.gravity_w))
@@ -188,10 +188,3 @@ def _estimate(window: Window, k: int, covariance: FloatArray) -> Estimate:
         bias_accelerometer=states.bias[k, 3:].copy(),
         covariance=covariance,
     )
-
-
-def _rate_hz(samples: RecordArray) -> float:
-    """Median rate of a stream; 1 Hz where there are fewer than two samples."""
-    if len(samples) < 2:
-        return 1.0
-    return 1e9 / float(max(np.median(np.diff(samples["t_ns"])), 1.0))
