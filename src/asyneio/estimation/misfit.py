@@ -1,4 +1,4 @@
-"""How well the observations of each landmark fit the window: a chi-square test, whatever the robust cost says.
+"""How well the observations of each landmark fit the window, whatever the robust cost says.
 
 The robust cost only takes influence from a bad observation. A track that belongs to no static point keeps
 observing, and what little influence it has always pulls the same way; at marginalisation it would become part
@@ -8,17 +8,15 @@ of the prior and stay. So each landmark is judged by all of its observations tog
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
 
 from asyneio.estimation.landmarks import camera_poses, propagated_camera_poses
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import Problem
-from asyneio.types import BoolArray, FloatArray
+from asyneio.factors.chi_square import reduced_chi_square_gate
+from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: One observation counts for no more than four standard deviations: a few wild ones do not condemn a track.
 _CAP = 16.0
-#: Probability that a good landmark is condemned by its noise; there are hundreds of verdicts a second.
-_FALSE_ALARM = 1e-4
 #: Standard deviations by which an inverse depth must be negative: far points scatter about zero.
 _BEHIND = 4.0
 
@@ -36,12 +34,14 @@ def contradicted_landmarks(solution: Solution) -> BoolArray:
     landmark = problem.visual.landmark
     counts = np.bincount(landmark, minlength=len(rho))
     total = np.bincount(landmark, np.minimum(squared_residuals(problem), _CAP), minlength=len(rho))
-    freedom = np.maximum(2 * counts - dof, 1)
+    freedom = np.maximum(2.0 * counts - dof, 1.0)
     reduced = total / freedom
     scale = max(1.0, float(np.median(reduced)))
-    contradicted = reduced > scale * chi2.isf(_FALSE_ALARM, freedom) / freedom
-    behind = rho < -_BEHIND * inverse_depth_sigma(solution)
-    return np.asarray(contradicted | behind)
+    contradicted = reduced > scale * reduced_chi_square_gate(freedom)
+    negative = np.flatnonzero(rho < 0.0)
+    behind = rho[negative] < -_BEHIND * _inverse_depth_sigma(solution, negative)
+    contradicted[negative] |= behind
+    return np.asarray(contradicted)
 
 
 def squared_residuals(problem: Problem) -> FloatArray:
@@ -77,9 +77,10 @@ def squared_residuals(problem: Problem) -> FloatArray:
     return np.where(front, np.einsum("ni,ni->n", white, white), np.inf)
 
 
-def inverse_depth_sigma(solution: Solution) -> FloatArray:
-    """Standard deviation (L,) of the inverse depths, the trajectory taken as known."""
+def _inverse_depth_sigma(solution: Solution, landmark: IntArray) -> FloatArray:
+    """Standard deviations (N,) of the inverse depths of some landmarks, the trajectory taken as known."""
     dof = solution.problem.model.landmark_dof
-    L = np.tril(solution.landmark_system.H_l[:, :dof, :dof])
-    row = np.linalg.solve(L, np.eye(dof)[None].repeat(len(L), axis=0))[:, :, 0]
-    return np.asarray(np.linalg.norm(row, axis=1))
+    L = np.tril(solution.landmark_system.H_l[landmark][:, :dof, :dof])
+    first = np.zeros((len(L), dof, 1))
+    first[:, 0] = 1.0
+    return np.asarray(np.linalg.norm(np.linalg.solve(L, first)[:, :, 0], axis=1))

@@ -106,7 +106,7 @@ class SampleGate:
             return np.zeros(len(samples), dtype=np.bool_)
         distance = _distances(rows[:, 0], rows[:, 1:])
         usual = np.median(distance, axis=0)
-        spike = (distance > _USUAL * usual + _NOISE_SIGMAS * sigma).any(axis=1)
+        spike: BoolArray = np.any(distance > _USUAL * usual + _NOISE_SIGMAS * sigma, axis=1)
         spike[:known] = False
         self._remember(rows[~spike], samples)
         return spike[known:]

@@ -15,21 +15,20 @@ each other, but not with the larger part of the scene.
 from __future__ import annotations
 
 from dataclasses import dataclass
-
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
 
+from asyneio.factors.chi_square import reduced_chi_square_gate
 from asyneio.initialization.alignment import AlignmentData
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: Tracks of a hypothesis: with four observations each they give 15 equations for six unknowns.
 _SUBSET = 3
 _HYPOTHESES = 60
-_REFINEMENTS = 4
-#: Probability that noise alone puts a good track outside its chi-square gate.
-_FALSE_ALARM = 1e-4
+_REFINEMENTS = 5
+#: Prior on a bias that is taken as known, rad/s.
+_NO_BIAS = 1e-9
 #: Velocities [m/s] and gravity errors [m/s^2] that a start may meet: regularises what a subset leaves open.
 _VELOCITY_SIGMA = 3.0
 _GRAVITY_SIGMA = 2.0
@@ -60,8 +59,8 @@ class BiasEffect(NamedTuple):
 
 
 class Consensus(NamedTuple):
-    """Which tracks (L,) agree, and the gyroscope's bias (3,) [rad/s] that their rays tell of, with its largest
-    standard deviation; None where there is no verdict."""
+    """Which tracks (L,) agree, and the bias (3,) [rad/s] of the gyroscope that their rays tell of, with its
+    largest standard deviation; None where there is no verdict."""
 
     agreeing: BoolArray
     gyroscope_bias: FloatArray | None
@@ -102,7 +101,8 @@ def find_consensus(
     best = int(np.argmin(np.minimum(misses, 1.0).sum(axis=1)))
     z, miss = hypotheses[best], misses[best]
     for _ in range(_REFINEMENTS):
-        refined = solve((miss < 1.0)[None].astype(np.float64) * _closeness(sums, z))[0]
+        step, _ = _gauss_newton(rays, sums, z, miss < 1.0, _NO_BIAS)
+        refined = z + np.append(step[:6], 0.0)
         new = _misses(sums, refined[None])[0]
         if np.minimum(new, 1.0).sum() >= np.minimum(miss, 1.0).sum():
             break
@@ -111,8 +111,9 @@ def find_consensus(
     if np.mean(inside) <= 0.5:
         return Consensus(agreeing, None, gyroscope_sigma)
     agreeing[long] = inside
-    bias, sigma = _gyroscope_bias(rays, sums, z, inside, gyroscope_sigma)
-    return Consensus(agreeing, bias, sigma)
+    step, covariance = _gauss_newton(rays, sums, z, inside, gyroscope_sigma)
+    sigma = float(np.sqrt(np.linalg.eigvalsh(covariance[6:, 6:])[-1]))
+    return Consensus(agreeing, step[6:], sigma)
 
 
 class _Rays:
@@ -159,15 +160,19 @@ def _sums(rays: _Rays, bearing_sigma: float, gyroscope_sigma: float) -> _Sums:
         freedom=freedom,
         variance=bearing_sigma**2 + gyroscope_sigma**2 * spread,
         # Noise of the bearings averages out over a track, a turn of all of them does not.
-        allowed=bearing_sigma**2 * chi2.isf(_FALSE_ALARM, freedom) / freedom
-        + gyroscope_sigma**2 * spread * 0.5 * chi2.isf(_FALSE_ALARM, 2.0),
+        allowed=bearing_sigma**2 * reduced_chi_square_gate(freedom)
+        + gyroscope_sigma**2 * spread * reduced_chi_square_gate(2.0),
     )
 
 
-def _gyroscope_bias(
+def _gauss_newton(
     rays: _Rays, sums: _Sums, z: FloatArray, inside: BoolArray, gyroscope_sigma: float
-) -> tuple[FloatArray, float]:
-    """Bias (3,) and its largest standard deviation by one Gauss-Newton step over velocity, gravity, bias and the points of the tracks `inside`."""
+) -> tuple[FloatArray, FloatArray]:
+    """Step (9,) of velocity, gravity and gyroscope bias for the tracks `inside`, and its covariance (9,9).
+
+    Their points are eliminated. Unlike the linear equations of a hypothesis, whose noise shortens distances
+    and velocity, it has no bias.
+    """
     rho = _points(sums, z[None])[0][0][rays.track][:, None]
     P, Fz = rays.P, rays.F @ z
     e = np.einsum("nij,nj->ni", P, sums.mean[rays.track] - rho * Fz)
@@ -186,8 +191,7 @@ def _gyroscope_bias(
     weight = inside / sums.variance
     prior = np.repeat([_VELOCITY_SIGMA, _GRAVITY_SIGMA, gyroscope_sigma], 3) ** -2.0
     covariance = np.linalg.inv(np.einsum("l,lij->ij", weight, H) + np.diag(prior))
-    step = -covariance @ (weight @ b)
-    return step[6:], float(np.sqrt(np.linalg.eigvalsh(covariance[6:, 6:])[-1]))
+    return -covariance @ (weight @ b), covariance
 
 
 def _mean_gravity(data: AlignmentData, gravity: float) -> FloatArray:
@@ -232,15 +236,11 @@ def _points(sums: _Sums, z: FloatArray) -> tuple[FloatArray, FloatArray]:
     quadratic = np.maximum(zGz - (c * A_c).sum(axis=2), 1e-15)
     linear = np.einsum("li,hli->hl", d, Kz) + np.einsum("lk,hlk->hl", rhs, A_c)
     rho = np.maximum(linear / quadratic, 0.0)
-    at_infinity = np.einsum("li,lij,lj->l", d, S, d) - (rhs * np.linalg.solve(A, rhs[:, :, None])[:, :, 0]).sum(1)
+    A_rhs = np.linalg.solve(A, rhs[:, :, None])[:, :, 0]
+    at_infinity = np.einsum("li,lij,lj->l", d, S, d) - (rhs * A_rhs).sum(axis=1)
     return rho, at_infinity - 2.0 * rho * linear + rho**2 * quadratic
 
 
 def _misses(sums: _Sums, z: FloatArray) -> FloatArray:
     """Mean squared misses (H,L) of the rays, relative to what noise explains."""
     return np.maximum(_points(sums, z)[1], 0.0) / (sums.freedom * sums.allowed)
-
-
-def _closeness(sums: _Sums, z: FloatArray) -> FloatArray:
-    """Weights (L,) that turn misses in metres into angles, within limits."""
-    return np.clip(_points(sums, z[None])[0][0], 0.02, 2.0) ** 2

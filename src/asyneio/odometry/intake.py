@@ -7,7 +7,15 @@ import numpy as np
 from asyneio.estimation.window import TrackObservations
 from asyneio.geometry.camera import CameraModel
 from asyneio.inertial.gating import SampleGate, SensorLimits
-from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, FloatArray, ImuNoise, IntArray, Packet, RecordArray
+from asyneio.types import (
+    INERTIAL_DTYPE,
+    CameraIntrinsics,
+    FloatArray,
+    ImuNoise,
+    IntArray,
+    Packet,
+    RecordArray,
+)
 
 #: Inertial samples before an interval that settle what happens at its start.
 _EARLIER = 4
@@ -25,9 +33,7 @@ class Intake:
     packet that were refused, and `saturated` tells whether some of those were at the end of the range.
     """
 
-    def __init__(
-        self, camera: CameraIntrinsics, pixel_sigma: float, noise: ImuNoise | None = None
-    ) -> None:
+    def __init__(self, camera: CameraIntrinsics, pixel_sigma: float, noise: ImuNoise | None = None) -> None:
         """`noise` is that of the IMU; without it, inertial samples pass as they come."""
         self._camera = CameraModel(camera)
         self._pixel_sigma = pixel_sigma

@@ -19,7 +19,7 @@ from asyneio.odometry.screen import contradicting_tracks
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
 from asyneio.trajectory.gp_trajectory import GPTrajectory
-from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, Packet, RecordArray, StepReport
+from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, Packet, StepReport
 
 #: Attempts to start are this far apart; each sees more motion than the last.
 _START_RETRY_NS = 250_000_000

@@ -1,4 +1,4 @@
-"""Tracks that are no points of the static scene, found before the start, when nothing but the IMU is known."""
+"""Before the start, when nothing but the IMU is known: tracks that are no points of the static scene."""
 
 from __future__ import annotations
 
@@ -23,9 +23,7 @@ _LOOKS = 2
 _BIAS_STEP = 1e-4
 
 
-def contradicting_tracks(
-    intake: Intake, T_b_c: FloatArray, gravity: float, bearing_sigma: float
-) -> IntArray:
+def contradicting_tracks(intake: Intake, T_b_c: FloatArray, gravity: float, bearing_sigma: float) -> IntArray:
     """Ids of the tracks that contradict the motion on which most tracks and the IMU agree.
 
     Args:
@@ -91,15 +89,15 @@ def alignment_data(
     """Rays of observations from `first_ns` on as alignment takes them, and the ids of their tracks (L,)."""
     zero = np.zeros(3)
     times = np.union1d([first_ns], seen.t_ns)
-    free = propagate(
-        intake.gyroscope, intake.accelerometer, np.r_[bias_gyroscope, zero], (np.eye(3), zero, zero), times, zero
-    )
+    bias = np.concatenate([bias_gyroscope, zero])
+    start = (np.eye(3), zero, zero)
+    free = propagate(intake.gyroscope, intake.accelerometer, bias, start, times, zero)
     at = free.at(seen.t_ns)
     rays = np.column_stack([seen.xy, np.ones(len(seen.xy))])
     rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ T_b_c[:3, :3].T
     ids, track = np.unique(seen.track, return_inverse=True)
     data = AlignmentData(
-        t=(seen.t_ns - first_ns) * 1e-9,
+        t=np.asarray((seen.t_ns - first_ns) * 1e-9),
         direction=np.einsum("nij,nj->ni", free.C[at], rays),
         offset=free.r[at] + free.C[at] @ T_b_c[:3, 3],
         track=track,
