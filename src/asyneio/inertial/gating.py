@@ -104,9 +104,7 @@ class SampleGate:
         if len(rows) < 3:
             self._remember(rows, samples)
             return np.zeros(len(samples), dtype=np.bool_)
-        distance = _distances(rows[:, 0], rows[:, 1:])
-        usual = np.median(distance, axis=0)
-        spike: BoolArray = np.any(distance > _USUAL * usual + _NOISE_SIGMAS * sigma, axis=1)
+        spike = _isolated(rows, sigma)
         spike[:known] = False
         self._remember(rows[~spike], samples)
         return spike[known:]
@@ -118,6 +116,34 @@ class SampleGate:
         """Good samples that the next packet's first ones are compared with, and what is usual."""
         if len(samples):
             self._before, self._before_ns = rows[-_MEMORY:], self._origin(samples)
+
+
+def _isolated(rows: FloatArray, sigma: float) -> BoolArray:
+    """Which of the rows [t, x] (N,4), N >= 3, are spikes.
+
+    The worst of adjacent suspects goes first, for it makes suspects of good neighbours. Where still three or
+    more in a row do not fit, something has happened to the sensor, and all of them stay.
+    """
+    excess = _excess(rows, sigma)
+    worst = excess > 0.0
+    worst[1:] &= excess[1:] >= excess[:-1]
+    worst[:-1] &= excess[:-1] >= excess[1:]
+    left = np.flatnonzero(~worst)
+    spike = worst.copy()
+    if len(left) >= 3:
+        spike[left] = _excess(rows[left], sigma) > 0.0
+    change = np.diff(np.concatenate([[0], spike.astype(np.int8), [0]]))
+    for begin, end in zip(np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True):
+        if end - begin >= _RUN:
+            spike[begin:end] = False
+    return spike
+
+
+def _excess(rows: FloatArray, sigma: float) -> FloatArray:
+    """By how much (N,) samples are further from all three lines than a good one can be."""
+    distance = _distances(rows[:, 0], rows[:, 1:])
+    allowed = _USUAL * np.median(distance, axis=0) + _NOISE_SIGMAS * sigma
+    return np.asarray((distance - allowed).max(axis=1))
 
 
 def _distances(t: FloatArray, x: FloatArray) -> FloatArray:
