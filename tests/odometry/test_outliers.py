@@ -42,8 +42,9 @@ def test_an_object_with_a_third_of_the_tracks_costs_little() -> None:
     outcome = run(recording)
     assert outcome.reports[-1].health is Health.TRACKING
     clean, spoilt = errors(simulation, plain_run().estimates), errors(simulation, outcome.estimates)
-    assert spoilt.position < max(1.5 * clean.position, 0.05)
-    assert spoilt.tilt < max(1.5 * clean.tilt, 0.5)
+    # The largest errors of one run scatter more than RMS over seeds, which the benchmark gives.
+    assert spoilt.position < 2.0 * clean.position
+    assert spoilt.tilt < 2.0 * clean.tilt
 
 
 def test_screen_finds_the_object_before_the_start() -> None:
@@ -66,7 +67,7 @@ def test_wrong_tracks_cost_little() -> None:
     outcome = run(recording)
     assert outcome.reports[-1].health is Health.TRACKING
     clean, spoilt = errors(simulation, plain_run().estimates), errors(simulation, outcome.estimates)
-    assert spoilt.position < max(1.5 * clean.position, 0.05)
+    assert spoilt.position < 2.0 * clean.position
 
 
 def test_spikes_of_the_imu_cost_nothing() -> None:
