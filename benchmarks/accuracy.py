@@ -35,7 +35,7 @@ from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
 from asyneio.simulation.events.scenario import SUITE, TWINS
 from asyneio.simulation.faults import without_bias
-from asyneio.types import NS_PER_S, Estimate, EventRecording
+from asyneio.types import NS_PER_S, Estimate, EventRecording, Health
 from common import table
 from sequences import DEFAULT_CACHE, TrackedRun, sequence, tracked
 from true_tracks import true_tracks

@@ -233,6 +233,11 @@ class Window:
         if self._settings.frozen_linearization:
             self._frozen = self.prior.knots
 
+    def remove_tracks(self, ids: IntArray) -> None:
+        """Forget tracks: their observations and their landmarks."""
+        self._visual.keep(~np.isin(self._visual.track, ids))
+        self.landmarks.keep(~np.isin(self.landmarks.track, ids))
+
     def add_landmarks(self) -> int:
         """Landmarks for the tracks that have observations enough; returns how many."""
         index = self.landmarks.index_of(self._visual.track)

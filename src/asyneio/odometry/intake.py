@@ -6,16 +6,35 @@ import numpy as np
 
 from asyneio.estimation.window import TrackObservations
 from asyneio.geometry.camera import CameraModel
-from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, FloatArray, Packet, RecordArray
+from asyneio.inertial.gating import SampleGate, SensorLimits
+from asyneio.types import (
+    INERTIAL_DTYPE,
+    CameraIntrinsics,
+    FloatArray,
+    ImuNoise,
+    IntArray,
+    Packet,
+    RecordArray,
+)
 
 #: Inertial samples before an interval that settle what happens at its start.
 _EARLIER = 4
+#: Full-scale ranges below these no sensor for this use has: rad/s (half the smallest on the market), m/s^2
+#: (what gravity and a gentle hand make).
+_LEAST_RANGES = (1.0, 12.0)
+#: Refused tracks are remembered up to so many: far more than a tracker holds at a time.
+_REFUSED = 10_000
 
 
 class Intake:
-    """Keeps what the window has not taken yet, and the last inertial samples before it."""
+    """Keeps what the window has not taken yet, and the last inertial samples before it.
 
-    def __init__(self, camera: CameraIntrinsics, pixel_sigma: float) -> None:
+    `invalid` counts the observations outside the lens model so far; `gated` the inertial samples of the last
+    packet that were refused, and `saturated` tells whether some of those were at the end of the range.
+    """
+
+    def __init__(self, camera: CameraIntrinsics, pixel_sigma: float, noise: ImuNoise | None = None) -> None:
+        """`noise` is that of the IMU; without it, inertial samples pass as they come."""
         self._camera = CameraModel(camera)
         self._pixel_sigma = pixel_sigma
         self.gyroscope: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
@@ -24,13 +43,20 @@ class Intake:
         self.observations = TrackObservations(empty, empty, np.empty((0, 2)), np.empty((0, 2, 2)))
         self.end_ns: int | None = None
         self.invalid = 0
+        self.gated = 0
+        self.saturated = False
+        self._noise = noise
+        self._gates = (SampleGate(), SampleGate())
+        self._refused: IntArray = np.empty(0, dtype=np.int64)
 
     def append(self, packet: Packet) -> None:
         """Take over a packet; observations outside the lens model's valid set are counted and dropped."""
-        self.gyroscope = np.concatenate([self.gyroscope, packet.gyroscope])
-        self.accelerometer = np.concatenate([self.accelerometer, packet.accelerometer])
+        gyroscope, accelerometer = self._gate(packet)
+        self.gyroscope = np.concatenate([self.gyroscope, gyroscope])
+        self.accelerometer = np.concatenate([self.accelerometer, accelerometer])
         self.end_ns = packet.t_end_ns
         raw = packet.observations
+        raw = raw[~np.isin(raw["id"], self._refused)]
         xy, d_xy_d_uv, valid = self._camera.undistort(np.column_stack([raw["u"], raw["v"]]))
         self.invalid += int(np.count_nonzero(~valid))
         new = TrackObservations(
@@ -45,6 +71,32 @@ class Intake:
             np.concatenate([old.track, new.track]),
             np.concatenate([old.xy, new.xy]),
             np.concatenate([old.root_information, new.root_information]),
+        )
+
+    def _gate(self, packet: Packet) -> tuple[RecordArray, RecordArray]:
+        """The inertial samples of a packet without spikes, saturated and corrupt ones, which are counted."""
+        streams = packet.gyroscope, packet.accelerometer
+        if self._noise is None:
+            return streams
+        before = [(gate.refused, gate.saturated) for gate in self._gates]
+        densities = self._noise.gyroscope_density, self._noise.accelerometer_density
+        first, second = (
+            gate.passed(samples, SensorLimits(density * np.sqrt(rate_hz(samples)), least))
+            for gate, samples, density, least in zip(
+                self._gates, streams, densities, _LEAST_RANGES, strict=True
+            )
+        )
+        self.gated = sum(g.refused - b[0] for g, b in zip(self._gates, before, strict=True))
+        self.saturated = any(g.saturated > b[1] for g, b in zip(self._gates, before, strict=True))
+        return first, second
+
+    def refuse(self, ids: IntArray) -> None:
+        """Drop what is held of some tracks, and take nothing more of them."""
+        self._refused = np.concatenate([self._refused, ids])[-_REFUSED:]
+        o = self.observations
+        keep = ~np.isin(o.track, ids)
+        self.observations = TrackObservations(
+            o.t_ns[keep], o.track[keep], o.xy[keep], o.root_information[keep]
         )
 
     def _root_information(self, d_xy_d_uv: FloatArray, covariance_uv: FloatArray) -> FloatArray:
@@ -65,6 +117,13 @@ class Intake:
         o = self.observations
         n = int(np.searchsorted(o.t_ns, t_ns, side="right"))
         self.observations = TrackObservations(o.t_ns[n:], o.track[n:], o.xy[n:], o.root_information[n:])
+
+
+def rate_hz(samples: RecordArray) -> float:
+    """Median rate of a stream; 1 Hz where there are fewer than two samples."""
+    if len(samples) < 2:
+        return 1.0
+    return 1e9 / float(max(np.median(np.diff(samples["t_ns"])), 1.0))
 
 
 def around(samples: RecordArray, start_ns: int, end_ns: int) -> RecordArray:

@@ -12,10 +12,12 @@ from asyneio.estimation.covariance import joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.attitude import AttitudeFilter
-from asyneio.odometry.intake import Intake, until
+from asyneio.odometry.intake import Intake, rate_hz, until
+from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.rest import RestDetector
+from asyneio.odometry.screen import contradicting_tracks
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
 from asyneio.odometry.static_start import static_start
@@ -30,7 +32,6 @@ from asyneio.types import (
     FloatArray,
     Health,
     Packet,
-    RecordArray,
     StepReport,
 )
 
@@ -60,11 +61,12 @@ class Odometry:
     def _begin_segment(self) -> None:
         """Forget everything: nothing from before may enter the next start."""
         config, calibration = self._config, self._calibration
-        self._intake = Intake(calibration.camera, config.visual.pixel_sigma)
+        self._intake = Intake(calibration.camera, config.visual.pixel_sigma, calibration.noise)
         self._rest = RestDetector(config.inertial, calibration, config.visual.pixel_sigma)
         inertial = config.inertial
         bias_sigma = [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma]
         self._watch = Watch(config.health, calibration.camera, np.repeat(bias_sigma, 3))
+        self._gated = 0.0
         self._latest: Estimate | None = None
         self._settings: Settings | None = None
         self._window: Window | None = None
@@ -102,6 +104,8 @@ class Odometry:
 
     def _take(self, packet: Packet) -> None:
         self._intake.append(packet)
+        samples = len(packet.gyroscope) + len(packet.accelerometer)
+        self._gated = self._intake.gated / max(samples, 1)
         self._rest.append(packet)
         self._upright = self._attitude.update(packet.gyroscope, packet.accelerometer, packet.t_end_ns)
 
@@ -183,9 +187,10 @@ class Odometry:
         if not still:
             window.take_back_rest(from_ns - _REST_DOUBT_NS)
         window.add_landmarks()
-        self._solution = window.optimize(settings.optimizer)
+        self._solution, outliers = optimize_without_outliers(window, settings.optimizer)
+        intake.refuse(outliers)
         intake.drop_until(knot_ns)
-        return Advance(self._solution.problem, known, observations.t_ns, gap_s, still=still)
+        return Advance(self._solution.problem, known, observations.t_ns, gap_s, self._gated, still)
 
     def _gap_s(self, start_ns: int, end_ns: int) -> float:
         return sample_gap_s((self._intake.gyroscope, self._intake.accelerometer), start_ns, end_ns)
@@ -220,11 +225,14 @@ class Odometry:
         self._settings = resolve(
             self._config,
             self._calibration,
-            _rate_hz(self._intake.gyroscope),
-            _rate_hz(self._intake.accelerometer),
+            rate_hz(self._intake.gyroscope),
+            rate_hz(self._intake.accelerometer),
         )
         since_ns = self._rest.since_ns
         if since_ns is None:
+            w = self._settings.window
+            gravity = float(np.linalg.norm(w.gravity_w))
+            self._intake.refuse(contradicting_tracks(self._intake, w.T_b_c, gravity, w.bearing_sigma))
             started = try_start(self._intake, self._settings)
         else:
             started = static_start(self._intake, self._settings, since_ns)
@@ -284,10 +292,3 @@ def _estimate(window: Window, k: int, covariance: FloatArray, segment: int) -> E
         covariance=covariance,
         segment=segment,
     )
-
-
-def _rate_hz(samples: RecordArray) -> float:
-    """Median rate of a stream; 1 Hz where there are fewer than two samples."""
-    if len(samples) < 2:
-        return 1.0
-    return 1e9 / float(max(np.median(np.diff(samples["t_ns"])), 1.0))

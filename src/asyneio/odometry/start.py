@@ -15,6 +15,7 @@ from asyneio.geometry.gravity import upright
 from asyneio.initialization.alignment import AlignmentData, align
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.intake import Intake, around
+from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.propagation import propagate, rates_at
 from asyneio.odometry.settings import Settings
 from asyneio.types import FloatArray, IntArray
@@ -59,11 +60,14 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         if isinstance(states, str):
             return states
         window = filled_window(intake, settings, knots_ns, states)
-        solution = window.optimize(settings.start.optimizer)
+        solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
     reason = _refusal(window, solution, settings)
-    return reason if reason else Start(window, solution)
+    if reason:
+        return reason
+    intake.refuse(outliers)
+    return Start(window, solution)
 
 
 def _refusal(window: Window, solution: Solution, settings: Settings) -> str:

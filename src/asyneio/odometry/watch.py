@@ -67,7 +67,8 @@ class Watch:
         t_ns = estimate.t_ns
         if len(advance.stamps):
             self._observed_ns = int(advance.stamps[-1])
-        elif self._observed_ns is None:
+        # At rest nothing is seen, and nothing is missed.
+        elif self._observed_ns is None or advance.still:
             self._observed_ns = t_ns
         observed = Observed(
             since_vision_s=(t_ns - self._observed_ns) / NS_PER_S,

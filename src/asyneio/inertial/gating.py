@@ -1,0 +1,158 @@
+"""What an inertial sample cannot be: not finite, out of order, a spike, a reading at the end of the range.
+
+*Spikes.* An IMU filters what it measures to below half its rate, so a true reading lies near at least one of
+three lines: through its neighbours, through the two samples before it, through the two after. How near, the
+samples around tell: a spike is far from all three, compared with what is usual there. A knock that lasts
+three samples is on one of the lines and stays; vibration raises what is usual.
+
+*Saturation.* Noise never repeats a reading to the last bit. A run of equal readings that are also the largest
+this sensor has ever given, and more than gravity or a slow turn accounts for, is the end of its range.
+
+A reading that is refused leaves a gap, which every inertial scheme treats as such (`estimation.schemes`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.types import BoolArray, FloatArray, RecordArray
+
+#: A spike is so many standard deviations of the sensor's noise from all three lines, over and above
+_NOISE_SIGMAS = 20.0
+#: so many times the usual distance. Real hand-held, flying and rotating-disk recordings reach 9 (tests).
+_USUAL = 30.0
+#: Equal readings in a row that noise does not make.
+_RUN = 3
+#: Samples of the packets before that go on counting for what is usual.
+_MEMORY = 20
+
+
+@dataclass(frozen=True)
+class SensorLimits:
+    """Of one sensor: `sigma` of a sample, and the least full-scale range that such sensors have."""
+
+    sigma: float
+    least_range: float
+
+
+class SampleGate:
+    """Passes the good samples of one sensor, packet by packet.
+
+    `spikes`, `saturated`, `corrupt` count what was refused so far; `corrupt` are readings that are not finite
+    and stamps that do not ascend.
+    """
+
+    def __init__(self) -> None:
+        self.spikes = 0
+        self.saturated = 0
+        self.corrupt = 0
+        self._before: FloatArray = np.empty((0, 4))
+        self._before_ns = 0
+        self._last_ns: int | None = None
+        self._extreme = 0.0
+        self._previous: FloatArray = np.empty((0, 3))
+
+    def passed(self, samples: RecordArray, limits: SensorLimits) -> RecordArray:
+        """The samples (INERTIAL_DTYPE) without those that cannot be right."""
+        samples = samples[self._in_order(samples)]
+        stuck = self._at_the_limit(samples["xyz"], limits.least_range)
+        self.saturated += int(np.count_nonzero(stuck))
+        samples = samples[~stuck]
+        spike = self._far_from_all_lines(samples, limits.sigma)
+        self.spikes += int(np.count_nonzero(spike))
+        return samples[~spike]
+
+    @property
+    def refused(self) -> int:
+        """All samples refused so far."""
+        return self.spikes + self.saturated + self.corrupt
+
+    def _in_order(self, samples: RecordArray) -> BoolArray:
+        t_ns = samples["t_ns"]
+        good = np.isfinite(samples["xyz"]).all(axis=1)
+        # Later than every good one before it, in this packet and in the packets before.
+        start = np.iinfo(np.int64).min if self._last_ns is None else self._last_ns
+        latest = np.maximum.accumulate(np.append(start, np.where(good, t_ns, start)))
+        good &= t_ns > latest[:-1]
+        self._last_ns = None if self._last_ns is None and not good.any() else int(latest[-1])
+        self.corrupt += int(np.count_nonzero(~good))
+        return good
+
+    def _at_the_limit(self, xyz: FloatArray, least_range: float) -> BoolArray:
+        """Which samples have an axis that stands at the largest reading so far."""
+        rows = np.vstack([self._previous, xyz])
+        self._previous = rows[-(_RUN - 1) :]
+        same = rows[1:] == rows[:-1]
+        # The third of three equal readings; once the range is known, the others are found by it.
+        long = np.zeros(rows.shape, dtype=np.bool_)
+        long[2:] = same[1:] & same[:-1] & (np.abs(rows[2:]) >= max(least_range, self._extreme))
+        if long.any():
+            self._extreme = float(np.abs(rows[long]).max())
+        if self._extreme == 0.0:
+            return np.zeros(len(xyz), dtype=np.bool_)
+        return np.asarray((np.abs(xyz) >= self._extreme).any(axis=1))
+
+    def _far_from_all_lines(self, samples: RecordArray, sigma: float) -> BoolArray:
+        rows = np.column_stack([(samples["t_ns"] - self._origin(samples)) * 1e-9, samples["xyz"]])
+        known = len(self._before)
+        if known:
+            before = self._before.copy()
+            before[:, 0] += (self._before_ns - self._origin(samples)) * 1e-9
+            rows = np.vstack([before, rows])
+        if len(rows) < 3:
+            self._remember(rows, samples)
+            return np.zeros(len(samples), dtype=np.bool_)
+        spike = _isolated(rows, sigma)
+        spike[:known] = False
+        self._remember(rows[~spike], samples)
+        return spike[known:]
+
+    def _origin(self, samples: RecordArray) -> int:
+        return int(samples["t_ns"][0]) if len(samples) else 0
+
+    def _remember(self, rows: FloatArray, samples: RecordArray) -> None:
+        """Good samples that the next packet's first ones are compared with, and what is usual."""
+        if len(samples):
+            self._before, self._before_ns = rows[-_MEMORY:], self._origin(samples)
+
+
+def _isolated(rows: FloatArray, sigma: float) -> BoolArray:
+    """Which of the rows [t, x] (N,4), N >= 3, are spikes.
+
+    The worst of adjacent suspects goes first, for it makes suspects of good neighbours. Where still three or
+    more in a row do not fit, something has happened to the sensor, and all of them stay.
+    """
+    excess = _excess(rows, sigma)
+    worst = excess > 0.0
+    worst[1:] &= excess[1:] >= excess[:-1]
+    worst[:-1] &= excess[:-1] >= excess[1:]
+    left = np.flatnonzero(~worst)
+    spike = worst.copy()
+    if len(left) >= 3:
+        spike[left] = _excess(rows[left], sigma) > 0.0
+    change = np.diff(np.concatenate([[0], spike.astype(np.int8), [0]]))
+    for begin, end in zip(np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True):
+        if end - begin >= _RUN:
+            spike[begin:end] = False
+    return spike
+
+
+def _excess(rows: FloatArray, sigma: float) -> FloatArray:
+    """By how much (N,) samples are further from all three lines than a good one can be."""
+    distance = _distances(rows[:, 0], rows[:, 1:])
+    allowed = _USUAL * np.median(distance, axis=0) + _NOISE_SIGMAS * sigma
+    return np.asarray((distance - allowed).max(axis=1))
+
+
+def _distances(t: FloatArray, x: FloatArray) -> FloatArray:
+    """Distances (N,3) of samples `x` (N,3) at `t` (N,) from the nearest of the three lines, N >= 3."""
+    out = np.full(x.shape, np.inf)
+    for i, a, b in ((1, 0, 2), (2, 0, 1), (0, 1, 2)):
+        # Sample n + i from the line through n + a and n + b.
+        at, first, second = (slice(k, len(t) - 2 + k) for k in (i, a, b))
+        w = ((t[at] - t[first]) / (t[second] - t[first]))[:, None]
+        line = (1.0 - w) * x[first] + w * x[second]
+        out[at] = np.minimum(out[at], np.abs(x[at] - line))
+    return out
