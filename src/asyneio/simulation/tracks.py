@@ -3,7 +3,8 @@
 A fixed number of slots each hold one live track. A track follows one landmark for a random life or until the
 landmark leaves the image, and is then replaced by a track of another landmark under a new id. A track is
 observed about once per `spacing_px` of its own motion in the image, within bounds on the time between two
-observations. Some of the slots may prefer points of an object that moves by itself.
+observations. Some of the slots may prefer points of an object that moves by itself. Nothing hides anything
+here, neither the object what is behind it nor itself: that is the event simulator's business.
 """
 
 from __future__ import annotations
