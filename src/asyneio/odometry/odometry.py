@@ -8,7 +8,8 @@ import numpy as np
 
 from asyneio.config import Config
 from asyneio.errors import EstimationError, InertialError
-from asyneio.estimation.covariance import joint_covariance, newest_covariance
+from asyneio.estimation.camera_calibration import CAMERA_DOF
+from asyneio.estimation.covariance import camera_covariance, joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.intake import Intake, until
@@ -17,7 +18,17 @@ from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.start import try_start
 from asyneio.trajectory.gp_trajectory import GPTrajectory
-from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, Packet, RecordArray, StepReport
+from asyneio.types import (
+    NS_PER_S,
+    Calibration,
+    CalibrationEstimate,
+    Estimate,
+    FloatArray,
+    Health,
+    Packet,
+    RecordArray,
+    StepReport,
+)
 
 #: Attempts to start are this far apart; each sees more motion than the last.
 _START_RETRY_NS = 250_000_000
@@ -88,6 +99,17 @@ class Odometry:
             joint_covariance=lambda knot: joint_covariance(solution, knot + dropped),
             motion_model=settings.window.motion_model,
         )
+
+    def calibration(self) -> CalibrationEstimate:
+        """What is believed of the camera now.
+
+        Raises:
+            EstimationError: the odometry has not started.
+        """
+        window, _, _ = self._active()
+        sigma = np.zeros(CAMERA_DOF)
+        sigma[window.camera.columns] = np.sqrt(camera_covariance(self._solved()).diagonal())
+        return CalibrationEstimate(window.camera.time_offset, window.camera.C_bc.copy(), sigma)
 
     def _advance(self, knot_ns: int) -> None:
         """Predict the knot, add what was measured since the last one, optimise."""
