@@ -254,3 +254,32 @@ def test_a_wrong_calibration_is_found(name: str) -> None:
     # Without noise only the weak prior on the wrong calibration is left to pull.
     assert np.abs(window.camera.time_offset - TRUE_OFFSET) < min(sigma[0], 0.2 * TRUE_OFFSET)
     assert np.linalg.norm(turn_left) < min(np.linalg.norm(sigma[1:]), 0.5 * np.linalg.norm(TRUE_TURN))
+
+
+def test_what_nothing_observes_stays_as_it_was() -> None:
+    """Inertial samples alone say nothing of the camera, however often knots leave."""
+    toy = Case(MODELS["wnoj-se3"]).toy()
+    window = toy.window(toy.perturbed_truth(0.1))
+    before = window.camera
+    for _ in range(2):
+        window.optimize(TO_THE_END)
+        window.marginalize_oldest()
+    sigma = np.sqrt(camera_covariance(window.optimize(TO_THE_END)).diagonal())
+    np.testing.assert_allclose(sigma, SIGMA, rtol=1e-6)
+    np.testing.assert_allclose(camera_difference(window.camera, before) / SIGMA, 0.0, atol=1e-9)
+
+
+def test_propagated_poses_are_asked_for_again_when_the_offset_has_moved_far() -> None:
+    """Two ways to one offset: a far move is exact, near ones are shifted to first order."""
+    toy = CASES["gpp-offset"].toy()
+    window, again = toy.window(toy.truth), toy.window(toy.truth)
+    buffers = [w._visual for w in (window, again)]
+    buffers[0].move_to(0.003, window.preintegrations, 0)
+    for offset in (0.00305, 0.0031, 0.003):
+        buffers[0].move_to(offset, window.preintegrations, 0)
+    for offset in np.linspace(0.00019, 0.003, 16):
+        buffers[1].move_to(float(offset), again.preintegrations, 0)
+    first, second = (buffer.propagated for buffer in buffers)
+    np.testing.assert_allclose(first.tau, second.tau, atol=1e-12)
+    np.testing.assert_allclose(first.C, second.C, atol=1e-6)
+    np.testing.assert_allclose(first.r, second.r, atol=1e-5)
