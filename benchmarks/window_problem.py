@@ -63,9 +63,7 @@ def _visual(points: FloatArray, anchor: IntArray, rng: np.random.Generator) -> V
     xy = p_c[:, :2] / p_c[:, 2:] + rng.normal(0, PIXEL_SIGMA / FOCAL, (OBSERVATIONS, 2))
     root = np.tile(np.eye(2) * FOCAL / PIXEL_SIGMA, (OBSERVATIONS, 1, 1))
     start = np.searchsorted(interval, np.arange(KNOTS))
-    return Visual(
-        start, t - interval * KNOT_S, np.ascontiguousarray(weights[:, :2]), landmark, xy, root
-    )
+    return Visual(start, t - interval * KNOT_S, np.ascontiguousarray(weights[:, :2]), landmark, xy, root)
 
 
 def make_problem(landmark_dof: int) -> tuple[Problem, Prior]:

@@ -96,8 +96,9 @@ class CalibrationConfig(_Section):
     """Refining what the calibration says of the camera, from the start on."""
 
     estimate_time_offset: bool = Field(
-        False, description="time of the camera against the IMU, on top of the calibrated shift; "
-        "needs visual.estimate_bearing"
+        False,
+        description="time of the camera against the IMU, on top of the calibrated shift; "
+        "needs visual.estimate_bearing",
     )
     estimate_extrinsic_rotation: bool = Field(False, description="rotation of the camera in the body")
     time_offset_sigma_s: float = Field(0.005, gt=0.0, description="how far the calibrated shift may be off")
@@ -105,7 +106,9 @@ class CalibrationConfig(_Section):
         1.0, gt=0.0, description="how far the calibrated rotation may be off, per axis"
     )
     time_offset_walk: float = Field(
-        2e-4, ge=0.0, description="how the offset may drift, s/sqrt(s): a pixel's delay changes with the light"
+        2e-4,
+        ge=0.0,
+        description="how the offset may drift, s/sqrt(s): a pixel's delay changes with the light",
     )
     extrinsic_rotation_walk_deg: float = Field(
         0.002, ge=0.0, description="how the rotation may drift, deg/sqrt(s): a mount that warms up"

@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from asyneio.estimation.problem import Camera, Inertial, Prior, Problem, States
 from asyneio.trajectory.model import SE3, WNOJ
 from tests.estimation.naive_increments import preintegration_residuals, propagated_poses
-from tests.estimation.naive_lie import exp_se3, exp_so3, log_se3, log_so3, right_jacobian, right_jacobian_rate, times
+from tests.estimation.naive_lie import (
+    exp_se3,
+    exp_so3,
+    log_se3,
+    log_so3,
+    right_jacobian,
+    right_jacobian_rate,
+    times,
+)
 
 Array = NDArray[np.float64]
 

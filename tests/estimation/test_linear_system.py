@@ -125,7 +125,9 @@ def without(problem: Problem, gone: NDArray[np.bool_]) -> Problem:
     visual = problem.visual
     interval = np.repeat(np.arange(len(visual.start) - 1), np.diff(visual.start))[~gone]
     start = np.searchsorted(interval, np.arange(len(visual.start)))
-    kept = (a[~gone] for a in (visual.tau, visual.weights, visual.landmark, visual.xy, visual.root_information))
+    kept = (
+        a[~gone] for a in (visual.tau, visual.weights, visual.landmark, visual.xy, visual.root_information)
+    )
     return problem._replace(visual=visual._replace(**dict(zip(visual._fields, (start, *kept), strict=True))))
 
 

@@ -35,7 +35,9 @@ def observe(
     j = visual.landmark[n]
     a = landmarks.anchor[j]
     kappa, rho = landmarks.kappa[j], landmarks.rho[j]
-    landmark_direction(states.C[a], states.r[a], C, r, problem.camera.C_bc, model.r_bc, kappa, rho, x_a, x_b, h)
+    landmark_direction(
+        states.C[a], states.r[a], C, r, problem.camera.C_bc, model.r_bc, kappa, rho, x_a, x_b, h
+    )
     visible = reprojection_residual(h, visual.xy[n], visual.root_information[n], residual)
     squared = residual[0] ** 2 + residual[1] ** 2 if visible else np.inf
     return cauchy(squared, model.robust_scale, model.gate)

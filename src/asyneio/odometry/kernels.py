@@ -85,7 +85,9 @@ def compile_visual() -> None:
     C, r, kappa = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0]] * 2)
     model, weights = problem.model, np.zeros((2, 5))
     interval = np.zeros(2, dtype=np.int64)
-    camera_poses(problem.states, interval, weights, problem.camera.C_bc, model.r_bc, model.motion_model.space, C, r)
+    camera_poses(
+        problem.states, interval, weights, problem.camera.C_bc, model.r_bc, model.motion_model.space, C, r
+    )
     born_landmark(C, r, kappa, 0, C[0], r[0], 0.5, 1e-3, np.empty(3))
     camera = CameraIntrinsics(100.0, 100.0, 8.0, 8.0, 16, 16)
     CameraModel(camera).undistort(np.full((1, 2), 8.0))
