@@ -36,7 +36,7 @@ def preintegration_residuals(problem: Problem, T: Array, varpi: Array, bias: Arr
 def propagated_poses(
     problem: Problem, i: Indices, T: Array, varpi: Array, bias: Array, shift: Array
 ) -> Array:
-    """Poses (..., M,4,4) of the body `shift` (...) seconds after the observations, of the intervals i (M,)."""
+    """Poses (..., M,4,4) of the body `shift` (...) seconds after the observations in intervals i (M,)."""
     at, reference = problem.propagated, problem.preintegrated.bias[i]
     late = shift[..., None, None]
     later = late[..., None] * np.concatenate([at.d_turn, np.zeros((len(i), 3, 6)), at.d_bias[:, 3:6]], axis=1)

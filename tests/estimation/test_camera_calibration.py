@@ -219,7 +219,7 @@ def test_random_walk_is_an_unknown_of_its_own(rng: np.random.Generator) -> None:
 
 
 def test_walk_forgets_in_the_window() -> None:
-    """A window with a walk believes less of its calibration after a knot has left; its poses stay as known."""
+    """A window with a walk believes less of its calibration after a knot has left."""
     sigmas = []
     for walk in (0.0, 1.0):
         toy = Case(MODELS["wnoj-se3"]).toy(walk=walk)

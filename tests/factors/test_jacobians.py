@@ -162,7 +162,7 @@ def test_reprojection(model: MotionModel, dt: float, scale: float, rho: float) -
     root = np.array([[200.0, 3.0], [0.0, 180.0]])
 
     def direction(
-        a: Knot, k: np.ndarray, inverse_depth: float, p: Knot, q: Knot, camera: np.ndarray = np.zeros(4)
+        a: Knot, k: np.ndarray, inverse_depth: float, p: Knot, q: Knot, camera: np.ndarray
     ) -> tuple[np.ndarray, ...]:
         C, r = np.empty((3, 3)), np.empty(3)
         late = weights_at(fraction + camera[0], dt, model.prior)
@@ -180,7 +180,7 @@ def test_reprojection(model: MotionModel, dt: float, scale: float, rho: float) -
         assert reprojection_residual(h, xy, root, out)
         return out
 
-    C, r, x_a, x_b, h = direction(anchor, kappa, rho, k0, k1)
+    C, r, x_a, x_b, h = direction(anchor, kappa, rho, k0, k1, np.zeros(4))
     d_anchor, d_pose, d_landmark = np.empty((2, 6)), np.empty((2, 6)), np.empty((2, 3))
     assert reprojection_jacobian(
         anchor.C, anchor.r, C, r, C_bc, r_bc, rho, tangent, x_a, x_b, h, root, d_anchor, d_pose, d_landmark

@@ -74,5 +74,5 @@ def test_before_the_start_there_is_no_estimate() -> None:
 
 
 def test_a_fixed_bearing_cannot_follow_the_time_offset() -> None:
-    with pytest.raises(ValueError, match="needs visual.estimate_bearing"):
+    with pytest.raises(ValueError, match=r"needs visual\.estimate_bearing"):
         configured(calibration={"estimate_time_offset": True}, visual={"estimate_bearing": False})

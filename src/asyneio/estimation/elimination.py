@@ -109,7 +109,7 @@ def eliminate_landmarks(system: LinearSystem, landmarks: Landmarks, model: Model
 
 
 def _subtract_camera(system: LinearSystem, border: FloatArray, model: Model) -> None:
-    """Take what landmarks add between camera and knots, `border` (18K,c), and on the camera itself off H, b."""
+    """Take what landmarks say between camera and knots, `border` (18K,c), and of the camera off H, b."""
     knots = system.W.shape[2]
     at = (24 * np.arange(knots)[:, None] + model.landmark_columns).ravel()
     camera = slice(24 * knots, None)

@@ -24,7 +24,7 @@ from asyneio.trajectory.motion_prior import interpolation_weights_many
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: Propagated poses are asked for anew when the time offset has moved so far [s]: what a first-order shift
-#: leaves out, half its square times the angular acceleration, is then 1e-6 rad in violent motion (50 rad/s^2).
+#: leaves out, half its square times the angular acceleration, is 1e-6 rad in violent motion (50 rad/s^2).
 _ASK_AGAIN_S = 2e-4
 
 

@@ -49,7 +49,7 @@ class OptimizerReport:
 class Solution:
     """Optimised problem, the reduced normal equations it was last solved with, and the report.
 
-    `information` (24K+c,24K+c) is the Schur complement of the landmarks plus the prior at the last linearisation;
+    `information` (24K+c,24K+c) is the Schur complement of the landmarks plus the prior, last linearised;
     what it says of coordinates that are not active (`problem.model.active`) means nothing.
     """
 

@@ -106,7 +106,7 @@ def _pose_rate(problem: Problem, i: int, n: int, out: FloatArray) -> None:
 def _fill_row(
     problem: Problem, i: int, n: int, d_pose: FloatArray, d_anchor: FloatArray, row: FloatArray
 ) -> None:
-    """`row` (2,21+c), first 21: derivatives of the residual by eps, nu, biases of knot i and by the anchor pose."""
+    """First 21 of `row` (2,21+c): derivatives by eps, nu, biases of knot i and by the anchor pose."""
     propagated, states = problem.propagated, problem.linearization
     d_eps, d_nu, d_bias = np.empty((6, 6)), np.empty((6, 3)), np.empty((6, 6))
     propagated_pose_jacobian(

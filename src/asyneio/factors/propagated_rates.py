@@ -28,8 +28,8 @@ def propagated_velocity(
 ) -> None:
     """Generalised velocity `out` (6,) in the body of the pose of `propagated_pose`: its change with tau.
 
-    `omega` (3,), `nu` (3,), `d_turn` (3,6): how dC (in the body), dr and d_bias[:3] change with tau. The rates
-    of d_bias[6:] are d_bias[3:6].
+    `omega` (3,), `nu` (3,), `d_turn` (3,6): how dC (in the body), dr, d_bias[:3] change with tau; d_bias[6:]
+    changes by d_bias[3:6].
     """
     M = np.empty((3, 3))
     turn = np.empty((3, 3))
@@ -69,8 +69,8 @@ def shifted_increments(
 ) -> None:
     """The increments `dC` (3,3), `dr` (3,), `d_bias` (9,6) another `shift` seconds later, to first order.
 
-    Rates as in `propagated_velocity`. What is left out, half the shift squared times the angular acceleration,
-    is 3e-4 rad for 5 ms in fast motion; the window asks its increments anew long before it adds up.
+    Rates as in `propagated_velocity`. Half the shift squared times the angular acceleration is left out:
+    3e-4 rad for 5 ms in fast motion. The window asks for its increments anew long before that.
     """
     turn = np.empty((3, 3))
     so3_exp(shift * omega, turn)

@@ -16,8 +16,8 @@ import numpy as np
 from asyneio.config import FrontendConfig
 from asyneio.estimation import interval_terms, visual_terms
 from asyneio.estimation.active import active_coordinates
-from asyneio.estimation.landmarks import born_landmark, camera_poses
 from asyneio.estimation.elimination import eliminate_landmarks
+from asyneio.estimation.landmarks import born_landmark, camera_poses
 from asyneio.estimation.linear_system import LinearSystem, linearize
 from asyneio.estimation.optimizer import retract
 from asyneio.estimation.problem import (
