@@ -156,7 +156,7 @@ class VisualBuffer:
     ) -> None:
         """Undistorted observations `xy` (N,2) of one interval that spans `bounds_ns`, and increments at their
         times plus `offset` [s] where the scheme has them."""
-        tau: FloatArray = (t_ns - bounds_ns[0]) * 1e-9
+        tau = np.asarray((t_ns - bounds_ns[0]) * 1e-9, dtype=np.float64)
         dt = np.full(len(t_ns), (bounds_ns[1] - bounds_ns[0]) * 1e-9)
         self.t_ns = np.concatenate([self.t_ns, t_ns])
         self.track = np.concatenate([self.track, track])
