@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.interval_terms import accelerometer_terms, gyroscope_terms, interval_locals
-from asyneio.estimation.linear_system import eliminate_landmarks, linearize
+from asyneio.estimation.linear_system import linearize
 from asyneio.estimation.marginalization import marginalize_oldest
 from asyneio.estimation.optimizer import OptimizerSettings, optimize
 from asyneio.estimation.problem import Problem

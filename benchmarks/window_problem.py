@@ -7,6 +7,7 @@ import numpy as np
 
 from asyneio.estimation.active import active_coordinates
 from asyneio.estimation.problem import (
+    Camera,
     Inertial,
     Landmarks,
     Model,
@@ -61,7 +62,8 @@ def _visual(points: FloatArray, anchor: IntArray, rng: np.random.Generator) -> V
     p_c = np.einsum("nji,nj->ni", T_w_c[:, :3, :3], points[landmark] - T_w_c[:, :3, 3])
     xy = p_c[:, :2] / p_c[:, 2:] + rng.normal(0, PIXEL_SIGMA / FOCAL, (OBSERVATIONS, 2))
     root = np.tile(np.eye(2) * FOCAL / PIXEL_SIGMA, (OBSERVATIONS, 1, 1))
-    return Visual(np.searchsorted(interval, np.arange(KNOTS)), weights[:, 0], landmark, xy, root)
+    start = np.searchsorted(interval, np.arange(KNOTS))
+    return Visual(start, t - interval * KNOT_S, np.ascontiguousarray(weights[:, :2]), landmark, xy, root)
 
 
 def make_problem(landmark_dof: int) -> tuple[Problem, Prior]:
@@ -91,6 +93,7 @@ def make_problem(landmark_dof: int) -> tuple[Problem, Prior]:
         accelerometer=_inertial(scene.accelerometer[:-1].reshape(-1, 3), DENSITIES[1]),
         visual=_visual(scene.points, anchor, rng),
         landmarks=Landmarks(anchor, kappa, bearing_tangent(kappa), 1.0 / distance * 1.01),
+        camera=Camera(np.ascontiguousarray(_T_B_C[:3, :3]), 0.0, np.zeros(0, dtype=np.int64)),
         model=Model(
             motion_model=WNOJ_SE3,
             active=active_coordinates(WNOJ_SE3),
@@ -98,7 +101,6 @@ def make_problem(landmark_dof: int) -> tuple[Problem, Prior]:
             gravity_w=np.array([0.0, 0.0, -GRAVITY]),
             root_density=np.full(6, 30.0),
             bias_walk=np.repeat(DENSITIES[2:], 3),
-            C_bc=np.ascontiguousarray(_T_B_C[:3, :3]),
             r_bc=np.ascontiguousarray(_T_B_C[:3, 3]),
             robust_scale=2.5,
             gate=1e3,

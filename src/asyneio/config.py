@@ -6,10 +6,10 @@ Components receive the section they need, never the whole tree. Seconds here, na
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from asyneio.errors import ConfigError
 
@@ -92,6 +92,29 @@ class VisualConfig(_Section):
     inverse_depth_sigma: float = Field(3.0, gt=0.0, description="weak prior on inverse depth, 1/m")
 
 
+class CalibrationConfig(_Section):
+    """Refining what the calibration says of the camera, from the start on."""
+
+    estimate_time_offset: bool = Field(
+        False,
+        description="time of the camera against the IMU, on top of the calibrated shift; "
+        "needs visual.estimate_bearing",
+    )
+    estimate_extrinsic_rotation: bool = Field(False, description="rotation of the camera in the body")
+    time_offset_sigma_s: float = Field(0.005, gt=0.0, description="how far the calibrated shift may be off")
+    extrinsic_rotation_sigma_deg: float = Field(
+        1.0, gt=0.0, description="how far the calibrated rotation may be off, per axis"
+    )
+    time_offset_walk: float = Field(
+        2e-4,
+        ge=0.0,
+        description="how the offset may drift, s/sqrt(s): a pixel's delay changes with the light",
+    )
+    extrinsic_rotation_walk_deg: float = Field(
+        0.002, ge=0.0, description="how the rotation may drift, deg/sqrt(s): a mount that warms up"
+    )
+
+
 class OptimizerConfig(_Section):
     """Levenberg-Marquardt."""
 
@@ -152,9 +175,19 @@ class Config(_Section):
     motion_prior: MotionPriorConfig = MotionPriorConfig()
     inertial: InertialConfig = InertialConfig()
     visual: VisualConfig = VisualConfig()
+    calibration: CalibrationConfig = CalibrationConfig()
     optimizer: OptimizerConfig = OptimizerConfig()
     initialization: InitializationConfig = InitializationConfig()
     health: HealthConfig = HealthConfig()
+
+    @model_validator(mode="after")
+    def _offset_moves_bearings(self) -> Self:
+        if self.calibration.estimate_time_offset and not self.visual.estimate_bearing:
+            raise ValueError(
+                "calibration.estimate_time_offset needs visual.estimate_bearing: a bearing that stays fixed "
+                "was interpolated to its knot with the time offset of that moment"
+            )
+        return self
 
 
 def load_config(path: Path | None) -> Config:

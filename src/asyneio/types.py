@@ -88,6 +88,19 @@ class Calibration:
 
 
 @dataclass(frozen=True)
+class CalibrationEstimate:
+    """What the odometry believes of the camera now: `t_imu = t_cam + timeshift_ns + time_offset_s`.
+
+    `C_b_c` (3,3) maps camera to body directions. `sigma` (4,) are standard deviations of [time offset (s),
+    rotation on the right of `C_b_c` (3, rad)], zero where the calibration is taken as it is.
+    """
+
+    time_offset_s: float
+    C_b_c: FloatArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True)
 class PoseTrajectory:
     """Time-stamped poses `T_w_b`: `t_ns` (N,) int64 ascending, `position` (N,3) [m], `quaternion`
     (N,4) xyzw."""

@@ -13,10 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem, States
+from asyneio.estimation.problem import Camera, Inertial, Prior, Problem, States
 from asyneio.trajectory.model import SE3, WNOJ
 from tests.estimation.naive_increments import preintegration_residuals, propagated_poses
-from tests.estimation.naive_lie import exp_se3, log_se3, log_so3, right_jacobian, right_jacobian_rate, times
+from tests.estimation.naive_lie import (
+    exp_se3,
+    exp_so3,
+    log_se3,
+    log_so3,
+    right_jacobian,
+    right_jacobian_rate,
+    times,
+)
 
 Array = NDArray[np.float64]
 
@@ -26,44 +34,66 @@ _AT_ONCE = 64
 
 @dataclass(frozen=True)
 class Point:
-    """All unknowns, leading axes omitted: poses `T` (K,4,4), rates `varpi` (K,2,6), biases `bias` (K,6),
-    bearings `kappa` (L,3) that move along `tangent` (L,3,2), inverse distances `rho` (L,).
+    """All unknowns, leading axes omitted: poses `T` (K,4,4), rates `varpi` (K,2,6), biases `bias` (K,6), of
+    the camera `offset` () and `C_bc` (3,3), bearings `kappa` (L,3) that move along `tangent` (L,3,2), inverse
+    distances `rho` (L,).
 
-    `dof` of a landmark: 1 or 3.
+    `columns` (c,) of [offset, rotation] are unknowns; `dof` of a landmark: 1 or 3.
     """
 
     T: Array
     varpi: Array
     bias: Array
+    offset: Array
+    C_bc: Array
     kappa: Array
     rho: Array
     tangent: Array
+    columns: NDArray[np.int64]
     dof: int
 
     @property
     def size(self) -> int:
-        return 24 * self.T.shape[-3] + self.dof * self.rho.shape[-1]
+        return 24 * self.T.shape[-3] + len(self.columns) + self.dof * self.rho.shape[-1]
 
     def moved(self, delta: Array) -> Point:
-        """Poses on the right, everything else added; `delta` (..., size), knots first."""
+        """Poses and the camera's rotation on the right, everything else added; `delta` (..., size), knots
+        first, then the camera."""
         n, lead = 24 * self.T.shape[-3], delta.shape[:-1]
+        m = n + len(self.columns)
         knots = delta[..., :n].reshape(*lead, -1, 24)
+        camera = np.zeros((*lead, 4))
+        camera[..., self.columns] = delta[..., n:m]
         step = np.zeros((*lead, self.rho.shape[-1], 3))
-        step[..., : self.dof] = delta[..., n:].reshape(*lead, -1, self.dof)
+        step[..., : self.dof] = delta[..., m:].reshape(*lead, -1, self.dof)
         return Point(
             self.T @ exp_se3(knots[..., :6]),
             self.varpi + knots[..., 6:18].reshape(*lead, -1, 2, 6),
             self.bias + knots[..., 18:],
+            self.offset + camera[..., 0],
+            self.C_bc @ exp_so3(camera[..., 1:]),
             self.kappa + times(self.tangent, step[..., 1:]),
             self.rho + step[..., 0],
             self.tangent,
+            self.columns,
             self.dof,
         )
 
 
-def at(states: States, landmarks: Landmarks, dof: int) -> Point:
+def at(states: States, problem: Problem) -> Point:
+    """`states`, and everything else as in the problem."""
+    landmarks, camera = problem.landmarks, problem.camera
     return Point(
-        poses(states), states.varpi, states.bias, landmarks.kappa, landmarks.rho, landmarks.tangent, dof
+        poses(states),
+        states.varpi,
+        states.bias,
+        np.asarray(camera.time_offset),
+        camera.C_bc,
+        landmarks.kappa,
+        landmarks.rho,
+        landmarks.tangent,
+        camera.columns,
+        problem.model.landmark_dof,
     )
 
 
@@ -185,17 +215,49 @@ def accelerometer_residuals(problem: Problem, local: Array, point: Point) -> Arr
     return _rows(error * samples.root_information[used, None], 2)
 
 
+def conditional_weights(tau: Array, dt: Array, prior: int) -> Array:
+    """(..., M,5): mean of xi at `tau` (..., M) given both ends of intervals `dt` (M,), from Phi and Q.
+
+    In units of the interval: quantities [xi, dt xi_dot, dt^2 xi_ddot].
+    """
+    s = tau / dt
+    size = 3 if prior == WNOJ else 2
+
+    def transition(s: Array) -> Array:
+        powers = [np.ones_like(s), s, s**2 / 2]
+        zero = np.zeros_like(s)
+        rows = [[powers[b - a] if b >= a else zero for b in range(size)] for a in range(size)]
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+    def covariance(s: Array) -> Array:
+        a, b = np.meshgrid(np.arange(size), np.arange(size), indexing="ij")
+        p, q = size - 1 - a, size - 1 - b  # integrals of white noise between it and each quantity
+        factor = np.vectorize(math.factorial)(p) * np.vectorize(math.factorial)(q) * (p + q + 1)
+        return np.asarray(s[..., None, None] ** (p + q + 1) / factor)
+
+    one = np.ones_like(s)
+    psi = covariance(s) @ np.swapaxes(transition(1 - s), -1, -2) @ np.linalg.inv(covariance(np.ones(1)))
+    begin = transition(s) - psi @ transition(one)
+    out = np.zeros((*s.shape, 5))
+    out[..., : size - 1], out[..., 2 : 2 + size] = begin[..., 0, 1:], psi[..., 0, :]
+    return out * np.stack([dt, dt**2, np.ones_like(dt), dt, dt**2], axis=-1)
+
+
 def projections(problem: Problem, local: Array, point: Point) -> Array:
     """Landmarks in the cameras that observed them, times inverse distance: (..., M,3)."""
     visual, model = problem.visual, problem.model
     i, j = _interval_of(visual.start), visual.landmark
-    T_bc = np.eye(4)
-    T_bc[:3, :3], T_bc[:3, 3] = model.C_bc, model.r_bc
+    T_bc = np.zeros((*point.C_bc.shape[:-2], 4, 4))
+    T_bc[..., :3, :3], T_bc[..., :3, 3], T_bc[..., 3, 3] = point.C_bc, model.r_bc, 1.0
+    T_bc = T_bc[..., None, :, :]
     T_w_a = point.T[..., problem.landmarks.anchor[j], :, :] @ T_bc
     if len(problem.propagated.tau):
-        T_w_b = propagated_poses(problem, i, point.T, point.varpi, point.bias)
+        shift = point.offset - problem.camera.time_offset
+        T_w_b = propagated_poses(problem, i, point.T, point.varpi, point.bias, shift)
     else:
-        xi = (visual.weights[:, None] @ local[..., i, :, :])[..., 0, :]
+        tau = visual.tau + point.offset[..., None]
+        weights = conditional_weights(tau, model.dt[i], model.motion_model.prior)
+        xi = (weights[..., None, :] @ local[..., i, :, :])[..., 0, :]
         T_w_b = point.T[..., i, :, :] @ step_pose(problem, xi)
     homogeneous = np.concatenate([point.kappa[..., j, :], point.rho[..., j, None]], axis=-1)
     return times(np.linalg.inv(T_w_b @ T_bc) @ T_w_a, homogeneous)[..., :3]
@@ -222,8 +284,17 @@ def prior_residuals(prior: Prior, point: Point) -> Array:
     lin, m = prior.linearization, len(prior.linearization.r)
     pose = log_se3(np.linalg.inv(poses(lin)) @ point.T[..., :m, :, :])
     rates = _rows(point.varpi[..., :m, :, :] - lin.varpi, 2)
-    delta = np.concatenate([pose, rates, point.bias[..., :m, :] - lin.bias], axis=-1)
-    return times(prior.R, _rows(delta, 2)) + prior.r_0
+    delta = _rows(np.concatenate([pose, rates, point.bias[..., :m, :] - lin.bias], axis=-1), 2)
+    if prior.camera is not None:
+        delta = np.concatenate([delta, camera_error(point, prior.camera)], axis=-1)
+    return times(prior.R, delta) + prior.r_0
+
+
+def camera_error(point: Point, linearization: Camera) -> Array:
+    """(..., c) of what is estimated of the camera."""
+    turn = log_so3(linearization.C_bc.T @ point.C_bc)
+    offset = point.offset - linearization.time_offset
+    return np.asarray(np.concatenate([offset[..., None], turn], axis=-1)[..., point.columns])
 
 
 def residuals(problem: Problem, prior: Prior | None, point: Point, weights: Array | None = None) -> Array:
@@ -258,22 +329,24 @@ def jacobian(problem: Problem, prior: Prior | None, point: Point, weights: Array
 
 @dataclass(frozen=True)
 class Normal:
-    """Dense normal equations `H`, gradient `b`, and the cost; knots (24 K) first, then landmarks."""
+    """Dense normal equations `H`, gradient `b`, and the cost; knots (24 K) first, then what is estimated of
+    the camera (c), then landmarks."""
 
     H: Array
     b: Array
     cost: float
     knots: int
+    camera: int = 0
 
     def damped(self, damping: Array) -> Normal:
         """With information `damping` (dof,) on the diagonal of every landmark."""
-        H, n = self.H.copy(), 24 * self.knots
+        H, n = self.H.copy(), 24 * self.knots + self.camera
         H[n:, n:] += np.diag(np.tile(damping, (len(H) - n) // len(damping)))
-        return Normal(H, self.b, self.cost, self.knots)
+        return Normal(H, self.b, self.cost, self.knots, self.camera)
 
     def reduced(self) -> tuple[Array, Array]:
-        """Schur complement of everything behind the knots."""
-        return schur(self.H, self.b, 24 * self.knots)
+        """Schur complement of everything behind knots and camera."""
+        return schur(self.H, self.b, 24 * self.knots + self.camera)
 
 
 def schur(H: Array, b: Array, n: int) -> tuple[Array, Array]:
@@ -286,22 +359,22 @@ def schur(H: Array, b: Array, n: int) -> tuple[Array, Array]:
 
 def normal_equations(problem: Problem, prior: Prior | None = None, weights: Array | None = None) -> Normal:
     """Jacobian at the linearisation point, residual at the states."""
-    dof = problem.model.landmark_dof
-    r = residuals(problem, prior, at(problem.states, problem.landmarks, dof), weights)
-    J = jacobian(problem, prior, at(problem.linearization, problem.landmarks, dof), weights)
-    return Normal(J.T @ J, J.T @ r, 0.5 * float(r @ r), len(problem.states.r))
+    r = residuals(problem, prior, at(problem.states, problem), weights)
+    J = jacobian(problem, prior, at(problem.linearization, problem), weights)
+    return Normal(J.T @ J, J.T @ r, 0.5 * float(r @ r), len(problem.states.r), len(problem.camera.columns))
 
 
 def unknowns(problem: Problem) -> NDArray[np.int64]:
-    """Indices of what may move: the active coordinates of every knot, then the landmarks."""
+    """Indices of what may move: the active coordinates of every knot, the camera's, then the landmarks."""
     knots, model = len(problem.states.r), problem.model
     of_knots = [24 * k + c for k in range(knots) for c in model.active]
-    return np.r_[of_knots, 24 * knots + np.arange(model.landmark_dof * len(problem.landmarks.rho))]
+    behind = len(problem.camera.columns) + model.landmark_dof * len(problem.landmarks.rho)
+    return np.r_[of_knots, 24 * knots + np.arange(behind)]
 
 
 def gauss_newton(problem: Problem, prior: Prior, iterations: int) -> tuple[Point, float]:
     """Minimum of the whole problem in all unknowns at once, and its cost."""
-    point = at(problem.states, problem.landmarks, problem.model.landmark_dof)
+    point = at(problem.states, problem)
     free = unknowns(problem)
     for _ in range(iterations):
         J, r = jacobian(problem, prior, point)[:, free], residuals(problem, prior, point)

@@ -33,11 +33,21 @@ def preintegration_residuals(problem: Problem, T: Array, varpi: Array, bias: Arr
     return whitened.reshape(*whitened.shape[:-2], -1)
 
 
-def propagated_poses(problem: Problem, i: Indices, T: Array, varpi: Array, bias: Array) -> Array:
-    """Poses (..., M,4,4) of the body at the observations, of the intervals i (M,)."""
+def propagated_poses(
+    problem: Problem, i: Indices, T: Array, varpi: Array, bias: Array, shift: Array
+) -> Array:
+    """Poses (..., M,4,4) of the body `shift` (...) seconds after the observations in intervals i (M,)."""
     at, reference = problem.propagated, problem.preintegrated.bias[i]
-    turn, _, way = _corrected(at.C, at.r, at.r, at.d_bias, bias[..., i, :] - reference)
-    tau = at.tau[:, None]
+    late = shift[..., None, None]
+    later = late[..., None] * np.concatenate([at.d_turn, np.zeros((len(i), 3, 6)), at.d_bias[:, 3:6]], axis=1)
+    turn, _, way = _corrected(
+        at.C @ exp_so3(late * at.omega),
+        at.r,
+        at.r + late * at.nu,
+        at.d_bias + later,
+        bias[..., i, :] - reference,
+    )
+    tau = at.tau[:, None] + late
     begin = T[..., i, :, :]
     out = begin.copy()
     out[..., :3, :3] = begin[..., :3, :3] @ turn

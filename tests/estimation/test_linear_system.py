@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from asyneio.estimation.linear_system import LinearSystem, eliminate_landmarks, evaluate_cost, linearize
+from asyneio.estimation.elimination import eliminate_landmarks
+from asyneio.estimation.linear_system import LinearSystem, evaluate_cost, linearize
 from asyneio.estimation.optimizer import add_prior, difference
 from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem
 from tests.estimation import naive
@@ -102,7 +103,7 @@ def test_robust_weights_scale_rows() -> None:
     problem, _ = toy.problem(scale=0.5)
     scale, gate = 1.0, 3.0
     problem = problem._replace(model=problem.model._replace(robust_scale=scale, gate=gate))
-    point = naive.at(problem.states, problem.landmarks, 3)
+    point = naive.at(problem.states, problem)
     r = naive.reprojection_residuals(problem, naive.local_variables(problem, point), point)
     norm = np.linalg.norm(r, axis=1)
     weights = np.where(norm < gate, 1.0 / (1.0 + (norm / scale) ** 2), 0.0)
@@ -124,7 +125,9 @@ def without(problem: Problem, gone: NDArray[np.bool_]) -> Problem:
     visual = problem.visual
     interval = np.repeat(np.arange(len(visual.start) - 1), np.diff(visual.start))[~gone]
     start = np.searchsorted(interval, np.arange(len(visual.start)))
-    kept = (a[~gone] for a in (visual.weights, visual.landmark, visual.xy, visual.root_information))
+    kept = (
+        a[~gone] for a in (visual.tau, visual.weights, visual.landmark, visual.xy, visual.root_information)
+    )
     return problem._replace(visual=visual._replace(**dict(zip(visual._fields, (start, *kept), strict=True))))
 
 

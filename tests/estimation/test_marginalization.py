@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from asyneio.errors import EstimationError
-from asyneio.estimation.linear_system import eliminate_landmarks, linearize
+from asyneio.estimation.elimination import eliminate_landmarks
+from asyneio.estimation.linear_system import linearize
 from asyneio.estimation.marginalization import marginalize_oldest
 from asyneio.estimation.optimizer import OptimizerSettings, add_prior, difference
 from asyneio.estimation.problem import Prior
@@ -43,7 +44,7 @@ def dense(window: Window) -> tuple[Array, Array]:
     normal = naive.normal_equations(problem).damped(problem.model.landmark_damping[:dof])
     # A marginal prior is linear in the distance from its own point, wherever the others are linearised.
     n = prior.R.shape[1]
-    r = naive.prior_residuals(prior, naive.at(problem.states, problem.landmarks, dof))
+    r = naive.prior_residuals(prior, naive.at(problem.states, problem))
     normal.H[:n, :n] += prior.R.T @ prior.R
     normal.b[:n] += prior.R.T @ r
     return normal.H, normal.b

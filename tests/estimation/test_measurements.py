@@ -215,6 +215,9 @@ def test_increments_stay_with_their_observations(rng: np.random.Generator) -> No
             tau[:, None, None] * np.eye(3),
             tau[:, None] * np.ones(3),
             np.ones((n, 9, 6)) * tau[:, None, None],
+            tau[:, None] * np.ones(3),
+            tau[:, None] * np.ones(3),
+            np.ones((n, 3, 6)) * tau[:, None, None],
         )
         # The coordinates tell the time after the start of the interval.
         xy = np.column_stack([tau, tau])

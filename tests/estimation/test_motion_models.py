@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from asyneio.estimation.active import active_coordinates
 from asyneio.estimation.covariance import joint_covariance, newest_covariance, relative_scale_sigma
-from asyneio.estimation.linear_system import eliminate_landmarks, linearize
+from asyneio.estimation.elimination import eliminate_landmarks
+from asyneio.estimation.linear_system import linearize
 from asyneio.estimation.marginalization import marginalize_oldest
 from asyneio.estimation.optimizer import OptimizerSettings, Solution, add_prior, difference, optimize
 from asyneio.estimation.problem import Preintegrated, Prior, Problem, Propagated, Rest
@@ -259,6 +260,7 @@ def _without_oldest(problem: Problem) -> Problem:
         accelerometer=problem.accelerometer._replace(start=problem.accelerometer.start[1:]),
         visual=visual._replace(
             start=np.searchsorted(interval - 1, np.arange(KNOTS - 1)),
+            tau=visual.tau[keep],
             weights=visual.weights[keep],
             landmark=number[visual.landmark[keep]],
             xy=visual.xy[keep],

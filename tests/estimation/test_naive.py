@@ -44,7 +44,7 @@ def test_truth_explains_noise_free_measurements(scheme: str, projection: float, 
     window = toy.window(toy.truth)
     window.add_landmarks()
     problem = window.problem()
-    point = naive.at(problem.states, problem.landmarks, SETTINGS.landmark_dof)
+    point = naive.at(problem.states, problem)
     local = naive.local_variables(problem, point)
     # What is left is the difference between the motion and its interpolation, here far below the noise.
     assert np.abs(naive.gyroscope_residuals(problem, local, point.bias)).max(initial=0.0) < 0.02

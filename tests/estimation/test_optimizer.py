@@ -26,7 +26,7 @@ def start(dof: int = 3, scale: float = 0.3) -> tuple[Problem, Prior]:
 
 def solution_point(solution: Solution) -> naive.Point:
     problem = solution.problem
-    return naive.at(problem.states, problem.landmarks, problem.model.landmark_dof)
+    return naive.at(problem.states, problem)
 
 
 def landmarks_of(point: naive.Point) -> Array:
@@ -64,7 +64,7 @@ def test_gradient_vanishes(dof: int) -> None:
 def test_report() -> None:
     problem, prior = start()
     once = optimize(problem, prior, OptimizerSettings(1, 1e-12, 1e-6))
-    before = naive.residuals(problem, prior, naive.at(problem.states, problem.landmarks, 3))
+    before = naive.residuals(problem, prior, naive.at(problem.states, problem))
     after = naive.residuals(problem, prior, solution_point(once))
     assert once.report.iterations == 1
     assert not once.report.converged
@@ -112,7 +112,7 @@ def test_rejected_step_is_damped_and_the_minimum_reached(monkeypatch: pytest.Mon
 
     def watched(before: Problem, system: LinearSystem, step: Array) -> Problem:
         after = plain(before, system, step)
-        r = naive.residuals(problem, prior, naive.at(after.states, after.landmarks, 3))
+        r = naive.residuals(problem, prior, naive.at(after.states, after))
         tried.append((system, damping_of(system, step), 0.5 * float(r @ r)))
         return after
 

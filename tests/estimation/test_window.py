@@ -174,7 +174,7 @@ def test_optimum_is_taken_over() -> None:
     window.add_landmarks()
     solution = window.optimize(OptimizerSettings(20, 1e-9, 1e-6))
     again = window.problem()
-    r = naive.residuals(again, window.prior, naive.at(again.states, again.landmarks, 3))
+    r = naive.residuals(again, window.prior, naive.at(again.states, again))
     assert 0.5 * r @ r == pytest.approx(solution.report.cost, rel=1e-9)
     assert solution.report.cost < 0.1 * solution.report.initial_cost
     for now, linearised in zip(again.states, again.linearization, strict=True):

@@ -15,13 +15,19 @@ from asyneio.factors.gp_inertial import (
 from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
 from asyneio.factors.local_frame import local_to_knots
 from asyneio.factors.marginal_prior import knot_difference
-from asyneio.factors.reprojection import landmark_direction, reprojection_jacobian, reprojection_residual
+from asyneio.factors.reprojection import (
+    extrinsic_rotation_jacobian,
+    landmark_direction,
+    reprojection_jacobian,
+    reprojection_residual,
+)
 from asyneio.trajectory.interpolation import (
     interval_local,
     query_pose,
     query_pose_jacobian,
     query_pose_with_step,
     rows_times_step_jacobian,
+    weighted,
 )
 from asyneio.trajectory.model import WNOJ, MotionModel
 from asyneio.trajectory.motion_prior import interpolation_weights
@@ -155,22 +161,26 @@ def test_reprojection(model: MotionModel, dt: float, scale: float, rho: float) -
     xy = np.array([0.1, -0.2])
     root = np.array([[200.0, 3.0], [0.0, 180.0]])
 
-    def direction(a: Knot, k: np.ndarray, inverse_depth: float, p: Knot, q: Knot) -> tuple[np.ndarray, ...]:
+    def direction(
+        a: Knot, k: np.ndarray, inverse_depth: float, p: Knot, q: Knot, camera: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
         C, r = np.empty((3, 3)), np.empty(3)
-        query_pose(p.C, p.r, local_of(p, q, model.space), w[0], model.space, C, r)
+        late = weights_at(fraction + camera[0], dt, model.prior)
+        query_pose(p.C, p.r, local_of(p, q, model.space), late[0], model.space, C, r)
         x_a, x_b, h = np.empty(3), np.empty(3), np.empty(3)
-        landmark_direction(a.C, a.r, C, r, C_bc, r_bc, k, inverse_depth, x_a, x_b, h)
+        turned = C_bc @ expm_of(np.append(camera[1:], np.zeros(3)))[:3, :3]
+        landmark_direction(a.C, a.r, C, r, turned, r_bc, k, inverse_depth, x_a, x_b, h)
         return C, r, x_a, x_b, h
 
     def f(d: np.ndarray) -> np.ndarray:
         moved = anchor.perturbed(np.concatenate([d[:6], np.zeros(18)]))
         k = kappa + tangent @ d[7:9]
-        *_, h = direction(moved, k, rho + d[6], k0.perturbed(d[9:33]), k1.perturbed(d[33:57]))
+        *_, h = direction(moved, k, rho + d[6], k0.perturbed(d[9:33]), k1.perturbed(d[33:57]), d[57:])
         out = np.empty(2)
         assert reprojection_residual(h, xy, root, out)
         return out
 
-    C, r, x_a, x_b, h = direction(anchor, kappa, rho, k0, k1)
+    C, r, x_a, x_b, h = direction(anchor, kappa, rho, k0, k1, np.zeros(4))
     d_anchor, d_pose, d_landmark = np.empty((2, 6)), np.empty((2, 6)), np.empty((2, 3))
     assert reprojection_jacobian(
         anchor.C, anchor.r, C, r, C_bc, r_bc, rho, tangent, x_a, x_b, h, root, d_anchor, d_pose, d_landmark
@@ -183,8 +193,28 @@ def test_reprojection(model: MotionModel, dt: float, scale: float, rho: float) -
     local_jacobian[:, :6] = d_pose @ d_eps
     for b in range(5):
         local_jacobian[:, 6 + 6 * b : 12 + 6 * b] = w[0, b] * d_pose @ d_xi
-    analytic = np.hstack([d_anchor, d_landmark, local_jacobian @ chain_of(k0, k1, model.space)])
-    blocks = [("anchor", 6), ("inverse depth", 1), ("bearing", 2), *PAIR_BLOCKS]
+    xi_dot, d_rotation = np.empty(6), np.empty((2, 3))
+    weighted(local, w[1], xi_dot)
+    extrinsic_rotation_jacobian(anchor.C, C, C_bc, kappa, h, root, d_rotation)
+    # The offset in units of the interval, so that one step suits all lengths.
+    d_offset = dt * d_pose @ d_xi @ xi_dot
+    analytic = np.hstack(
+        [
+            d_anchor,
+            d_landmark,
+            local_jacobian @ chain_of(k0, k1, model.space),
+            d_offset[:, None],
+            d_rotation,
+        ]
+    )
+    blocks = [
+        ("anchor", 6),
+        ("inverse depth", 1),
+        ("bearing", 2),
+        *PAIR_BLOCKS,
+        ("time offset", 1),
+        ("extrinsic rotation", 3),
+    ]
     check_jacobian("reprojection", analytic, f, blocks)
 
 

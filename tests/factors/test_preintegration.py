@@ -13,6 +13,7 @@ from asyneio.factors.preintegration import (
     propagated_pose,
     propagated_pose_jacobian,
 )
+from asyneio.factors.propagated_rates import propagated_velocity, shifted_increments
 from asyneio.inertial.gp_preintegration import gp_preintegration
 from asyneio.inertial.increments import Increments, SampleNoise
 
@@ -137,6 +138,37 @@ def test_propagated_pose_jacobian(seed: int, dt: float, scale: float) -> None:
         check_jacobian(
             f"propagated pose rows {rows.start}", analytic[rows], lambda d, r=rows: f(d)[r], blocks
         )
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.01])
+@pytest.mark.parametrize(("dt", "scale"), CASES)
+def test_propagated_velocity_is_the_derivative_by_time(dt: float, scale: float, shift: float) -> None:
+    """Of the pose whose increments move with their rates, also where they have already moved."""
+    rng = np.random.default_rng(3)
+    knot, _ = random_pair(rng, dt, scale)
+    found, reference = random_increments(3)
+    reference += knot.bias - 0.2
+    rates = rng.normal(size=3), rng.normal(size=3), rng.normal(size=(3, 6))
+
+    def later(seconds: float) -> Increments:
+        out = Increments(np.empty((3, 3)), found.nu, np.empty(3), np.empty((9, 6)))
+        shifted_increments(found.C, found.r, found.d_bias, *rates, seconds, out.C, out.r, out.d_bias)
+        return out
+
+    at = later(shift)
+    velocity = np.empty(6)
+    nu_0 = np.ascontiguousarray(knot.varpi[0, 3:])
+    propagated_velocity(
+        knot.C, nu_0, knot.bias, reference, at.C, at.d_bias, dt + shift, *rates, GRAVITY, velocity
+    )
+    T_inv = np.linalg.inv(pose_of(knot, at, reference, dt + shift))
+
+    def f(d: np.ndarray) -> np.ndarray:
+        moved = pose_of(knot, later(shift + float(d[0])), reference, dt + shift + float(d[0]))
+        xi = np.real(logm(T_inv @ moved))
+        return np.array([xi[2, 1], xi[0, 2], xi[1, 0], *xi[:3, 3]])
+
+    check_jacobian("propagated pose", velocity[:, None], f, [("time", 1)])
 
 
 @pytest.mark.parametrize("tau", [0.0, 0.0712, 0.2])

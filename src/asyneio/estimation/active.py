@@ -4,6 +4,8 @@ The error state always has its 24 coordinates [eps, varpi, varpi_dot, b_g, b_a],
 motion has a use for all: white noise on acceleration knows no varpi_dot. Coordinates that are not *active*
 keep the value they were predicted with: what is solved, marginalised and inverted holds the active ones
 only, and the rows and columns of the others in a covariance or a prior are zero.
+
+Behind the knots may stand the few coordinates of the camera that are estimated: all of them are active.
 """
 
 from __future__ import annotations
@@ -28,30 +30,32 @@ def active_coordinates(motion_model: MotionModel, kinematic_prior: bool = True) 
     return np.delete(every, np.s_[12:18]) if motion_model.prior == WNOA else every
 
 
-def active_in_window(active: IntArray, knots: int) -> IntArray:
-    """Indices (n K,) of the active coordinates in the stacked error states (24 K) of K knots."""
-    return np.asarray((KNOT_DOF * np.arange(knots)[:, None] + active).ravel())
+def active_in_window(active: IntArray, knots: int, behind: int = 0) -> IntArray:
+    """Indices (n K + c) of the active coordinates in the stacked error states (24 K) of K knots and the
+    c = `behind` coordinates that follow."""
+    of_knots = (KNOT_DOF * np.arange(knots)[:, None] + active).ravel()
+    return np.concatenate([of_knots, KNOT_DOF * knots + np.arange(behind)])
 
 
 def active_part(matrix: FloatArray, active: IntArray) -> FloatArray:
-    """Rows and columns (n K, n K) of the active coordinates of a matrix (24 K, 24 K) over K knots.
+    """Rows and columns (n K + c) of the active coordinates of a matrix (24 K + c, 24 K + c), c < 24.
 
     Where all are active this is the matrix itself.
     """
     if len(active) == KNOT_DOF:
         return matrix
-    indices = active_in_window(active, len(matrix) // KNOT_DOF)
+    indices = active_in_window(active, *divmod(len(matrix), KNOT_DOF))
     return matrix[np.ix_(indices, indices)]
 
 
 def with_inactive_zero(values: FloatArray, active: IntArray) -> FloatArray:
-    """`values` (..., n K) of the active coordinates, with zeros (..., 24 K) for the others.
+    """`values` (..., n K + c) of the active coordinates, with zeros (..., 24 K + c) for the others, c < n.
 
     Where all are active these are the values themselves.
     """
     if len(active) == KNOT_DOF:
         return values
-    knots = values.shape[-1] // len(active)
-    out = np.zeros((*values.shape[:-1], KNOT_DOF * knots))
-    out[..., active_in_window(active, knots)] = values
+    knots, behind = divmod(values.shape[-1], len(active))
+    out = np.zeros((*values.shape[:-1], KNOT_DOF * knots + behind))
+    out[..., active_in_window(active, knots, behind)] = values
     return out

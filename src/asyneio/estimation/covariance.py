@@ -28,12 +28,23 @@ def _factor(solution: Solution) -> FloatArray:
 
 
 def newest_covariance(solution: Solution) -> FloatArray:
-    """Covariance (24,24) of the newest knot's error state.
+    """Covariance (24,24) of the newest knot's error state."""
+    covariance = _last_covariance(solution)
+    return covariance[:KNOT_DOF, :KNOT_DOF]
+
+
+def camera_covariance(solution: Solution) -> FloatArray:
+    """Covariance (c,c) of what is estimated of the camera [s, rad]."""
+    return _last_covariance(solution)[KNOT_DOF:, KNOT_DOF:]
+
+
+def _last_covariance(solution: Solution) -> FloatArray:
+    """Covariance (24+c,24+c) of the newest knot and of the camera, which stands behind it.
 
     With H = L L^T the last block of H^{-1} needs the last block of L alone.
     """
     active = solution.problem.model.active
-    n = len(active)
+    n = len(active) + len(solution.problem.camera.columns)
     L = _factor(solution)
     inverse = solve_triangular(L[-n:, -n:], np.eye(n), lower=True, check_finite=False)
     inverse = with_inactive_zero(inverse, active)
@@ -75,6 +86,7 @@ def relative_scale_sigma(solution: Solution) -> float:
     c[:, solution.problem.model.landmark_columns] = (
         np.einsum("ld,ldkc->kc", row, system.W[finite]) / finite.sum()
     )
-    mean = c.ravel()[active_in_window(solution.problem.model.active, len(c))]
+    of_camera = np.einsum("ld,ldc->c", row, system.W_camera[finite]) / finite.sum()
+    mean = np.append(c.ravel()[active_in_window(solution.problem.model.active, len(c))], of_camera)
     solved = cho_solve((_factor(solution), True), mean, check_finite=False)
     return float(np.sqrt(max(float(mean @ solved), 0.0)))

@@ -1,9 +1,8 @@
-"""Linearisation of the window (39): normal equations of the knots, landmarks kept apart for their
-Schur complement.
+"""Linearisation of the window (39): normal equations of the knots and of what is estimated of the camera;
+landmarks are kept apart for their Schur complement (`elimination.py`).
 
-Jacobians are taken at `problem.linearization`, residuals at `problem.states`: the two differ for knots
-that the
-marginal prior has frozen (first-estimates Jacobians).
+Jacobians are taken at `problem.linearization`, residuals at `problem.states`: the two differ for knots that
+the marginal prior has frozen (first-estimates Jacobians).
 """
 
 from __future__ import annotations
@@ -21,19 +20,22 @@ from asyneio.estimation.interval_terms import (
     motion_terms,
 )
 from asyneio.estimation.preintegration_terms import preintegration_terms
-from asyneio.estimation.problem import Landmarks, Model, Problem
+from asyneio.estimation.problem import Problem
 from asyneio.estimation.propagated_terms import propagated_terms
 from asyneio.estimation.rest_terms import rest_terms
-from asyneio.estimation.visual_terms import VisualSums, empty_sums, visual_terms
+from asyneio.estimation.visual_sums import VisualSums, empty_sums
+from asyneio.estimation.visual_terms import visual_terms
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 
 class LinearSystem(NamedTuple):
-    """Normal equations. `H` (24K,24K) symmetric, `b` (24K,) gradient; landmarks: `W` (L,dof,K,18) coupling
-    with the coordinates `Model.landmark_columns` of the knots,
+    """Normal equations. `H` (24K+c,24K+c) symmetric, `b` (24K+c,) gradient: K knots, then the c coordinates
+    of the camera that are estimated.
 
-    `H_l` (L,3,3), `b_l` (L,3), `end` (L,) one past the last knot each touches. `cost` is the total,
-    `visual_cost` that of the observations; `rejected` observations had no influence.
+    Landmarks: `W` (L,dof,K,18) coupling with the coordinates `Model.landmark_columns` of the knots, `H_l`
+    (L,3,3), `b_l` (L,3), `end` (L,) one past the last knot each touches, `W_camera` (L,dof,c) coupling with
+    the camera. `cost` is the total, `visual_cost` that of the observations; `rejected` observations had no
+    influence.
     """
 
     H: FloatArray
@@ -42,6 +44,7 @@ class LinearSystem(NamedTuple):
     H_l: FloatArray
     b_l: FloatArray
     end: IntArray
+    W_camera: FloatArray
     cost: float
     visual_cost: float
     rejected: int
@@ -56,12 +59,16 @@ def linearize(problem: Problem) -> LinearSystem:
     interval_chains(problem.linearization, needed, problem.model.motion_model.space, chain)
     H_local, b_local = np.zeros((knots - 1, 48, 48)), np.zeros((knots - 1, 48))
     dof = problem.model.landmark_dof
-    sums = empty_sums(knots - 1, knots, len(problem.landmarks.rho), dof)
-    H, b = np.zeros((24 * knots, 24 * knots)), np.zeros(24 * knots)
+    camera = len(problem.camera.columns)
+    sums = empty_sums(knots - 1, knots, len(problem.landmarks.rho), dof, camera)
+    size = 24 * knots + camera
+    H, b = np.zeros((size, size)), np.zeros(size)
     by_interval, by_knot = (H_local, b_local), (H, b)
     cost, visual_cost, rejected = _terms(problem, local, local_lin, chain, True, by_interval, by_knot, sums)
     _move_to_knots(needed, chain, H_local, b_local, sums, H, b)
-    return LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.end, cost, visual_cost, rejected)
+    return LinearSystem(
+        H, b, sums.W, sums.H_l, sums.b_l, sums.end, sums.W_camera, cost, visual_cost, rejected
+    )
 
 
 def evaluate_cost(problem: Problem) -> float:
@@ -144,8 +151,11 @@ def _move_to_knots(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Sums of all intervals and anchors from local coordinates to the knots."""
+    """Sums of all intervals, anchors and the camera, from local coordinates to the knots."""
+    camera = sums.b_camera.shape[0]
+    at = 24 * sums.H_pose.shape[0]
     moved = np.empty((48, 48))
+    border = np.empty((48, camera))
     half = np.empty((48, 48))
     cross = np.empty((48, 6))
     for k in range(sums.H_pose.shape[0]):
@@ -153,6 +163,14 @@ def _move_to_knots(
             b[24 * k + i] += sums.b_pose[k, i]
             for j in range(6):
                 H[24 * k + i, 24 * k + j] += sums.H_pose[k, i, j]
+    for c in range(camera):
+        b[at + c] += sums.b_camera[c]
+        for d in range(camera):
+            H[at + c, at + d] += sums.H_camera[c, d]
+        for k in range(sums.pose_camera.shape[0]):
+            for p in range(6):
+                H[24 * k + p, at + c] += sums.pose_camera[k, p, c]
+                H[at + c, 24 * k + p] += sums.pose_camera[k, p, c]
     for i in range(needed.shape[0]):
         if not needed[i]:
             continue
@@ -167,6 +185,12 @@ def _move_to_knots(
             for q in range(48):
                 s += C[q, p] * b_local[i, q]
             b[o + p] += s
+        if camera > 0:
+            _chain_transposed_times(C, sums.local_camera[i], border)
+            for p in range(48):
+                for c in range(camera):
+                    H[o + p, at + c] += border[p, c]
+                    H[at + c, o + p] += border[p, c]
         for a in range(sums.touched.shape[1]):
             if not sums.touched[i, a]:
                 continue
@@ -226,84 +250,3 @@ def _chain_transposed_times(chain: FloatArray, X: FloatArray, out: FloatArray) -
                 continue
             for q in range(n):
                 out[p, q] += v * X[m, q]
-
-
-@njit(cache=True)
-def _whiten_landmarks(
-    W: FloatArray, H_l: FloatArray, b_l: FloatArray, anchor: IntArray, end: IntArray, damping: FloatArray
-) -> None:
-    """In place: H_l + damping = L L^T, `W <- L^{-1} W`, `b_l <- L^{-1} b_l`, `H_l <- L`."""
-    dof = W.shape[1]
-    for j in range(W.shape[0]):
-        H, b = H_l[j], b_l[j]
-        for d in range(dof):
-            H[d, d] += damping[d]
-        for d in range(dof):
-            for e in range(d):
-                for k in range(e):
-                    H[d, e] -= H[d, k] * H[e, k]
-                H[d, e] /= H[e, e]
-            for k in range(d):
-                H[d, d] -= H[d, k] * H[d, k]
-            H[d, d] = np.sqrt(max(H[d, d], 1e-12))
-            inverse = 1.0 / H[d, d]
-            for k in range(d):
-                b[d] -= H[d, k] * b[k]
-            b[d] *= inverse
-            for n in range(anchor[j], end[j]):
-                for c in range(18):
-                    v = W[j, d, n, c]
-                    for k in range(d):
-                        v -= H[d, k] * W[j, k, n, c]
-                    W[j, d, n, c] = v * inverse
-
-
-@njit(cache=True)
-def landmark_steps(system: LinearSystem, anchor: IntArray, step: FloatArray, out: FloatArray) -> None:
-    """Back-substitution: steps `out` (L,3) of whitened landmarks for steps `step` (K,18) of the knots'
-    `landmark_columns`."""
-    dof = system.W.shape[1]
-    for j in range(system.W.shape[0]):
-        L = system.H_l[j]
-        for d in range(dof):
-            s = -system.b_l[j, d]
-            for k in range(anchor[j], system.end[j]):
-                for c in range(18):
-                    s -= system.W[j, d, k, c] * step[k, c]
-            out[j, d] = s
-        for d in range(dof - 1, -1, -1):
-            for e in range(d + 1, dof):
-                out[j, d] -= L[e, d] * out[j, e]
-            out[j, d] /= L[d, d]
-
-
-def eliminate_landmarks(system: LinearSystem, landmarks: Landmarks, model: Model) -> None:
-    """Schur complement of all landmarks onto the knots, in place; landmarks become whitened.
-
-    Landmarks with one anchor share a span of knots, so their rank updates become one product.
-    """
-    _whiten_landmarks(system.W, system.H_l, system.b_l, landmarks.anchor, system.end, model.landmark_damping)
-    knots = system.W.shape[2]
-    S = np.zeros((18 * knots, 18 * knots))
-    g = np.zeros(18 * knots)
-    for anchor in np.unique(landmarks.anchor):
-        mine = np.flatnonzero(landmarks.anchor == anchor)
-        end = int(system.end[mine].max())
-        if end == 0:
-            continue
-        W = system.W[mine, :, anchor:end].reshape(-1, 18 * (end - anchor))
-        span = slice(18 * anchor, 18 * end)
-        S[span, span] += W.T @ W
-        g[span] += W.T @ system.b_l[mine, : model.landmark_dof].ravel()
-    _subtract(S, g, model.landmark_columns, system.H, system.b)
-
-
-@njit(cache=True)
-def _subtract(S: FloatArray, g: FloatArray, columns: IntArray, H: FloatArray, b: FloatArray) -> None:
-    """Take `S` (18K,18K) and `g` (18K,) off the `columns` (18,) of every knot in `H` (24K,24K), `b`."""
-    for p in range(g.shape[0]):
-        at = p // 18 * 24 + columns[p % 18]
-        b[at] -= g[p]
-        for k in range(g.shape[0] // 18):
-            for c in range(18):
-                H[at, 24 * k + columns[c]] -= S[p, 18 * k + c]

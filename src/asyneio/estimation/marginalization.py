@@ -21,7 +21,9 @@ from scipy.linalg.lapack import dpstrf
 
 from asyneio.errors import EstimationError
 from asyneio.estimation.active import active_in_window, active_part, with_inactive_zero
-from asyneio.estimation.linear_system import eliminate_landmarks, linearize
+from asyneio.estimation.camera_calibration import after_walk
+from asyneio.estimation.elimination import eliminate_landmarks
+from asyneio.estimation.linear_system import linearize
 from asyneio.estimation.optimizer import add_prior, difference
 from asyneio.estimation.problem import (
     Inertial,
@@ -38,8 +40,11 @@ from asyneio.types import BoolArray, FloatArray, IntArray
 _RELATIVE_PIVOT = 1e-13
 
 
-def marginalize_oldest(problem: Problem, prior: Prior) -> Prior:
-    """The prior on knots 1..m that replaces knot 0, its landmarks and their factors.
+def marginalize_oldest(problem: Problem, prior: Prior, camera_walk: FloatArray | None = None) -> Prior:
+    """The prior on knots 1..m, and on what is estimated of the camera, that replaces knot 0, its landmarks
+    and their factors.
+
+    `camera_walk` (c,): variance that the camera's coordinates gain over the interval [s^2, rad^2].
 
     Raises:
         EstimationError: the oldest knot is not constrained.
@@ -47,11 +52,11 @@ def marginalize_oldest(problem: Problem, prior: Prior) -> Prior:
     part = _factors_of_oldest(problem, prior)
     knots = len(part.states.r)
     system = linearize(part)
-    add_prior(system, prior, difference(problem.states, prior))
+    add_prior(system, prior, difference(problem.states, prior, problem.camera))
     eliminate_landmarks(system, part.landmarks, part.model)
-    active = part.model.active
+    active, camera = part.model.active, len(part.camera.columns)
     n = len(active)
-    H, b = active_part(system.H, active), system.b[active_in_window(active, knots)]
+    H, b = active_part(system.H, active), system.b[active_in_window(active, knots, camera)]
     try:
         factor = cho_factor(H[:n, :n], lower=True, check_finite=False)
     except np.linalg.LinAlgError as error:
@@ -61,12 +66,14 @@ def marginalize_oldest(problem: Problem, prior: Prior) -> Prior:
     gain = cho_solve(factor, H[:n, n:], check_finite=False)
     information = H[n:, n:] - H[n:, :n] @ gain
     gradient = b[n:] - gain.T @ b[:n]
+    if camera_walk is not None:
+        information, gradient = after_walk(information, gradient, camera_walk)
     linearization = States(*(a[1:knots].copy() for a in problem.linearization))
     root, y = _square_root(0.5 * (information + information.T), gradient)
     R = with_inactive_zero(root, active)
     # Gradient R^T (R delta + r_0) at the present delta, which is zero for knots frozen only now.
-    shifted = Prior(R, R.T @ R, np.zeros(len(R)), linearization)
-    delta = difference(States(*(a[1:] for a in problem.states)), shifted)
+    shifted = Prior(R, R.T @ R, np.zeros(len(R)), linearization, problem.camera if camera else None)
+    delta = difference(States(*(a[1:] for a in problem.states)), shifted, problem.camera)
     return shifted._replace(r_0=y - R @ delta)
 
 
@@ -131,6 +138,7 @@ def _of_landmarks(visual: Visual, keep: BoolArray) -> tuple[Visual, BoolArray]:
     number: IntArray = np.cumsum(keep) - 1
     kept = Visual(
         start=np.searchsorted(interval, np.arange(len(visual.start))),
+        tau=visual.tau[chosen],
         weights=visual.weights[chosen],
         landmark=number[visual.landmark[chosen]],
         xy=visual.xy[chosen],

@@ -17,10 +17,15 @@ from asyneio.estimation.problem import (
     Propagated,
     Visual,
 )
+from asyneio.estimation.propagated_queries import propagated_at, shifted
 from asyneio.estimation.schemes import DirectSamples, IntervalInertial
 from asyneio.inertial.increments import Preintegration
 from asyneio.trajectory.motion_prior import interpolation_weights_many
 from asyneio.types import BoolArray, FloatArray, IntArray
+
+#: Propagated poses are asked for anew when the time offset has moved so far [s]: what a first-order shift
+#: leaves out, half its square times the angular acceleration, is 1e-6 rad in violent motion (50 rad/s^2).
+_ASK_AGAIN_S = 2e-4
 
 
 def _weights(
@@ -129,8 +134,11 @@ class VisualBuffer:
         self.interval: IntArray = np.empty(0, dtype=np.int64)
         self.xy: FloatArray = np.empty((0, 2))
         self.root_information: FloatArray = np.empty((0, 2, 2))
-        self.weights: FloatArray = np.empty((0, 5))
+        self.tau: FloatArray = np.empty(0)
+        self.dt: FloatArray = np.empty(0)
+        self.weights: FloatArray = np.empty((0, 2, 5))
         self.propagated: Propagated = NOTHING_PROPAGATED
+        self._asked_offset = 0.0
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -144,17 +152,20 @@ class VisualBuffer:
         interval: int,
         bounds_ns: tuple[int, int],
         propagated: Propagated = NOTHING_PROPAGATED,
+        offset: float = 0.0,
     ) -> None:
         """Undistorted observations `xy` (N,2) of one interval that spans `bounds_ns`, and increments at their
-        times where the scheme has them."""
-        n = len(t_ns)
-        weights, _ = _weights(t_ns, np.full(n, bounds_ns[0]), np.full(n, bounds_ns[1]), self._prior)
+        times plus `offset` [s] where the scheme has them."""
+        tau = np.asarray((t_ns - bounds_ns[0]) * 1e-9, dtype=np.float64)
+        dt = np.full(len(t_ns), (bounds_ns[1] - bounds_ns[0]) * 1e-9)
         self.t_ns = np.concatenate([self.t_ns, t_ns])
         self.track = np.concatenate([self.track, track])
-        self.interval = np.concatenate([self.interval, np.full(n, interval)])
+        self.interval = np.concatenate([self.interval, np.full(len(t_ns), interval)])
         self.xy = np.concatenate([self.xy, xy])
         self.root_information = np.concatenate([self.root_information, root_information])
-        self.weights = np.concatenate([self.weights, weights[:, 0]])
+        self.tau = np.concatenate([self.tau, tau])
+        self.dt = np.concatenate([self.dt, dt])
+        self.weights = np.concatenate([self.weights, self._weights(tau + offset, dt)])
         both = zip(self.propagated, propagated, strict=True)
         self.propagated = Propagated(*(np.concatenate(pair) for pair in both))
 
@@ -165,8 +176,34 @@ class VisualBuffer:
         self.interval = self.interval[mask]
         self.xy = self.xy[mask]
         self.root_information = self.root_information[mask]
+        self.tau = self.tau[mask]
+        self.dt = self.dt[mask]
         self.weights = self.weights[mask]
         self.propagated = self.propagated.chosen(mask)
+
+    def move_to(self, offset: float, rules: list[Preintegration], first: int) -> None:
+        """Ask for poses at the stamps plus another time offset [s].
+
+        `rules` are those of the intervals from `first` on, where poses are propagated.
+        """
+        if len(self.propagated.tau) == 0:
+            self.weights = self._weights(self.tau + offset, self.dt)
+        elif abs(offset - self._asked_offset) < _ASK_AGAIN_S:
+            self.propagated = shifted(self.propagated, self.tau + offset)
+        else:
+            self._asked_offset = offset
+            parts = [
+                propagated_at(rules[k - first], self.tau[self.interval == k] + offset, with_rates=True)
+                for k in np.unique(self.interval)
+            ]
+            # Observations are held in the order of their intervals.
+            self.propagated = Propagated(*(np.concatenate(some) for some in zip(*parts, strict=True)))
+
+    def _weights(self, tau: FloatArray, dt: FloatArray) -> FloatArray:
+        """Interpolation weights (N,2,5) of xi and xi_dot."""
+        out = np.empty((len(tau), 3, 5))
+        interpolation_weights_many(tau, dt, self._prior, out)
+        return np.ascontiguousarray(out[:, :2])
 
     def arrays(
         self, landmark: IntArray, anchor: IntArray, first: int, intervals: int
@@ -181,6 +218,7 @@ class VisualBuffer:
         start = np.searchsorted(self.interval[chosen], first + np.arange(intervals + 1))
         visual = Visual(
             start,
+            self.tau[chosen],
             self.weights[chosen],
             landmark[chosen],
             self.xy[chosen],

@@ -12,14 +12,10 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from asyneio.errors import EstimationError
 from asyneio.estimation.active import KNOT_DOF, active_in_window, active_part, with_inactive_zero
-from asyneio.estimation.linear_system import (
-    LinearSystem,
-    eliminate_landmarks,
-    evaluate_cost,
-    landmark_steps,
-    linearize,
-)
-from asyneio.estimation.problem import Landmarks, Prior, Problem, States
+from asyneio.estimation.camera_calibration import at_offset, camera_difference, moved_camera
+from asyneio.estimation.elimination import eliminate_landmarks, landmark_steps
+from asyneio.estimation.linear_system import LinearSystem, evaluate_cost, linearize
+from asyneio.estimation.problem import Camera, Landmarks, Prior, Problem, States
 from asyneio.factors.marginal_prior import knot_difference
 from asyneio.geometry.se3 import se3_between, se3_compose, se3_exp, se3_log
 from asyneio.types import FloatArray, IntArray
@@ -53,7 +49,7 @@ class OptimizerReport:
 class Solution:
     """Optimised problem, the reduced normal equations it was last solved with, and the report.
 
-    `information` (24K,24K) is the Schur complement of the landmarks plus the prior at the last linearisation;
+    `information` (24K+c,24K+c) is the Schur complement of the landmarks plus the prior, last linearised;
     what it says of coordinates that are not active (`problem.model.active`) means nothing.
     """
 
@@ -77,7 +73,7 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
     Raises:
         EstimationError: the system stays singular at any damping, or the cost is not finite.
     """
-    prior_delta = difference(problem.states, prior)
+    prior_delta = difference(problem.states, prior, problem.camera)
     damping = 0.0
     initial_cost = cost = float("inf")
     iterations = 0
@@ -121,7 +117,7 @@ def _damped_step(
         step = _solve(system, problem.model.active, diagonal, damping)
         if step is not None:
             candidate = retract(problem, system, step)
-            delta = difference(candidate.states, prior)
+            delta = difference(candidate.states, prior, candidate.camera)
             new_cost = evaluate_cost(candidate) + prior_cost(prior, delta)
             # Equal costs count: at the minimum rounding decides.
             if new_cost <= cost * (1.0 + 1e-9):
@@ -139,12 +135,12 @@ def _damped_step(
 def _predicted_decrease(system: LinearSystem, step: FloatArray) -> float:
     """Decrease of the quadratic model for an undamped step; whitened landmarks add |b_l|^2 / 2."""
     dof = system.W.shape[1]
-    return 0.5 * float(np.sum(system.b_l[:, :dof] ** 2) - step.ravel() @ system.b)
+    return 0.5 * float(np.sum(system.b_l[:, :dof] ** 2) - step @ system.b)
 
 
 def _solve(system: LinearSystem, active: IntArray, diagonal: FloatArray, damping: float) -> FloatArray | None:
-    """Knot steps (K,24), zero where not active, or None where the matrix is not positive definite."""
-    chosen = active_in_window(active, len(diagonal) // KNOT_DOF)
+    """Step (24K+c,), zero where not active, or None where the matrix is not positive definite."""
+    chosen = active_in_window(active, *divmod(len(diagonal), KNOT_DOF))
     H = active_part(system.H, active).copy()
     H[np.diag_indices_from(H)] += damping * diagonal[chosen]
     try:
@@ -154,29 +150,39 @@ def _solve(system: LinearSystem, active: IntArray, diagonal: FloatArray, damping
     step = -cho_solve(factor, system.b[chosen], check_finite=False)
     if not np.isfinite(step).all():
         return None
-    return with_inactive_zero(step, active).reshape(-1, KNOT_DOF)
+    return with_inactive_zero(step, active)
 
 
 def add_prior(system: LinearSystem, prior: Prior, delta: FloatArray) -> float:
     """Add the marginal prior to the normal equations; returns its cost."""
     residual = prior.R @ delta + prior.r_0
-    n = prior.R.shape[1]
-    system.H[:n, :n] += prior.information
-    system.b[:n] += prior.R.T @ residual
+    # What it knows of the camera stands behind its knots, in the system behind all knots.
+    n, behind = KNOT_DOF * prior.knots, prior.R.shape[1] % KNOT_DOF
+    gradient = prior.R.T @ residual
+    system.H[:n, :n] += prior.information[:n, :n]
+    system.b[:n] += gradient[:n]
+    if behind:
+        system.H[:n, -behind:] += prior.information[:n, n:]
+        system.H[-behind:, :n] += prior.information[n:, :n]
+        system.H[-behind:, -behind:] += prior.information[n:, n:]
+        system.b[-behind:] += gradient[n:]
     return 0.5 * float(residual @ residual)
 
 
 def prior_cost(prior: Prior, delta: FloatArray) -> float:
-    """Cost of the marginal prior at the difference `delta` (24 m,) from its linearisation point."""
+    """Cost of the marginal prior at the difference `delta` (24 m + c,) from its linearisation point."""
     residual = prior.R @ delta + prior.r_0
     return 0.5 * float(residual @ residual)
 
 
-def difference(states: States, prior: Prior) -> FloatArray:
-    """`delta` (24 m,) of the first m knots from the prior's linearisation point."""
-    out = np.empty((prior.knots, 24))
+def difference(states: States, prior: Prior, camera: Camera | None = None) -> FloatArray:
+    """`delta` (24 m + c,) of the first m knots, and of the camera where the prior knows something of it, from
+    the prior's linearisation point."""
+    out = np.empty((prior.knots, KNOT_DOF))
     _difference(prior.linearization, states, out)
-    return out.ravel()
+    if prior.camera is None or camera is None:
+        return out.ravel()
+    return np.concatenate([out.ravel(), camera_difference(camera, prior.camera)])
 
 
 @njit(cache=True)
@@ -196,15 +202,28 @@ def _difference(linearization: States, states: States, out: FloatArray) -> None:
 
 
 def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem:
-    """The problem after a step of the knots (K,24) and the step of the landmarks that follows from it."""
+    """The problem after a step (24K+c,) of knots and camera and the step of the landmarks that follows."""
+    of_knots, of_camera = np.split(step, [KNOT_DOF * len(problem.states.r)])
+    knot_steps = of_knots.reshape(-1, KNOT_DOF)
     states = problem.states.copied()
     linearization = problem.linearization.copied()
     landmarks = problem.landmarks.copied()
     landmark_step = np.zeros((len(landmarks.rho), 3))
-    columns = np.ascontiguousarray(step[:, problem.model.landmark_columns])
-    landmark_steps(system, landmarks.anchor, columns, landmark_step)
-    _retract(states, linearization, problem.frozen, step, landmarks, landmark_step)
-    return problem._replace(states=states, linearization=linearization, landmarks=landmarks)
+    columns = np.ascontiguousarray(knot_steps[:, problem.model.landmark_columns])
+    landmark_steps(system, landmarks.anchor, columns, of_camera, landmark_step)
+    _retract(states, linearization, problem.frozen, knot_steps, landmarks, landmark_step)
+    moved = problem._replace(states=states, linearization=linearization, landmarks=landmarks)
+    if not len(of_camera):
+        return moved
+    camera = moved_camera(problem.camera, of_camera)
+    visual, propagated = at_offset(
+        problem.visual,
+        problem.propagated,
+        camera.time_offset,
+        problem.model.dt,
+        problem.model.motion_model.prior,
+    )
+    return moved._replace(camera=camera, visual=visual, propagated=propagated)
 
 
 @njit(cache=True)

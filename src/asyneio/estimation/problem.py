@@ -38,11 +38,23 @@ class Inertial(NamedTuple):
     root_information: FloatArray  # (N,) 1/sigma
 
 
+class Camera(NamedTuple):
+    """What the window may estimate of the camera besides its poses, common to all observations.
+
+    Coordinates of its error state: time offset [s], then the rotation theta (3) with `C_bc Exp(theta)`.
+    """
+
+    C_bc: FloatArray  # (3,3) camera in body
+    time_offset: float  # s; an observation stamped t shows what the body saw at t + time_offset
+    columns: IntArray  # (c,) those of the four coordinates that are solved for, ascending
+
+
 class Visual(NamedTuple):
     """Observations of landmarks; within an interval sorted by anchor, then landmark."""
 
     start: IntArray  # (I+1,)
-    weights: FloatArray  # (M,5) first row of the interpolation weights (20)
+    tau: FloatArray  # (M,) stamps, seconds after the knot before
+    weights: FloatArray  # (M,2,5) interpolation weights (20) of xi and xi_dot, at tau + time offset
     landmark: IntArray  # (M,) index of the landmark
     xy: FloatArray  # (M,2) undistorted, normalised
     root_information: FloatArray  # (M,2,2)
@@ -76,13 +88,17 @@ class Preintegrated(NamedTuple):
 class Propagated(NamedTuple):
     """Increments (29) at the times of the observations, computed with the bias of `Preintegrated`.
 
-    Empty (M = 0) where the pose at an observation is interpolated between knots.
+    Empty (M = 0) where the pose at an observation is interpolated between knots. The last three say how they
+    change with time; where no time offset is estimated nobody asks, and `omega` and `d_turn` are zero.
     """
 
-    tau: FloatArray  # (M,) seconds after the knot before
+    tau: FloatArray  # (M,) seconds after the knot before, time offset included
     C: FloatArray  # (M,3,3)
     r: FloatArray  # (M,3)
     d_bias: FloatArray  # (M,9,6)
+    omega: FloatArray  # (M,3) rate of C in the body
+    nu: FloatArray  # (M,3) rate of r
+    d_turn: FloatArray  # (M,3,6) rate of d_bias[:3]
 
     def chosen(self, index: IntArray | BoolArray) -> Propagated:
         """Those of some observations."""
@@ -115,12 +131,14 @@ class Landmarks(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """Square-root prior over the first m knots, and where it was linearised."""
+    """Square-root prior over the first m knots and the c coordinates of the camera that are estimated, and
+    where it was linearised."""
 
-    R: FloatArray  # (rank, 24 m)
-    information: FloatArray  # (24 m, 24 m) R^T R, kept because every iteration adds it
+    R: FloatArray  # (rank, 24 m + c)
+    information: FloatArray  # (24 m + c, 24 m + c) R^T R, kept because every iteration adds it
     r_0: FloatArray  # (rank,) residual at the linearisation point
     linearization: States  # m knots
+    camera: Camera | None = None  # None where nothing of the camera is estimated
 
     @property
     def knots(self) -> int:
@@ -143,7 +161,15 @@ NOTHING_PREINTEGRATED = Preintegrated(
     np.zeros((0, 9, 9)),
 )
 NOTHING_AT_REST = Rest(np.zeros(0, dtype=np.bool_), np.zeros((0, 18)))
-NOTHING_PROPAGATED = Propagated(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 9, 6)))
+NOTHING_PROPAGATED = Propagated(
+    np.zeros(0),
+    np.zeros((0, 3, 3)),
+    np.zeros((0, 3)),
+    np.zeros((0, 9, 6)),
+    np.zeros((0, 3)),
+    np.zeros((0, 3)),
+    np.zeros((0, 3, 6)),
+)
 
 
 class Model(NamedTuple):
@@ -155,8 +181,7 @@ class Model(NamedTuple):
     gravity_w: FloatArray  # (3,)
     root_density: FloatArray  # (6,) sqrt of the motion prior's power spectral density
     bias_walk: FloatArray  # (6,)
-    C_bc: FloatArray  # (3,3) camera in body
-    r_bc: FloatArray  # (3,)
+    r_bc: FloatArray  # (3,) camera in body
     robust_scale: float
     gate: float
     landmark_dof: int  # 1 inverse depth; 3 inverse depth and bearing
@@ -176,6 +201,7 @@ class Problem(NamedTuple):
     accelerometer: Inertial
     visual: Visual
     landmarks: Landmarks
+    camera: Camera
     model: Model
     preintegrated: Preintegrated = NOTHING_PREINTEGRATED
     propagated: Propagated = NOTHING_PROPAGATED

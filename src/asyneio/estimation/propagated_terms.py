@@ -9,29 +9,32 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.estimation.observation import differentiate, observe
+from asyneio.estimation.observation import differentiate, differentiate_camera, observe
 from asyneio.estimation.problem import Problem, States
-from asyneio.estimation.visual_terms import VisualSums
+from asyneio.estimation.visual_sums import VisualSums
 from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
+from asyneio.factors.propagated_rates import propagated_velocity
 from asyneio.types import FloatArray
 
-#: Coordinates that an observation depends on: pose and velocity of the knot before, its biases, anchor pose.
-_EPS, _NU, _BIAS, _ANCHOR = 0, 6, 9, 15
-_OWN = 15
+#: Coordinates that an observation depends on: pose and velocity of the knot before, its biases, anchor pose,
+#: and what is estimated of the camera.
+_EPS, _NU, _BIAS, _ANCHOR, _CAMERA = 0, 6, 9, 15, 21
 
 
 @njit(cache=True)
 def propagated_terms(
     problem: Problem, with_jacobian: bool, H: FloatArray, b: FloatArray, sums: VisualSums
 ) -> tuple[float, int]:
-    """Cost of all observations and how many had no influence; adds to `H` (24K,24K), `b` (24K,) and `sums`.
+    """Cost of all observations and how many had no influence; adds to `H` (24K+c,24K+c), `b` (24K+c,)
+    and `sums`.
 
     `sums.W` holds the columns `PROPAGATED_COLUMNS`.
     """
     visual, anchor = problem.visual, problem.landmarks.anchor
     x_a, x_b, h, residual = np.empty(3), np.empty(3), np.empty(3), np.empty(2)
     d_anchor, d_pose, d_landmark = np.empty((2, 6)), np.empty((2, 6)), np.empty((2, 3))
-    C, r, row = np.empty((3, 3)), np.empty(3), np.empty((2, _OWN + 6))
+    C, r, row = np.empty((3, 3)), np.empty(3), np.empty((2, _CAMERA + len(problem.camera.columns)))
+    velocity = np.empty(6)
     cost = 0.0
     rejected = 0
     for i in range(visual.start.shape[0] - 1):
@@ -51,7 +54,10 @@ def propagated_terms(
                 rejected += 1
                 continue
             _fill_row(problem, i, n, d_pose, d_anchor, row)
-            _sum_knots(row, residual, robust, i, a, H, b)
+            if row.shape[1] > _CAMERA:
+                _pose_rate(problem, i, n, velocity)
+                differentiate_camera(problem, n, C, h, d_pose, velocity, row[:, _CAMERA:])
+            _sum_knots(row, residual, robust, i, a, 24 * problem.states.r.shape[0], H, b)
             _sum_landmark(row, residual, d_landmark, robust, i, visual.landmark[n], a, sums)
     return cost, rejected
 
@@ -77,10 +83,30 @@ def pose_at(problem: Problem, states: States, i: int, n: int, C: FloatArray, r: 
 
 
 @njit(cache=True)
+def _pose_rate(problem: Problem, i: int, n: int, out: FloatArray) -> None:
+    """Generalised velocity (6,) of the pose of `pose_at`, at the linearisation point."""
+    propagated, states = problem.propagated, problem.linearization
+    propagated_velocity(
+        states.C[i],
+        states.varpi[i, 0, 3:],
+        states.bias[i],
+        problem.preintegrated.bias[i],
+        propagated.C[n],
+        propagated.d_bias[n],
+        propagated.tau[n],
+        propagated.omega[n],
+        propagated.nu[n],
+        propagated.d_turn[n],
+        problem.model.gravity_w,
+        out,
+    )
+
+
+@njit(cache=True)
 def _fill_row(
     problem: Problem, i: int, n: int, d_pose: FloatArray, d_anchor: FloatArray, row: FloatArray
 ) -> None:
-    """`row` (2,21): derivatives of the residual by eps, nu, biases of knot i and by the anchor pose."""
+    """First 21 of `row` (2,21+c): derivatives by eps, nu, biases of knot i and by the anchor pose."""
     propagated, states = problem.propagated, problem.linearization
     d_eps, d_nu, d_bias = np.empty((6, 6)), np.empty((6, 3)), np.empty((6, 6))
     propagated_pose_jacobian(
@@ -115,27 +141,36 @@ def _fill_row(
 
 
 @njit(cache=True)
-def _column(k: int, i: int, a: int) -> int:
-    """Coordinate in the stacked error states of entry k of a row."""
+def _column(k: int, i: int, a: int, knots_end: int) -> int:
+    """Coordinate in the stacked error states of entry k of a row; the camera's follow those of the knots."""
     if k < _NU:
         return 24 * i + k
     if k < _BIAS:
         return 24 * i + 3 + k
     if k < _ANCHOR:
         return 24 * i + 9 + k
-    return 24 * a + k - _ANCHOR
+    if k < _CAMERA:
+        return 24 * a + k - _ANCHOR
+    return knots_end + k - _CAMERA
 
 
 @njit(cache=True)
 def _sum_knots(
-    row: FloatArray, residual: FloatArray, robust: float, i: int, a: int, H: FloatArray, b: FloatArray
+    row: FloatArray,
+    residual: FloatArray,
+    robust: float,
+    i: int,
+    a: int,
+    knots_end: int,
+    H: FloatArray,
+    b: FloatArray,
 ) -> None:
-    for p in range(_OWN + 6):
-        at = _column(p, i, a)
+    for p in range(row.shape[1]):
+        at = _column(p, i, a, knots_end)
         first, second = robust * row[0, p], robust * row[1, p]
         b[at] += first * residual[0] + second * residual[1]
-        for q in range(_OWN + 6):
-            H[at, _column(q, i, a)] += first * row[0, q] + second * row[1, q]
+        for q in range(row.shape[1]):
+            H[at, _column(q, i, a, knots_end)] += first * row[0, q] + second * row[1, q]
 
 
 @njit(cache=True)
@@ -149,7 +184,7 @@ def _sum_landmark(
     a: int,
     sums: VisualSums,
 ) -> None:
-    """Landmark j against itself, its anchor and knot i."""
+    """Landmark j against itself, its anchor, knot i and the camera."""
     dof = sums.W.shape[1]
     sums.end[j] = i + 1
     for d in range(dof):
@@ -163,3 +198,5 @@ def _sum_landmark(
             sums.W[j, d, i, 12 + k] += first * row[0, _BIAS + k] + second * row[1, _BIAS + k]
         for k in range(3):
             sums.W[j, d, i, 9 + k] += first * row[0, _NU + k] + second * row[1, _NU + k]
+        for k in range(sums.W_camera.shape[2]):
+            sums.W_camera[j, d, k] += first * row[0, _CAMERA + k] + second * row[1, _CAMERA + k]

@@ -7,6 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.estimation.active import active_coordinates
+from asyneio.estimation.camera_calibration import (
+    FIXED_CALIBRATION,
+    CalibrationSettings,
+    first_camera,
+    with_camera,
+)
 from asyneio.estimation.landmarks import (
     LandmarkTable,
     born_landmark,
@@ -26,6 +32,7 @@ from asyneio.estimation.problem import (
     Propagated,
     States,
 )
+from asyneio.estimation.propagated_queries import propagated_at
 from asyneio.estimation.rest_terms import rest_of
 from asyneio.estimation.schemes import Scheme, measure
 from asyneio.inertial.increments import Preintegration, SampleNoise
@@ -55,6 +62,7 @@ class WindowSettings:
     bearing_sigma: float  # rad, of one observation: decides whether a track has parallax
     min_observations: int
     frozen_linearization: bool
+    calibration: CalibrationSettings = FIXED_CALIBRATION
 
 
 @dataclass(frozen=True)
@@ -82,7 +90,8 @@ class Window:
         self.t_ns: IntArray = np.array([t_ns], dtype=np.int64)
         self.states = states.copied()
         self._linearization = states.copied()
-        self.prior = prior
+        self.camera = first_camera(settings.T_b_c[:3, :3], settings.calibration)
+        self.prior = with_camera(prior, self.camera, settings.calibration)
         self._frozen = 0
         prior_kind = settings.motion_model.prior
         self._gyroscope = InertialBuffer(prior_kind)
@@ -143,6 +152,7 @@ class Window:
             interval,
             bounds,
             self._increments(measured.preintegration, observations.t_ns),
+            self.camera.time_offset,
         )
         self._still = np.append(self._still, still)
         self.t_ns = np.append(self.t_ns, t_ns)
@@ -159,9 +169,12 @@ class Window:
         """Increments since the newest knot at times (N,), where the scheme propagates."""
         if preintegration is None or not self._settings.scheme.propagates:
             return NOTHING_PROPAGATED
-        tau = (t_ns - self.t_ns[-1]) * 1e-9
-        at = preintegration.at(np.minimum(tau, preintegration.duration))
-        return Propagated(tau, at.C, at.r, at.d_bias)
+        tau = (t_ns - self.t_ns[-1]) * 1e-9 + self.camera.time_offset
+        return propagated_at(preintegration, tau, self._moves_in_time)
+
+    @property
+    def _moves_in_time(self) -> bool:
+        return 0 in self.camera.columns
 
     def problem(self) -> Problem:
         """The optimisation problem of the present window."""
@@ -179,6 +192,7 @@ class Window:
             accelerometer=self._accelerometer.arrays(self.first, intervals),
             visual=visual,
             landmarks=self.landmarks.arrays(self.first),
+            camera=self.camera,
             model=model,
             preintegrated=self._preintegrations.arrays(self.first, intervals),
             propagated=propagated,
@@ -195,7 +209,6 @@ class Window:
             gravity_w=s.gravity_w,
             root_density=s.root_density,
             bias_walk=s.bias_walk,
-            C_bc=np.ascontiguousarray(s.T_b_c[:3, :3]),
             r_bc=np.ascontiguousarray(s.T_b_c[:3, 3]),
             robust_scale=s.robust_scale,
             gate=s.gate,
@@ -212,11 +225,16 @@ class Window:
         self._linearization = solution.problem.linearization
         self.landmarks.kappa = solution.problem.landmarks.kappa
         self.landmarks.rho = solution.problem.landmarks.rho
+        self.camera = solution.problem.camera
+        if self._moves_in_time:
+            self._visual.move_to(self.camera.time_offset, self.preintegrations, self.first)
         return solution
 
     def marginalize_oldest(self) -> None:
         """Replace the oldest knot, and the landmarks anchored there, by the marginal prior."""
-        self.prior = marginalize_oldest(self.problem(), self.prior)
+        walk = self._settings.calibration.walk[self.camera.columns]
+        interval_s = float(self.t_ns[1] - self.t_ns[0]) * 1e-9
+        self.prior = marginalize_oldest(self.problem(), self.prior, walk**2 * interval_s)
         anchored = self.landmarks.anchor == self.first
         gone = np.isin(self._visual.track, self.landmarks.track[anchored])
         # What is left in the first interval belongs to tracks too short for a landmark.
@@ -309,19 +327,20 @@ class Window:
         C, r = np.empty((len(interval), 3, 3)), np.empty((len(interval), 3))
         if self._settings.scheme.propagates:
             chosen = self._visual.propagated.chosen(group)
-            start = Propagated(np.zeros(1), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 9, 6)))
+            nothing = (np.zeros((1, *a.shape[1:])) for a in chosen[2:])
+            start = Propagated(np.zeros(1), np.eye(3)[None], *nothing)
             increments = Propagated(*(np.concatenate(pair) for pair in zip(start, chosen, strict=True)))
             bias = self._preintegrations.arrays(self.first, self.knots - 1).bias
             # The newest knot has no increments after it, and the anchor's own pose needs none.
             bias = np.concatenate([bias, self.states.bias[-1:]])
             propagated_camera_poses(
-                self.states, interval, increments, bias, model.gravity_w, model.C_bc, model.r_bc, C, r
+                self.states, interval, increments, bias, model.gravity_w, self.camera.C_bc, model.r_bc, C, r
             )
         else:
             # Weights zero: the pose at the start of the interval.
-            weights = np.vstack([np.zeros((1, 5)), self._visual.weights[group]])
+            weights = np.vstack([np.zeros((1, 5)), self._visual.weights[group, 0]])
             space = model.motion_model.space
-            camera_poses(self.states, interval, weights, model.C_bc, model.r_bc, space, C, r)
+            camera_poses(self.states, interval, weights, self.camera.C_bc, model.r_bc, space, C, r)
         return C, r
 
     def _direction_at(self, group: IntArray, knot: int) -> FloatArray:

@@ -16,7 +16,7 @@ from asyneio.types import FloatArray
 
 
 @njit(cache=True)
-def _corrected(
+def corrected_increments(
     bias_0: FloatArray,
     bias_ref: FloatArray,
     dC: FloatArray,
@@ -24,7 +24,7 @@ def _corrected(
     change: FloatArray,
     M: FloatArray,
 ) -> None:
-    """`change` (9,) = d_bias (b - b_ref) and `M` (3,3) = dC Exp(change[:3])."""
+    """Increments for other biases: `change` (9,) = d_bias (b - b_ref) and `M` (3,3) = dC Exp(change[:3])."""
     turn = np.empty((3, 3))
     matvec(d_bias, bias_0 - bias_ref, change)
     so3_exp(change[:3], turn)
@@ -62,7 +62,7 @@ def preintegration_residual(
     nu = np.empty(3)
     fall = np.empty(3)
     way = np.empty(3)
-    _corrected(bias_0, bias_ref, dC, d_bias, change, M)
+    corrected_increments(bias_0, bias_ref, dC, d_bias, change, M)
     matmul_tn(C_0, C_1, C_01)
     matmul_tn(M, C_01, E)
     so3_log(E, residual[:3])
@@ -109,7 +109,7 @@ def preintegration_jacobian(
     fall = np.empty(3)
     way = np.empty(3)
     hat = np.empty((3, 3))
-    _corrected(bias_0, bias_ref, dC, d_bias, change, M)
+    corrected_increments(bias_0, bias_ref, dC, d_bias, change, M)
     matmul_tn(C_0, C_1, C_01)
     matmul_tn(M, C_01, E)
     so3_log(E, e_phi)
@@ -166,7 +166,7 @@ def propagated_pose(
     M = np.empty((3, 3))
     change = np.empty(9)
     way = np.empty(3)
-    _corrected(bias_0, bias_ref, dC, d_bias, change, M)
+    corrected_increments(bias_0, bias_ref, dC, d_bias, change, M)
     matmul(C_0, M, C)
     matvec(C_0, nu_0 * tau + dr + change[6:], way)
     for i in range(3):
@@ -199,7 +199,7 @@ def propagated_pose_jacobian(
     J_psi = np.empty((3, 3))
     hat = np.empty((3, 3))
     lever = np.empty((3, 3))
-    _corrected(bias_0, bias_ref, dC, d_bias, change, M)
+    corrected_increments(bias_0, bias_ref, dC, d_bias, change, M)
     so3_right_jacobian(change[:3], J_psi)
     skew(nu_0 * tau + dr + change[6:], hat)
     matmul_tn(M, hat, lever)

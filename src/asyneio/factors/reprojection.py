@@ -6,6 +6,11 @@ its point is kappa / rho there. Measurements are undistorted, normalised coordin
 is a status, never a NaN.
 
 Jacobians of the landmark: column 0 inverse depth (89), columns 1 and 2 the bearing along `tangent` (3,2).
+
+The camera's rotation in the body, `C_bc Exp(theta)`, turns the camera at the anchor as well as the one that
+observes: with the anchor's bearing turned into the query camera, kappa' = R kappa,
+
+    h(theta) = Exp(-theta) (R Exp(theta) kappa + ...),   d h / d theta = h^ - R kappa^ = h^ - kappa'^ R.
 """
 
 from __future__ import annotations
@@ -137,3 +142,41 @@ def reprojection_jacobian(
                 s += F * tangent[i, t]
             d_landmark[m, 1 + t] = s
     return True
+
+
+@njit(cache=True)
+def extrinsic_rotation_jacobian(
+    C_a: FloatArray,
+    C: FloatArray,
+    C_bc: FloatArray,
+    kappa: FloatArray,
+    h: FloatArray,
+    root_information: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Whitened Jacobian `out` (2,3) with respect to theta, the perturbation of `C_bc` on the right.
+
+    `h` as left by `landmark_direction`, of a landmark in front.
+    """
+    iz = 1.0 / h[2]
+    for m in range(2):
+        p0 = root_information[m, 0] * iz
+        p1 = root_information[m, 1] * iz
+        p2 = -(p0 * h[0] + p1 * h[1]) * iz
+        # F = p R: back through the query camera, its body, the world and the anchor body.
+        D0 = p0 * C_bc[0, 0] + p1 * C_bc[0, 1] + p2 * C_bc[0, 2]
+        D1 = p0 * C_bc[1, 0] + p1 * C_bc[1, 1] + p2 * C_bc[1, 2]
+        D2 = p0 * C_bc[2, 0] + p1 * C_bc[2, 1] + p2 * C_bc[2, 2]
+        W0 = D0 * C[0, 0] + D1 * C[0, 1] + D2 * C[0, 2]
+        W1 = D0 * C[1, 0] + D1 * C[1, 1] + D2 * C[1, 2]
+        W2 = D0 * C[2, 0] + D1 * C[2, 1] + D2 * C[2, 2]
+        E0 = W0 * C_a[0, 0] + W1 * C_a[1, 0] + W2 * C_a[2, 0]
+        E1 = W0 * C_a[0, 1] + W1 * C_a[1, 1] + W2 * C_a[2, 1]
+        E2 = W0 * C_a[0, 2] + W1 * C_a[1, 2] + W2 * C_a[2, 2]
+        F0 = E0 * C_bc[0, 0] + E1 * C_bc[1, 0] + E2 * C_bc[2, 0]
+        F1 = E0 * C_bc[0, 1] + E1 * C_bc[1, 1] + E2 * C_bc[2, 1]
+        F2 = E0 * C_bc[0, 2] + E1 * C_bc[1, 2] + E2 * C_bc[2, 2]
+        # A row v times a^ is v x a.
+        out[m, 0] = p1 * h[2] - p2 * h[1] - (F1 * kappa[2] - F2 * kappa[1])
+        out[m, 1] = p2 * h[0] - p0 * h[2] - (F2 * kappa[0] - F0 * kappa[2])
+        out[m, 2] = p0 * h[1] - p1 * h[0] - (F0 * kappa[1] - F1 * kappa[0])

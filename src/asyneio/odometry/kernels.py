@@ -16,10 +16,12 @@ import numpy as np
 from asyneio.config import FrontendConfig
 from asyneio.estimation import interval_terms, visual_terms
 from asyneio.estimation.active import active_coordinates
+from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.landmarks import born_landmark, camera_poses
-from asyneio.estimation.linear_system import LinearSystem, eliminate_landmarks, linearize
+from asyneio.estimation.linear_system import LinearSystem, linearize
 from asyneio.estimation.optimizer import retract
 from asyneio.estimation.problem import (
+    Camera,
     Inertial,
     Landmarks,
     Model,
@@ -29,6 +31,7 @@ from asyneio.estimation.problem import (
     bearing_tangent,
 )
 from asyneio.estimation.rest_terms import rest_of, rest_terms
+from asyneio.estimation.visual_sums import empty_sums
 from asyneio.frontend import Frontend, gradient_kernel
 from asyneio.geometry.camera import CameraModel
 from asyneio.odometry.propagation import predict_knot
@@ -72,18 +75,20 @@ def compile_visual() -> None:
     """The kernels of the observations, of a step, of the lens and of dead reckoning."""
     problem = _tiny_problem()
     local, chain = np.zeros((1, 5, 6)), np.zeros((1, 48, 48))
-    sums = visual_terms.empty_sums(intervals=1, knots=2, landmarks=1, dof=3)
+    sums = empty_sums(intervals=1, knots=2, landmarks=1, dof=3)
     visual_terms.visual_terms(
         problem, local, local, chain, False, np.zeros((1, 48, 48)), np.zeros((1, 48)), sums
     )
     H, b = np.zeros((48, 48)), np.zeros(48)
-    system = LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.end, 0.0, 0.0, 0)
+    system = LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.end, sums.W_camera, 0.0, 0.0, 0)
     eliminate_landmarks(system, problem.landmarks, problem.model)
-    retract(problem, system, np.zeros((2, 24)))
+    retract(problem, system, np.zeros(48))
     C, r, kappa = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0]] * 2)
     model, weights = problem.model, np.zeros((2, 5))
     interval = np.zeros(2, dtype=np.int64)
-    camera_poses(problem.states, interval, weights, model.C_bc, model.r_bc, model.motion_model.space, C, r)
+    camera_poses(
+        problem.states, interval, weights, problem.camera.C_bc, model.r_bc, model.motion_model.space, C, r
+    )
     born_landmark(C, r, kappa, 0, C[0], r[0], 0.5, 1e-3, np.empty(3))
     camera = CameraIntrinsics(100.0, 100.0, 8.0, 8.0, 16, 16)
     CameraModel(camera).undistort(np.full((1, 2), 8.0))
@@ -124,9 +129,15 @@ def _tiny_problem() -> Problem:
         gyroscope=inertial,
         accelerometer=inertial,
         visual=Visual(
-            start, np.zeros((1, 5)), np.zeros(1, dtype=np.int64), np.zeros((1, 2)), np.eye(2)[None]
+            start,
+            np.zeros(1),
+            np.zeros((1, 2, 5)),
+            np.zeros(1, dtype=np.int64),
+            np.zeros((1, 2)),
+            np.eye(2)[None],
         ),
         landmarks=Landmarks(np.zeros(1, dtype=np.int64), kappa, bearing_tangent(kappa), np.full(1, 0.5)),
+        camera=Camera(np.eye(3), 0.0, np.zeros(0, dtype=np.int64)),
         model=Model(
             motion_model=WNOJ_SE3,
             active=active_coordinates(WNOJ_SE3),
@@ -134,7 +145,6 @@ def _tiny_problem() -> Problem:
             gravity_w=np.array([0.0, 0.0, -9.81]),
             root_density=np.ones(6),
             bias_walk=np.ones(6),
-            C_bc=np.eye(3),
             r_bc=np.zeros(3),
             robust_scale=2.5,
             gate=8.0,

@@ -8,7 +8,8 @@ import numpy as np
 
 from asyneio.config import Config
 from asyneio.errors import EstimationError, InertialError
-from asyneio.estimation.covariance import joint_covariance, newest_covariance
+from asyneio.estimation.camera_calibration import CAMERA_DOF
+from asyneio.estimation.covariance import camera_covariance, joint_covariance, newest_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.attitude import AttitudeFilter
@@ -28,6 +29,7 @@ from asyneio.types import (
     NS_PER_S,
     Attitude,
     Calibration,
+    CalibrationEstimate,
     Estimate,
     FloatArray,
     Health,
@@ -171,6 +173,17 @@ class Odometry:
             joint_covariance=lambda knot: joint_covariance(solution, knot + dropped),
             motion_model=settings.window.motion_model,
         )
+
+    def calibration(self) -> CalibrationEstimate:
+        """What is believed of the camera now.
+
+        Raises:
+            EstimationError: the odometry has not started.
+        """
+        window, _, _ = self._active()
+        sigma = np.zeros(CAMERA_DOF)
+        sigma[window.camera.columns] = np.sqrt(camera_covariance(self._solved()).diagonal())
+        return CalibrationEstimate(window.camera.time_offset, window.camera.C_bc.copy(), sigma)
 
     def _advance(self, knot_ns: int) -> Advance:
         """Predict the knot, add what was measured since the last one, optimise."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.config import Config, MotionPriorConfig
+from asyneio.config import CalibrationConfig, Config, MotionPriorConfig
 from asyneio.errors import CalibrationError
+from asyneio.estimation.camera_calibration import CalibrationSettings
 from asyneio.estimation.optimizer import OptimizerSettings
 from asyneio.estimation.schemes import SCHEMES
 from asyneio.estimation.window import WindowSettings
@@ -78,6 +79,7 @@ def resolve(
         bearing_sigma=visual.pixel_sigma / focal,
         min_observations=visual.min_observations,
         frozen_linearization=config.window.frozen_linearization,
+        calibration=_calibration(config.calibration),
     )
     optimizer = config.optimizer
     return Settings(
@@ -102,6 +104,17 @@ def resolve(
                 optimizer.initial_damping,
             ),
         ),
+    )
+
+
+def _calibration(config: CalibrationConfig) -> CalibrationSettings:
+    """What is estimated of the camera."""
+    chosen = [config.estimate_time_offset, *[config.estimate_extrinsic_rotation] * 3]
+    rotation = np.radians([config.extrinsic_rotation_sigma_deg, config.extrinsic_rotation_walk_deg])
+    return CalibrationSettings(
+        columns=np.flatnonzero(chosen),
+        sigma=np.append(config.time_offset_sigma_s, np.full(3, rotation[0])),
+        walk=np.append(config.time_offset_walk, np.full(3, rotation[1])),
     )
 
 

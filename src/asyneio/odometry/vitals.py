@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.estimation.landmarks import camera_poses, propagated_camera_poses
 from asyneio.estimation.linear_system import evaluate_cost
+from asyneio.estimation.misfit import squared_residuals
 from asyneio.estimation.problem import (
     Inertial,
     Landmarks,
@@ -17,7 +17,7 @@ from asyneio.estimation.problem import (
     Visual,
 )
 from asyneio.odometry.health import MAX_SCALE_CHANGE, SCALE_MEMORY_S, Vitals
-from asyneio.types import NS_PER_S, Estimate, FloatArray, IntArray, RecordArray
+from asyneio.types import NS_PER_S, Estimate, FloatArray, RecordArray
 
 #: Median of a squared norm of two standard normal numbers.
 _MEDIAN_CHI2_2 = 2.0 * np.log(2.0)
@@ -45,51 +45,9 @@ def visual_misfit(problem: Problem) -> VisualMisfit:
     seen = len(np.unique(landmark))
     if len(landmark) < _ENOUGH:
         return VisualMisfit(seen, 0.0, 1.0)
-    squared = _squared_residuals(problem, newest, landmark)
+    squared = squared_residuals(problem, newest)
     rejected = float(np.mean(squared >= problem.model.gate**2))
     return VisualMisfit(seen, rejected, float(np.median(squared)) / _MEDIAN_CHI2_2)
-
-
-def _squared_residuals(problem: Problem, chosen: slice, landmark: IntArray) -> FloatArray:
-    """Squared norms (N,) of the whitened residuals (34) of some observations of one interval.
-
-    Infinite where the landmark lies behind the camera.
-    """
-    landmarks = problem.landmarks
-    C_a, r_a = _anchor_cameras(problem)
-    C, r = _cameras(problem, chosen)
-    at = landmarks.anchor[landmark]
-    direction_w = np.einsum("nij,nj->ni", C_a[at], landmarks.kappa[landmark])
-    direction_w += landmarks.rho[landmark, None] * (r_a[at] - r)
-    h = np.einsum("nji,nj->ni", C, direction_w)
-    front = h[:, 2] > 1e-9
-    predicted = h[:, :2] / np.where(front, h[:, 2], 1.0)[:, None]
-    offset = predicted - problem.visual.xy[chosen]
-    white = np.einsum("nij,nj->ni", problem.visual.root_information[chosen], offset)
-    return np.where(front, np.sum(white**2, axis=1), np.inf)
-
-
-def _anchor_cameras(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Camera poses (K,3,3), (K,3) at the knots."""
-    states, model = problem.states, problem.model
-    return states.C @ model.C_bc, states.r + states.C @ model.r_bc
-
-
-def _cameras(problem: Problem, chosen: slice) -> tuple[FloatArray, FloatArray]:
-    """Camera poses (N,3,3), (N,3) at observations of the newest interval."""
-    states, model = problem.states, problem.model
-    weights = problem.visual.weights[chosen]
-    interval = np.full(len(weights), len(states.r) - 2)
-    C, r = np.empty((len(weights), 3, 3)), np.empty((len(weights), 3))
-    if len(problem.propagated.tau) == 0:
-        camera_poses(states, interval, weights, model.C_bc, model.r_bc, model.motion_model.space, C, r)
-        return C, r
-    increments, bias = (
-        problem.propagated.chosen(np.arange(chosen.start, chosen.stop)),
-        problem.preintegrated.bias,
-    )
-    propagated_camera_poses(states, interval, increments, bias, model.gravity_w, model.C_bc, model.r_bc, C, r)
-    return C, r
 
 
 def inertial_ratio(problem: Problem) -> float:

@@ -1,0 +1,183 @@
+"""Products of the observations' rows: sums over the trajectory, anchors, landmarks, camera and couplings.
+
+Observations are sorted by interval, anchor and landmark, so that each product takes a contiguous block.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from asyneio.estimation.problem import Problem
+from asyneio.trajectory.model import SE3
+from asyneio.types import BoolArray, FloatArray, IntArray
+
+
+class VisualSums(NamedTuple):
+    """Results of `visual_terms`, K knots, I intervals, L landmarks, c coordinates of the camera."""
+
+    H_anchor: FloatArray  # (I,K,36,6) local coordinates against anchor poses
+    touched: BoolArray  # (I,K) which of those are not zero
+    H_pose: FloatArray  # (K,6,6) anchor poses
+    b_pose: FloatArray  # (K,6)
+    W: FloatArray  # (L,dof,K,18) landmarks against knots
+    H_l: FloatArray  # (L,3,3)
+    b_l: FloatArray  # (L,3)
+    end: IntArray  # (L,) one past the last knot that a landmark touches
+    H_camera: FloatArray  # (c,c) what is estimated of the camera
+    b_camera: FloatArray  # (c,)
+    W_camera: FloatArray  # (L,dof,c) landmarks against it
+    local_camera: FloatArray  # (I,36,c) local coordinates against it
+    pose_camera: FloatArray  # (K,6,c) anchor poses against it
+
+
+def empty_sums(intervals: int, knots: int, landmarks: int, dof: int, camera: int = 0) -> VisualSums:
+    """Zeroed sums."""
+    return VisualSums(
+        H_anchor=np.zeros((intervals, knots, 36, 6)),
+        touched=np.zeros((intervals, knots), dtype=np.bool_),
+        H_pose=np.zeros((knots, 6, 6)),
+        b_pose=np.zeros((knots, 6)),
+        W=np.zeros((landmarks, dof, knots, 18)),
+        H_l=np.zeros((landmarks, 3, 3)),
+        b_l=np.zeros((landmarks, 3)),
+        end=np.zeros(landmarks, dtype=np.int64),
+        H_camera=np.zeros((camera, camera)),
+        b_camera=np.zeros(camera),
+        W_camera=np.zeros((landmarks, dof, camera)),
+        local_camera=np.zeros((intervals, 36, camera)),
+        pose_camera=np.zeros((knots, 6, camera)),
+    )
+
+
+class Rows(NamedTuple):
+    """Whitened, robustly weighted rows of one interval, two for each observation."""
+
+    residual: FloatArray  # (2m,)
+    local: FloatArray  # (2m,36) local kinematic coordinates
+    anchor: FloatArray  # (2m,6)
+    landmark: FloatArray  # (2m,3)
+    camera: FloatArray  # (2m,c)
+
+
+@njit(cache=True)
+def sum_trajectory(rows: Rows, H: FloatArray, b: FloatArray) -> None:
+    """Trajectory against itself, in local coordinates."""
+    square = np.dot(rows.local.T, rows.local)
+    gradient = np.dot(rows.local.T, rows.residual)
+    for p in range(36):
+        b[p] += gradient[p]
+        for q in range(36):
+            H[p, q] += square[p, q]
+
+
+@njit(cache=True)
+def sum_anchors(problem: Problem, i: int, rows: Rows, sums: VisualSums) -> None:
+    """Anchor poses against themselves and against the interval's local coordinates."""
+    visual, anchor = problem.visual, problem.landmarks.anchor
+    first, last = visual.start[i], visual.start[i + 1]
+    begin = first
+    while begin < last:
+        a = anchor[visual.landmark[begin]]
+        end = begin
+        while end < last and anchor[visual.landmark[end]] == a:
+            end += 1
+        A = rows.anchor[2 * (begin - first) : 2 * (end - first)]
+        J = rows.local[2 * (begin - first) : 2 * (end - first)]
+        residual = rows.residual[2 * (begin - first) : 2 * (end - first)]
+        square, gradient, cross = np.dot(A.T, A), np.dot(A.T, residual), np.dot(J.T, A)
+        sums.touched[i, a] = True
+        for p in range(6):
+            sums.b_pose[a, p] += gradient[p]
+            for q in range(6):
+                sums.H_pose[a, p, q] += square[p, q]
+        for p in range(36):
+            for q in range(6):
+                sums.H_anchor[i, a, p, q] += cross[p, q]
+        begin = end
+
+
+@njit(cache=True)
+def sum_landmarks(problem: Problem, i: int, rows: Rows, chain: FloatArray, sums: VisualSums) -> None:
+    """Landmarks against themselves, their anchors and the two knots of the interval."""
+    visual, anchor = problem.visual, problem.landmarks.anchor
+    dof = sums.W.shape[1]
+    first, last = visual.start[i], visual.start[i + 1]
+    coupling = np.zeros((dof * (last - first), 36))
+    owner = np.empty(last - first, dtype=np.int64)
+    g = -1
+    for n in range(first, last):
+        j = visual.landmark[n]
+        a = anchor[j]
+        if g < 0 or owner[g] != j:
+            g += 1
+            owner[g] = j
+            sums.end[j] = i + 2
+        for m in range(2):
+            o = 2 * (n - first) + m
+            for d in range(dof):
+                l = rows.landmark[o, d]  # noqa: E741
+                sums.b_l[j, d] += l * rows.residual[o]
+                for e in range(dof):
+                    sums.H_l[j, d, e] += l * rows.landmark[o, e]
+                for k in range(6):
+                    sums.W[j, d, a, k] += l * rows.anchor[o, k]
+                for k in range(36):
+                    coupling[dof * g + d, k] += l * rows.local[o, k]
+    _spread_coupling(coupling[: dof * (g + 1)], owner, chain, i, problem.model.motion_model.space, sums.W)
+
+
+@njit(cache=True)
+def _spread_coupling(
+    coupling: FloatArray, owner: IntArray, chain: FloatArray, i: int, space: int, W: FloatArray
+) -> None:
+    """Couplings (n dof, 36) of the landmarks `owner` from local coordinates to knots i and i + 1."""
+    dof = W.shape[1]
+    full = np.empty((18, 24))
+    for p in range(18):
+        for q in range(6):
+            full[p, q] = chain[18 + p, q]
+        for q in range(18):
+            full[p, 6 + q] = chain[18 + p, 24 + q]
+    moved = np.dot(np.ascontiguousarray(coupling[:, 18:]), full)
+    for g in range(coupling.shape[0] // dof):
+        j = owner[g]
+        for d in range(dof):
+            o = dof * g + d
+            for k in range(18):
+                W[j, d, i, k] += coupling[o, k]
+                W[j, d, i + 1, k] += moved[o, 6 + k]
+            for k in range(6):
+                W[j, d, i, k] += moved[o, k]
+            if space == SE3:
+                continue
+            # The acceleration at the first knot depends on its varpi.
+            for k in range(6, 12):
+                for m in range(15, 18):
+                    W[j, d, i, k] += coupling[o, m] * chain[m, k]
+
+
+@njit(cache=True)
+def sum_camera(problem: Problem, i: int, rows: Rows, sums: VisualSums) -> None:
+    """What is estimated of the camera against itself, the trajectory, the anchor poses and the landmarks."""
+    visual, anchor = problem.visual, problem.landmarks.anchor
+    count, dof, first = rows.camera.shape[1], sums.W.shape[1], visual.start[i]
+    square, gradient = np.dot(rows.camera.T, rows.camera), np.dot(rows.camera.T, rows.residual)
+    cross = np.dot(rows.local.T, rows.camera)
+    for c in range(count):
+        sums.b_camera[c] += gradient[c]
+        for d in range(count):
+            sums.H_camera[c, d] += square[c, d]
+        for p in range(36):
+            sums.local_camera[i, p, c] += cross[p, c]
+    for o in range(rows.camera.shape[0]):
+        j = visual.landmark[first + o // 2]
+        a = anchor[j]
+        for c in range(count):
+            v = rows.camera[o, c]
+            for p in range(6):
+                sums.pose_camera[a, p, c] += rows.anchor[o, p] * v
+            for d in range(dof):
+                sums.W_camera[j, d, c] += rows.landmark[o, d] * v

@@ -1,0 +1,78 @@
+"""Online calibration in the odometry: a wrong time offset and rotation are found from the start on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asyneio.config import Config
+from asyneio.errors import EstimationError
+from asyneio.odometry import Odometry
+from asyneio.types import Health, Recording
+from tests.odometry.runs import Outcome, configured, errors, plain_run, run, simulated
+
+OFFSET_S = 0.005
+TURN = np.radians([0.5, -0.6, 0.62])
+
+
+def spoilt() -> Recording:
+    recording = simulated().recording
+    observations = recording.observations.copy()
+    observations["t_ns"] -= round(OFFSET_S * 1e9)
+    T_b_c = recording.calibration.T_b_c.copy()
+    T_b_c[:3, :3] = T_b_c[:3, :3] @ Rotation.from_rotvec(-TURN).as_matrix()
+    calibration = replace(recording.calibration, T_b_c=T_b_c)
+    return replace(recording, observations=observations, calibration=calibration)
+
+
+def switched(**switches: Any) -> Config:
+    return configured(calibration=switches)
+
+
+@cache
+def refined() -> Outcome:
+    return run(spoilt(), switched(estimate_time_offset=True, estimate_extrinsic_rotation=True))
+
+
+def test_a_wrong_calibration_is_found() -> None:
+    outcome = refined()
+    assert outcome.reports[-1].health is Health.TRACKING
+    found = outcome.odometry.calibration()
+    assert abs(found.time_offset_s - OFFSET_S) < 0.001
+    truth = simulated().recording.calibration.T_b_c[:3, :3]
+    left = Rotation.from_matrix(truth.T @ found.C_b_c).as_rotvec()
+    assert np.degrees(np.linalg.norm(left)) < 0.4
+    assert (found.sigma > 0.0).all()
+    assert abs(found.time_offset_s - OFFSET_S) < 4.0 * found.sigma[0]
+    assert (np.abs(left) < 4.0 * found.sigma[1:]).all()
+
+
+def test_and_costs_little_accuracy() -> None:
+    simulation = simulated()
+    best, found = (errors(simulation, outcome.estimates) for outcome in (plain_run(), refined()))
+    # Without estimating it, positions are several times worse.
+    assert found.position < 2.5 * best.position + 0.02
+
+
+def test_what_is_not_asked_for_is_taken_as_it_is() -> None:
+    outcome = plain_run()
+    found = outcome.odometry.calibration()
+    assert found.time_offset_s == 0.0
+    assert not found.sigma.any()
+    np.testing.assert_array_equal(found.C_b_c, simulated().recording.calibration.T_b_c[:3, :3])
+
+
+def test_before_the_start_there_is_no_estimate() -> None:
+    odometry = Odometry(switched(estimate_time_offset=True), simulated().recording.calibration)
+    with pytest.raises(EstimationError, match="not started"):
+        odometry.calibration()
+
+
+def test_a_fixed_bearing_cannot_follow_the_time_offset() -> None:
+    with pytest.raises(ValueError, match=r"needs visual\.estimate_bearing"):
+        configured(calibration={"estimate_time_offset": True}, visual={"estimate_bearing": False})
