@@ -55,14 +55,15 @@ def _spikes(simulation: Simulation, seed: int) -> Recording:
 
 
 def _saturation(simulation: Simulation, _seed: int) -> Recording:
-    def at_80_percent(samples: RecordArray) -> RecordArray:
-        return saturated(samples, 0.8 * float(np.abs(samples["xyz"]).max()))
+    def clipped(samples: RecordArray, least: float) -> RecordArray:
+        """At 80 % of the peak, but at no less than a sensor could have: gravity itself must fit."""
+        return saturated(samples, max(0.8 * float(np.abs(samples["xyz"]).max()), least))
 
     recording = simulation.recording
     return replace(
         recording,
-        gyroscope=at_80_percent(recording.gyroscope),
-        accelerometer=at_80_percent(recording.accelerometer),
+        gyroscope=clipped(recording.gyroscope, 1.05),
+        accelerometer=clipped(recording.accelerometer, 12.5),
     )
 
 

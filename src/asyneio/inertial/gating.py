@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from asyneio.types import BoolArray, FloatArray, RecordArray
 
@@ -25,6 +26,8 @@ _NOISE_SIGMAS = 20.0
 _USUAL = 30.0
 #: Equal readings in a row that noise does not make.
 _RUN = 3
+#: Samples that a suspect is compared with to find the worst.
+_NEIGHBOURS = 5
 #: Samples of the packets before that go on counting for what is usual.
 _MEMORY = 20
 
@@ -101,7 +104,7 @@ class SampleGate:
             before = self._before.copy()
             before[:, 0] += (self._before_ns - self._origin(samples)) * 1e-9
             rows = np.vstack([before, rows])
-        if len(rows) < 3:
+        if len(rows) < _NEIGHBOURS:
             self._remember(rows, samples)
             return np.zeros(len(samples), dtype=np.bool_)
         spike = _isolated(rows, sigma)
@@ -119,19 +122,23 @@ class SampleGate:
 
 
 def _isolated(rows: FloatArray, sigma: float) -> BoolArray:
-    """Which of the rows [t, x] (N,4), N >= 3, are spikes.
+    """Which of the rows [t, x] (N,4), are spikes.
 
-    The worst of adjacent suspects goes first, for it makes suspects of good neighbours. Where still three or
-    more in a row do not fit, something has happened to the sensor, and all of them stay.
+    The worst of adjacent suspects goes first, for it makes suspects of good neighbours, until none is left.
+    Where three or more in a row had to go, something has happened to the sensor, and all of them stay.
     """
-    excess = _excess(rows, sigma)
-    worst = excess > 0.0
-    worst[1:] &= excess[1:] >= excess[:-1]
-    worst[:-1] &= excess[:-1] >= excess[1:]
-    left = np.flatnonzero(~worst)
-    spike = worst.copy()
-    if len(left) >= 3:
-        spike[left] = _excess(rows[left], sigma) > 0.0
+    left = np.arange(len(rows))
+    while len(left) >= _NEIGHBOURS:
+        suspect = _suspects(rows[left], sigma)
+        if not suspect.any():
+            break
+        size = np.where(suspect, _from_median(rows[left, 1:]), -1.0)
+        worst = suspect.copy()
+        worst[1:] &= size[1:] >= size[:-1]
+        worst[:-1] &= size[:-1] >= size[1:]
+        left = left[~worst]
+    spike = np.ones(len(rows), dtype=np.bool_)
+    spike[left] = False
     change = np.diff(np.concatenate([[0], spike.astype(np.int8), [0]]))
     for begin, end in zip(np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True):
         if end - begin >= _RUN:
@@ -139,11 +146,21 @@ def _isolated(rows: FloatArray, sigma: float) -> BoolArray:
     return spike
 
 
-def _excess(rows: FloatArray, sigma: float) -> FloatArray:
-    """By how much (N,) samples are further from all three lines than a good one can be."""
+def _suspects(rows: FloatArray, sigma: float) -> BoolArray:
+    """Which samples (N,) are further from all three lines than a good one can be."""
     distance = _distances(rows[:, 0], rows[:, 1:])
     allowed = _USUAL * np.median(distance, axis=0) + _NOISE_SIGMAS * sigma
-    return np.asarray((distance - allowed).max(axis=1))
+    return np.asarray(np.any(distance > allowed, axis=1))
+
+
+def _from_median(x: FloatArray) -> FloatArray:
+    """Largest distance (N,) on an axis from the median of the nearest five samples, N >= 5.
+
+    A line through a spike is far from good samples; the median of five bears two spikes.
+    """
+    median = np.median(sliding_window_view(x, _NEIGHBOURS, axis=0), axis=2)
+    ends = _NEIGHBOURS // 2
+    return np.asarray(np.abs(x - np.pad(median, ((ends, ends), (0, 0)), mode="edge")).max(axis=1))
 
 
 def _distances(t: FloatArray, x: FloatArray) -> FloatArray:
