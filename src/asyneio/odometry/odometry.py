@@ -15,12 +15,9 @@ from asyneio.odometry.intake import Intake, until
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
-from asyneio.odometry.start import try_start
+from asyneio.odometry.start import RETRY_NS, try_start
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, Packet, RecordArray, StepReport
-
-#: Attempts to start are this far apart; each sees more motion than the last.
-_START_RETRY_NS = 250_000_000
 
 
 class Odometry:
@@ -125,7 +122,7 @@ class Odometry:
     def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
         if t_ns < self._next_attempt_ns:
             return [], StepReport(t_ns, Health.INITIALIZING, "collecting measurements")
-        self._next_attempt_ns = t_ns + _START_RETRY_NS
+        self._next_attempt_ns = t_ns + RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
         self._settings = resolve(
             self._config,

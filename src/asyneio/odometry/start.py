@@ -19,6 +19,8 @@ from asyneio.odometry.propagation import propagate, rates_at
 from asyneio.odometry.settings import Settings
 from asyneio.types import FloatArray, IntArray
 
+#: Attempts to start are this far apart; each sees more motion than the last.
+RETRY_NS = 250_000_000
 #: The frame is defined by the first knot's position and yaw: as tight as rounding allows.
 _GAUGE_SIGMA = 1e-4
 #: Zero priors of the warm-up: rates of any size a person or a drone makes.
