@@ -1,4 +1,5 @@
-"""Random starts to be judged: simulated tracks of drawn motions, and tracks that the front end made of events."""
+"""Random starts to be judged: simulated tracks of drawn motions, and tracks that the front end made of
+events."""
 
 from __future__ import annotations
 
@@ -24,8 +25,9 @@ from tracking import sequence, simulator_version
 CASE_S = 4.2
 #: Mean life of a track [s]: half of them die within 0.35 s.
 _MEAN_LIFE_S = 0.35 / np.log(2.0)
-#: Scale is observable if over the first three seconds the acceleration varies by three times the accelerometer's
-#: bias (m/s^2, standard deviation) and a track of mean life shows four standard deviations of parallax (px).
+#: Scale is observable if over the first three seconds the acceleration varies by three times the
+#: accelerometer's bias (m/s^2, standard deviation) and a track of mean life shows four standard deviations of
+#: parallax (px).
 OBSERVABLE_ACCELERATION = 0.3
 OBSERVABLE_PARALLAX_PX = 2.0
 #: Noise of simulated tracks: what a front end that gives 30-50 observations a second leaves.
@@ -44,8 +46,8 @@ _TRACKS = TrackSpec(
 class Case:
     """A recording that begins where the estimator is switched on, its truth, and what was drawn.
 
-    `speed` [m/s], `depth` [m], `acceleration` [m/s^2] (standard deviation over three seconds), `parallax_px` of a
-    track of mean life, from the true speed and the depth.
+    `speed` [m/s], `depth` [m], `acceleration` [m/s^2] (standard deviation over three seconds), `parallax_px`
+    of a track of mean life, from the true speed and the depth.
     """
 
     recording: Recording
@@ -68,13 +70,14 @@ def _case(recording: Recording, truth: Truth, start_ns: int, depth: float) -> Ca
     speed = float(np.sqrt(np.mean(np.sum(truth.motion.velocity_w(t_s) ** 2, axis=1))))
     acceleration = float(np.sqrt(truth.motion.acceleration_w(t_s).var(axis=0).sum()))
     focal = recording.calibration.camera.fx
-    return Case(
-        recording, truth, start_ns, speed, depth, acceleration, focal * speed * _MEAN_LIFE_S / depth
-    )
+    return Case(recording, truth, start_ns, speed, depth, acceleration, focal * speed * _MEAN_LIFE_S / depth)
 
 
-def _landmarks(motion: AnalyticMotion, camera: PinholeCamera, T_b_c: FloatArray, depth: float, rng: np.random.Generator) -> FloatArray:
-    """Points (N,3) seen from random places of the way at 0.6 to 1.8 times `depth`, none nearer than a third of it."""
+def _landmarks(
+    motion: AnalyticMotion, camera: PinholeCamera, T_b_c: FloatArray, depth: float, rng: np.random.Generator
+) -> FloatArray:
+    """Points (N,3) seen from random places of the way at 0.6 to 1.8 times `depth`, none nearer than a third
+    of it."""
     count = 4000
     T = motion.T_w_b(rng.uniform(0.0, CASE_S, count)) @ T_b_c
     ahead = np.column_stack([rng.uniform(-0.75, 0.75, count), rng.uniform(-0.6, 0.6, count), np.ones(count)])
@@ -119,7 +122,9 @@ class _About(AnalyticMotion):
 
     def velocity_w(self, t_s: FloatArray) -> FloatArray:  # type: ignore[override]
         C = super().T_w_b(t_s)[:, :3, :3]
-        return super().velocity_w(t_s) - np.einsum("nij,nj->ni", C, np.cross(self.angular_velocity_b(t_s), self.arm))
+        return super().velocity_w(t_s) - np.einsum(
+            "nij,nj->ni", C, np.cross(self.angular_velocity_b(t_s), self.arm)
+        )
 
     def acceleration_w(self, t_s: FloatArray) -> FloatArray:  # type: ignore[override]
         C, w = super().T_w_b(t_s)[:, :3, :3], self.angular_velocity_b(t_s)
@@ -127,15 +132,20 @@ class _About(AnalyticMotion):
         return super().acceleration_w(t_s) - np.einsum("nij,nj->ni", C, inner)
 
 
-def _with_drifting_tracks(observations: RecordArray, share: float, together: bool, rng: np.random.Generator) -> RecordArray:
-    """A share of the tracks drifts at 10 to 60 px/s from birth on: each on its own, or all alike (an object)."""
+def _with_drifting_tracks(
+    observations: RecordArray, share: float, together: bool, rng: np.random.Generator
+) -> RecordArray:
+    """A share of the tracks drifts at 10 to 60 px/s from birth on: each on its own, or all alike (an
+    object)."""
     out = observations.copy()
     _, first, member = np.unique(out["id"], return_index=True, return_inverse=True)
     count = first.size
     angle, rate = rng.uniform(0.0, 2.0 * np.pi, count), rng.uniform(10.0, 60.0, count)
     if together:
         angle, rate = np.full(count, angle[0]), np.full(count, rate[0])
-    drift = (rng.random(count) < share)[:, None] * rate[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    drift = (
+        (rng.random(count) < share)[:, None] * rate[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    )
     age_s = (out["t_ns"] - out["t_ns"][first][member]) / NS_PER_S
     moved = age_s[:, None] * drift[member]
     out["u"] += moved[:, 0]
@@ -147,7 +157,10 @@ def simulated(number: int, variant: str) -> Case:
     """Case `number` of a variant of simulated tracks; the same draws of motion and depth in all variants."""
     rngs = [np.random.default_rng(s) for s in np.random.SeedSequence([number, 7]).spawn(6)]
     draw, for_scene, for_tracks, for_gyroscope, for_accelerometer, for_faults = rngs
-    speed, depth = float(np.exp(draw.uniform(np.log(0.2), np.log(2.0)))), float(np.exp(draw.uniform(0.0, np.log(15.0))))
+    speed, depth = (
+        float(np.exp(draw.uniform(np.log(0.2), np.log(2.0)))),
+        float(np.exp(draw.uniform(0.0, np.log(15.0)))),
+    )
     scenario = Scenario(
         name=f"{variant}-{number}",
         duration_s=CASE_S,
@@ -161,7 +174,9 @@ def simulated(number: int, variant: str) -> Case:
     elif variant == "still":
         motion = AnalyticMotion(Sinusoids(np.zeros((6, 1)), np.ones((6, 1)), np.zeros((6, 1))), motion.C_f_b)
     camera = PinholeCamera.from_intrinsics(scenario.camera)
-    viewer = Viewer(motion, camera, scenario.T_b_c, _landmarks(motion, camera, scenario.T_b_c, depth, for_scene))
+    viewer = Viewer(
+        motion, camera, scenario.T_b_c, _landmarks(motion, camera, scenario.T_b_c, depth, for_scene)
+    )
     spec = replace(_TRACKS, features_alive=int(draw.integers(60, 91)))
     tracks = simulate_tracks(viewer, spec, 0.01, scenario.duration_s, for_tracks)
     inertial = simulate_inertial(scenario, motion, for_gyroscope, for_accelerometer)
@@ -186,7 +201,8 @@ _ROOM_DEPTH_M = 3.0
 
 
 def tracked(scene: str, seed: int, seconds: float, cache: Path) -> tuple[Recording, Truth]:
-    """A sequence of events as the front end's tracks, with its truth; made once and kept (trusted pickles)."""
+    """A sequence of events as the front end's tracks, with its truth; made once and kept (trusted
+    pickles)."""
     path = cache / f"tracked-{scene}-{seed}-{seconds:g}-{simulator_version()}.pickle"
     if path.is_file():
         found: tuple[Recording, Truth] = pickle.loads(path.read_bytes())
@@ -218,5 +234,3 @@ def from_events(scene: str, seed: int, number: int, seconds: float, cache: Path)
         accelerometer=later(recording.accelerometer),
     )
     return _case(cut, truth, start_ns, EVENT_DEPTH_M.get(scene, _ROOM_DEPTH_M))
-
-

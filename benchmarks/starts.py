@@ -1,9 +1,10 @@
 """Random starts in motion: how often, how soon and how well the estimator starts, and why not.
 
 Evidence: simulation. `tracks`, `bad_tracks`, `moving_object`, `clock`, `rotation` and `still` are simulated
-tracks (start_cases.py says what is drawn); names of event scenes are tracks that the front end made of simulated
-events, switched on at random instants. Every case runs the attempts of the odometry until it starts or 4 s are over.
-Scale: least-squares factor between the window's displacements and the true ones, in the first body frame.
+tracks (start_cases.py says what is drawn); names of event scenes are tracks that the front end made of
+simulated events, switched on at random instants. Every case runs the attempts of the odometry until it starts
+or 4 s are over. Scale: least-squares factor between the window's displacements and the true ones, in the
+first body frame.
 
     python benchmarks/starts.py [--conditions tracks event_fast] [--cases 200] [--first 0] [--jobs 2]
         [--results FILE] [--cache DIR] [--markdown FILE]
@@ -70,7 +71,9 @@ def outcome(condition: str, number: int, case: Case, config: Config) -> Outcome:
     """Attempt after attempt, as the odometry makes them."""
     recording, interval_ns = case.recording, round(config.window.knot_interval_s * NS_PER_S)
     intake = Intake(recording.calibration.camera, config.visual.pixel_sigma)
-    rates = [1e9 / float(np.median(np.diff(s["t_ns"]))) for s in (recording.gyroscope, recording.accelerometer)]
+    rates = [
+        1e9 / float(np.median(np.diff(s["t_ns"]))) for s in (recording.gyroscope, recording.accelerometer)
+    ]
     settings = resolve(config, recording.calibration, *rates)
     count = int((CASE_S - 0.15) * NS_PER_S) // interval_ns
     next_ns, reasons, refusals = 0, [], []
@@ -102,7 +105,8 @@ def outcome(condition: str, number: int, case: Case, config: Config) -> Outcome:
 
 
 def errors(start: Start, case: Case) -> tuple[float, float, float, float]:
-    """Relative error of scale and its standard deviation, gravity's error [deg], relative error of velocity."""
+    """Relative error of scale and its standard deviation, gravity's error [deg], relative error of
+    velocity."""
     states, truth = start.window.states, case.truth.at(start.window.t_ns)
     C, r = truth.T_w_b[:, :3, :3], truth.T_w_b[:, :3, 3]
     true, found = (r - r[0]) @ C[0], (states.r - states.r[0]) @ states.C[0]
@@ -166,7 +170,8 @@ def _percentiles(values: Iterable[float], which: tuple[int, ...], digits: int) -
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """Tables by condition, by what shows scale, and of the last reason of those that did not start in time."""
+    """Tables by condition, by what shows scale, and of the last reason of those that did not start in
+    time."""
     rows = []
     for name in dict.fromkeys(o.condition for o in outcomes):
         mine = [o for o in outcomes if o.condition == name]
@@ -180,7 +185,10 @@ def summary(outcomes: Sequence[Outcome]) -> str:
         if not (o.started and o.after_s <= WITHIN_S):
             reasons["".join(c for c in (o.reasons or ("",))[-1] if not c.isdigit())[:70]] += 1
     lines = [f"{count} x {reason}" for reason, count in reasons.most_common()]
-    return f"{table(HEADER, rows)}\n\nLast reason of observable cases that did not start in time:\n\n" + "\n".join(lines)
+    return (
+        f"{table(HEADER, rows)}\n\nLast reason of observable cases that did not start in time:\n\n"
+        + "\n".join(lines)
+    )
 
 
 def main() -> None:
@@ -188,7 +196,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--conditions", nargs="+", default=SIMULATED + SCENES, choices=SIMULATED + SCENES, metavar="NAME")
+    parser.add_argument(
+        "--conditions", nargs="+", default=SIMULATED + SCENES, choices=SIMULATED + SCENES, metavar="NAME"
+    )
     parser.add_argument("--cases", type=int, default=200, help="of each condition")
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--jobs", type=int, default=2)

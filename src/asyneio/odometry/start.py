@@ -12,10 +12,10 @@ from asyneio.estimation.covariance import relative_scale_sigma
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import Prior, States
 from asyneio.estimation.window import TrackObservations, Window
-from asyneio.initialization.alignment import AlignmentData, align
 from asyneio.initialization.warm_up import warm_up
+from asyneio.odometry.first_motion import SpanMotion, span_motion
 from asyneio.odometry.intake import Intake, around
-from asyneio.odometry.propagation import propagate, rates_at
+from asyneio.odometry.propagation import rates_at
 from asyneio.odometry.settings import Settings
 from asyneio.types import FloatArray, IntArray
 
@@ -27,6 +27,14 @@ _GAUGE_SIGMA = 1e-4
 _WARM_UP_SIGMA = np.array([10.0, 100.0])
 #: Points of a true solution lie in front of the camera, but for noise; of a degenerate one, anywhere.
 _SHARE_IN_FRONT = 0.8
+#: Standard deviations from zero at which an inverse depth shows parallax.
+_SIGNIFICANT = 4.0
+#: Tracks that must agree with the motion found: the others may be bad, or see what moves by itself.
+_SHARE_AGREEING = 0.6
+#: Standard deviations of its prior within which a bias must lie.
+_MAX_BIAS = 4.0
+#: Standard deviations by which the scales of dead reckoning and of the joint optimisation may differ.
+_CONTRADICTION = 3.0
 #: A roll or pitch error of the alignment that the joint optimisation may still correct.
 _TILT_SIGMA = 0.5
 #: A last step that still lowers the cost by so much has not arrived: scale drifts where nothing fixes it.
@@ -57,18 +65,20 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
     if tracks < settings.start.min_landmarks:
         return f"too few feature tracks: {tracks} of {settings.start.min_landmarks}"
     try:
-        states = _aligned_states(intake, settings, knots_ns, seen)
-        if isinstance(states, str):
-            return states
-        window = _filled_window(intake, settings, knots_ns, states)
+        motion = span_motion(intake, settings, knots_ns, seen)
+        reason = _motion_refusal(motion, settings)
+        if reason:
+            return reason
+        states = _first_states(intake, settings, knots_ns, motion)
+        window = _filled_window(intake, settings, knots_ns, states, motion.contradicting)
         solution = window.optimize(settings.start.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
-    reason = _refusal(window, solution, settings)
+    reason = _refusal(window, solution, motion, settings)
     return reason if reason else Start(window, solution)
 
 
-def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
+def _refusal(window: Window, solution: Solution, motion: SpanMotion, settings: Settings) -> str:
     """Why the joint optimisation cannot be trusted; empty if it can."""
     if np.mean(solution.problem.landmarks.rho < 0.0) > 1.0 - _SHARE_IN_FRONT:
         return "the tracks show no parallax: move the sensor sideways"
@@ -76,11 +86,12 @@ def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
         return "the joint optimisation does not settle: move the sensor sideways, with changing speed"
     scale_sigma = relative_scale_sigma(solution)
     if not scale_sigma < settings.start.max_scale_sigma:
-        return (
-            f"scale is known to {100 * scale_sigma:.0f} % only, "
-            f"{100 * settings.start.max_scale_sigma:.0f} % is needed: "
-            "move the sensor sideways, with changing speed"
-        )
+        return _scale_unknown(scale_sigma, settings)
+    states = window.states
+    displacement = (states.r - states.r[0]) @ states.C[0]
+    factor = np.sum(displacement * motion.displacement) / np.sum(motion.displacement**2)
+    if abs(factor - 1.0) > _CONTRADICTION * np.hypot(scale_sigma, motion.relative_sigma):
+        return f"two ways of solving for the motion differ by {100 * abs(factor - 1.0):.0f} % in scale"
     used = len(solution.problem.visual.landmark)
     if solution.report.rejected > 0.2 * used:
         return f"{solution.report.rejected} of {used} observations contradict the motion found"
@@ -112,6 +123,13 @@ def _knot_times(intake: Intake, settings: Settings) -> IntArray | None:
     return times if len(times) >= 2 else None
 
 
+def _without(seen: TrackObservations, tracks: IntArray) -> TrackObservations:
+    chosen = ~np.isin(seen.track, tracks)
+    return TrackObservations(
+        seen.t_ns[chosen], seen.track[chosen], seen.xy[chosen], seen.root_information[chosen]
+    )
+
+
 def _long_tracks(seen: TrackObservations, minimum: int) -> TrackObservations:
     _, inverse, counts = np.unique(seen.track, return_inverse=True, return_counts=True)
     chosen = counts[inverse] >= minimum
@@ -120,53 +138,52 @@ def _long_tracks(seen: TrackObservations, minimum: int) -> TrackObservations:
     )
 
 
-def _aligned_states(
-    intake: Intake, settings: Settings, knots_ns: IntArray, seen: TrackObservations
-) -> States | str:
-    """Knot states from gyroscope integration and the linear alignment, then warm-up."""
-    w = settings.window
-    zero = np.zeros(3)
-    times = np.union1d(knots_ns, seen.t_ns)
-    free = propagate(
-        intake.gyroscope, intake.accelerometer, np.zeros(6), (np.eye(3), zero, zero), times, zero
-    )
-    at = free.at(seen.t_ns)
-    rays = np.column_stack([seen.xy, np.ones(len(seen.xy))])
-    rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ w.T_b_c[:3, :3].T
-    ids, track = np.unique(seen.track, return_inverse=True)
-    data = AlignmentData(
-        t=(seen.t_ns - knots_ns[0]) * 1e-9,
-        direction=np.einsum("nij,nj->ni", free.C[at], rays),
-        offset=free.r[at] + free.C[at] @ w.T_b_c[:3, 3],
-        track=track,
-        tracks=len(ids),
-    )
-    aligned = align(data, float(np.linalg.norm(w.gravity_w)), w.bearing_sigma)
-    if aligned.residual_rad <= settings.start.max_ray_residual and aligned.share_in_front < _SHARE_IN_FRONT:
+def _motion_refusal(motion: SpanMotion, settings: Settings) -> str:
+    """Why a joint optimisation is not worth its time; empty if it is."""
+    adjusted = motion.adjusted
+    significant = adjusted.inverse_depth > _SIGNIFICANT * adjusted.inverse_depth_sigma
+    if np.count_nonzero(significant) < settings.start.min_landmarks:
         return "the tracks show no parallax: move the sensor sideways"
-    if aligned.residual_rad > settings.start.max_ray_residual:
+    if np.mean(adjusted.agreeing) < _SHARE_AGREEING:
         return (
-            "tracks and inertial samples do not agree yet "
-            f"(rays miss by {np.degrees(aligned.residual_rad):.2f} deg, "
-            f"{100 * aligned.share_in_front:.0f} % of the points in front of the camera)"
+            f"{100 * np.mean(~adjusted.agreeing):.0f} % of the tracks contradict the inertial samples: "
+            "wrong calibration, bad tracks or a scene that moves"
         )
-    C_w_b0 = _upright(aligned.gravity)
-    at = free.at(knots_ns)
+    excess = np.abs(adjusted.motion.bias) / settings.start.bias_sigma
+    if excess.max() > _MAX_BIAS:
+        return f"the tracks ask for a bias of the inertial sensors of {excess.max():.1f} standard deviations"
+    if not motion.relative_sigma < settings.start.max_scale_sigma:
+        return _scale_unknown(motion.relative_sigma, settings)
+    return ""
+
+
+def _scale_unknown(sigma: float, settings: Settings) -> str:
+    return (
+        f"scale is known to {100 * min(sigma, 9.99):.0f} % only, "
+        f"{100 * settings.start.max_scale_sigma:.0f} % is needed: "
+        "move the sensor sideways, with changing speed"
+    )
+
+
+def _first_states(intake: Intake, settings: Settings, knots_ns: IntArray, motion: SpanMotion) -> States:
+    """Knot states of a span's motion, world upright at the first knot; rates by warm-up (40)."""
+    w, found, at = settings.window, motion.adjusted.motion, motion.increments
+    C_w_b0 = _upright(found.gravity)
     t = ((knots_ns - knots_ns[0]) * 1e-9)[:, None]
-    r = (aligned.velocity * t + 0.5 * aligned.gravity * t**2 + free.r[at]) @ C_w_b0.T
-    v = (aligned.velocity + aligned.gravity * t + free.v[at]) @ C_w_b0.T
-    C = C_w_b0 @ free.C[at]
+    r = motion.displacement @ C_w_b0.T
+    v = (found.velocity + found.gravity * t + at.nu) @ C_w_b0.T
+    C = C_w_b0 @ at.C
     streams = (intake.gyroscope, intake.accelerometer)
     half = settings.knot_interval_ns // 2
     rates = np.stack(
         [
-            rates_at(int(knots_ns[k]), C[k], v[k], streams, np.zeros(6), w.gravity_w, half)
+            rates_at(int(knots_ns[k]), C[k], v[k], streams, found.bias, w.gravity_w, half)
             for k in range(len(knots_ns))
         ]
     )
     dt = np.diff(knots_ns) * 1e-9
     varpi = warm_up(C, r, rates, dt, w.root_density, _WARM_UP_SIGMA, w.motion_model)
-    return States(C, r, varpi, np.zeros((len(knots_ns), 6)))
+    return States(C, r, varpi, np.tile(found.bias, (len(knots_ns), 1)))
 
 
 def _upright(gravity_b: FloatArray) -> FloatArray:
@@ -193,8 +210,10 @@ def _gauge_prior(first: States, bias_sigma: FloatArray) -> Prior:
     return Prior(R, R.T @ R, r_0, first)
 
 
-def _filled_window(intake: Intake, settings: Settings, knots_ns: IntArray, states: States) -> Window:
-    """A window with all knots, their measurements and landmarks."""
+def _filled_window(
+    intake: Intake, settings: Settings, knots_ns: IntArray, states: States, without: IntArray
+) -> Window:
+    """A window with all knots, their measurements and landmarks, and none of the tracks `without`."""
 
     def knot(k: int) -> States:
         return States(*(a[k : k + 1].copy() for a in states))
@@ -208,7 +227,7 @@ def _filled_window(intake: Intake, settings: Settings, knots_ns: IntArray, state
             knot(k),
             around(intake.gyroscope, *span),
             around(intake.accelerometer, *span),
-            intake.observations.between(*span),
+            _without(intake.observations.between(*span), without),
         )
     window.add_landmarks()
     return window
