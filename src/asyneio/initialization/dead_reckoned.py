@@ -96,12 +96,13 @@ class _System(NamedTuple):
 
 
 def adjust(
-    reckon: Callable[[FloatArray], Rays], first: FirstMotion, prior: BiasPrior, gate: float
+    reckon: Callable[[FloatArray], Rays], rays: Rays, first: FirstMotion, prior: BiasPrior, gate: float
 ) -> Adjusted:
     """Minimise the Cauchy cost of all observations plus the priors.
 
     Args:
         reckon: dead reckoning with given biases (6,): the rays of all observations.
+        rays: the same with the biases of `first`.
         first: where to begin.
         prior: of the biases and of the inverse depths.
         gate: observations further off, in standard deviations, have no influence.
@@ -109,7 +110,6 @@ def adjust(
     Raises:
         EstimationError: the equations are singular.
     """
-    rays = reckon(first.bias)
     reckoned = first.bias
     state = _State(first.velocity, first.gravity, first.bias, _first_points(rays))
     for _ in range(_POINT_STEPS):
@@ -117,15 +117,14 @@ def adjust(
         points = state.points - np.einsum("lab,lb->la", _inverse(system, 0.0), system.b_l)
         points[:, 2] = np.maximum(points[:, 2], _FARTHEST)
         state = state._replace(points=points)
-    for scale in _SCALES:
-        steps = _LAST_STEPS if scale == _SCALES[-1] else _STEPS
-        state, system = _descend(rays, state, reckoned, prior, (scale, gate), steps)
-        if scale != _SCALES[-1]:
-            rays, reckoned = reckon(state.bias), state.bias
-    covariance = np.linalg.inv(_reduced(system, 0.0)[0])
-    inverse = _inverse(system, 0.0)
-    gain = (inverse @ system.W)[:, 2]
-    variance = inverse[:, 2, 2] + np.einsum("lp,pq,lq->l", gain, covariance, gain)
+    for scale in _SCALES[:-1]:
+        state, _ = _descend(rays, state, reckoned, prior, (scale, gate), _STEPS)
+    rays, reckoned = reckon(state.bias), state.bias
+    state, system = _descend(rays, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
+    H, _, inverse, gain = _reduced(system, 0.0)
+    covariance = np.linalg.inv(H)
+    by_motion = gain[:, 2]
+    variance = inverse[:, 2, 2] + np.einsum("lp,pq,lq->l", by_motion, covariance, by_motion)
     return Adjusted(
         FirstMotion(state.velocity, state.gravity, state.bias),
         state.points[:, 2],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,8 +16,12 @@ from asyneio.odometry.settings import Settings
 from asyneio.types import FloatArray, IntArray, RecordArray
 
 #: The adjustment looks at so many tracks, those longest in view, and at so many observations of each.
-_MAX_TRACKS = 150
-_MAX_OBSERVATIONS = 16
+_MAX_TRACKS = 400
+_MAX_OBSERVATIONS = 24
+
+
+#: A solution whose cost is higher by less than this is nearly as likely: odds of 150 to 1.
+_LIKELY = 5.0
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,8 @@ class SpanMotion:
     `adjusted.motion`.
 
     `contradicting` are ids of tracks that this motion does not explain; `relative_sigma` is the standard
-    deviation of the displacements' common factor, their scale.
+    deviation of the displacements' common factor, their scale. `ambiguous`: another motion explains the
+    tracks as well.
     """
 
     adjusted: Adjusted
@@ -34,6 +39,7 @@ class SpanMotion:
     displacement: FloatArray  # (K,3) of the knots from the first, first body frame [m]
     relative_sigma: float
     contradicting: IntArray
+    ambiguous: bool = False
 
 
 def span_motion(
@@ -50,13 +56,40 @@ def span_motion(
     reckoning, data = _data(intake, settings, knots_ns, few)
     aligned = align(data, float(np.linalg.norm(w.gravity_w)), w.bearing_sigma)
     prior = BiasPrior(start.bias_sigma, 1.0 / float(np.sqrt(w.landmark_damping[0])))
-    first = FirstMotion(aligned.velocity, aligned.gravity, np.zeros(6))
-    adjusted = adjust(reckoning.rays, first, prior, w.gate)
     t = (knots_ns - knots_ns[0]) * 1e-9
+    rays = reckoning.rays(np.zeros(6))
+    guesses = (
+        FirstMotion(aligned.velocity, aligned.gravity, np.zeros(6)),
+        _no_net_motion(t[-1], reckoning, float(np.linalg.norm(w.gravity_w))),
+    )
+    found = [adjust(reckoning.rays, rays, guess, prior, w.gate) for guess in guesses]
+    best, other = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
+    ambiguous = other.adjusted.cost - best.adjusted.cost < _LIKELY and not _alike(best, other)
+    return replace(best, ambiguous=ambiguous)
+
+
+def _no_net_motion(duration: float, reckoning: DeadReckoning, gravity: float) -> FirstMotion:
+    """A second guess, which owes nothing to the tracks: the body ends as fast as it began, back where it was.
+
+    Then gravity is the mean of what the accelerometer felt, turned to the first instant.
+    """
+    end = reckoning.increments(np.array([duration]), np.zeros(6))
+    g = -end.nu[0] * gravity / np.linalg.norm(end.nu[0])
+    velocity = -0.5 * g * duration - end.r[0] / duration
+    return FirstMotion(velocity, g, np.zeros(6))
+
+
+def _of_span(t: FloatArray, reckoning: DeadReckoning, adjusted: Adjusted, ids: IntArray) -> SpanMotion:
     increments = reckoning.increments(t, adjusted.motion.bias)
     displacement, row = _displacement(t, adjusted, increments)
-    variance = float(row @ adjusted.covariance @ row)
-    return SpanMotion(adjusted, increments, displacement, float(np.sqrt(variance)), ids[~adjusted.agreeing])
+    sigma = float(np.sqrt(row @ adjusted.covariance @ row))
+    return SpanMotion(adjusted, increments, displacement, sigma, ids[~adjusted.agreeing])
+
+
+def _alike(one: SpanMotion, other: SpanMotion) -> bool:
+    """Whether two solutions move alike, to three standard deviations of their scale."""
+    factor = np.linalg.norm(other.displacement - one.displacement) / np.linalg.norm(one.displacement)
+    return bool(factor < 3.0 * np.hypot(one.relative_sigma, other.relative_sigma))
 
 
 def _displacement(t: FloatArray, adjusted: Adjusted, at: Increments) -> tuple[FloatArray, FloatArray]:

@@ -12,6 +12,7 @@ from asyneio.estimation.covariance import relative_scale_sigma
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import Prior, States
 from asyneio.estimation.window import TrackObservations, Window
+from asyneio.initialization.dead_reckoned import Adjusted
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.first_motion import SpanMotion, span_motion
 from asyneio.odometry.intake import Intake, around
@@ -33,10 +34,12 @@ _SIGNIFICANT = 4.0
 _SHARE_AGREEING = 0.6
 #: Standard deviations of its prior within which a bias must lie.
 _MAX_BIAS = 4.0
-#: Standard deviations by which the scales of dead reckoning and of the joint optimisation may differ.
-_CONTRADICTION = 3.0
-#: A roll or pitch error of the alignment that the joint optimisation may still correct.
-_TILT_SIGMA = 0.5
+#: Standard deviations by which the scales of dead reckoning and of the joint optimisation may differ. The
+#: latter counts the inertial samples for less (`noise_inflation`), and may know scale worse by the same
+#: factor.
+_SCALES_DIFFER = 3.0
+#: Factor on the covariance of the adjustment where it meets the same observations again.
+_SEEN_TWICE = 2.0
 #: A last step that still lowers the cost by so much has not arrived: scale drifts where nothing fixes it.
 _UNSETTLED = 0.002
 #: Standard deviations by which observations may typically be off.
@@ -70,7 +73,7 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         if reason:
             return reason
         states = _first_states(intake, settings, knots_ns, motion)
-        window = _filled_window(intake, settings, knots_ns, states, motion.contradicting)
+        window = _filled_window(intake, settings, knots_ns, states, motion)
         solution = window.optimize(settings.start.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
@@ -84,13 +87,14 @@ def _refusal(window: Window, solution: Solution, motion: SpanMotion, settings: S
         return "the tracks show no parallax: move the sensor sideways"
     if solution.report.last_decrease > _UNSETTLED:
         return "the joint optimisation does not settle: move the sensor sideways, with changing speed"
+    tolerance = _SCALES_DIFFER * settings.start.max_scale_sigma
     scale_sigma = relative_scale_sigma(solution)
-    if not scale_sigma < settings.start.max_scale_sigma:
-        return _scale_unknown(scale_sigma, settings)
+    if not scale_sigma < tolerance:
+        return _scale_unknown(scale_sigma, tolerance)
     states = window.states
     displacement = (states.r - states.r[0]) @ states.C[0]
     factor = np.sum(displacement * motion.displacement) / np.sum(motion.displacement**2)
-    if abs(factor - 1.0) > _CONTRADICTION * np.hypot(scale_sigma, motion.relative_sigma):
+    if abs(factor - 1.0) > tolerance:
         return f"two ways of solving for the motion differ by {100 * abs(factor - 1.0):.0f} % in scale"
     used = len(solution.problem.visual.landmark)
     if solution.report.rejected > 0.2 * used:
@@ -152,15 +156,17 @@ def _motion_refusal(motion: SpanMotion, settings: Settings) -> str:
     excess = np.abs(adjusted.motion.bias) / settings.start.bias_sigma
     if excess.max() > _MAX_BIAS:
         return f"the tracks ask for a bias of the inertial sensors of {excess.max():.1f} standard deviations"
+    if motion.ambiguous:
+        return "two different motions explain the tracks alike: move the sensor sideways, with changing speed"
     if not motion.relative_sigma < settings.start.max_scale_sigma:
-        return _scale_unknown(motion.relative_sigma, settings)
+        return _scale_unknown(motion.relative_sigma, settings.start.max_scale_sigma)
     return ""
 
 
-def _scale_unknown(sigma: float, settings: Settings) -> str:
+def _scale_unknown(sigma: float, needed: float) -> str:
     return (
         f"scale is known to {100 * min(sigma, 9.99):.0f} % only, "
-        f"{100 * settings.start.max_scale_sigma:.0f} % is needed: "
+        f"{100 * needed:.0f} % is needed: "
         "move the sensor sideways, with changing speed"
     )
 
@@ -198,27 +204,37 @@ def _upright(gravity_b: FloatArray) -> FloatArray:
     return matrix
 
 
-def _gauge_prior(first: States, bias_sigma: FloatArray) -> Prior:
-    """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero."""
-    R = np.zeros((12, 24))
-    tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, _GAUGE_SIGMA])
-    R[:3, :3] = first.C[0] / tilt_yaw[:, None]
-    R[3:6, 3:6] = np.eye(3) / _GAUGE_SIGMA
-    R[6:, 18:] = np.diag(1.0 / bias_sigma)
-    r_0 = np.zeros(12)
-    r_0[6:] = first.bias[0] / bias_sigma
-    return Prior(R, R.T @ R, r_0, first)
+def _first_prior(first: States, adjusted: Adjusted) -> Prior:
+    """Prior on the first knot: position and yaw define the frame; tilt, velocity and biases as adjusted.
+
+    The joint optimisation trusts the inertial samples less than dead reckoning does (`noise_inflation`: knots
+    cannot follow every vibration), and would lose what they say over the whole span. Its observations are
+    those that the adjustment has seen: the covariance is enlarged by `_SEEN_TWICE`.
+    """
+    g = adjusted.motion.gravity
+    R = np.zeros((15, 24))
+    R[0, :3] = first.C[0, 2] / _GAUGE_SIGMA
+    R[1:4, 3:6] = np.eye(3) / _GAUGE_SIGMA
+    # An angle phi on the right of C_w_b changes gravity in the body by g x phi.
+    chain = np.zeros((11, 24))
+    chain[:3, 9:12] = np.eye(3)
+    chain[3:5, :3] = adjusted.tangent.T @ np.cross(np.eye(3), g).T / (g @ g)
+    chain[5:, 18:] = np.eye(6)
+    root = np.linalg.cholesky(np.linalg.inv(_SEEN_TWICE * adjusted.covariance))
+    R[4:] = root.T @ chain
+    return Prior(R, R.T @ R, np.zeros(15), first)
 
 
 def _filled_window(
-    intake: Intake, settings: Settings, knots_ns: IntArray, states: States, without: IntArray
+    intake: Intake, settings: Settings, knots_ns: IntArray, states: States, motion: SpanMotion
 ) -> Window:
-    """A window with all knots, their measurements and landmarks, and none of the tracks `without`."""
+    """A window with all knots, their measurements and landmarks, without tracks that contradict the
+    motion."""
 
     def knot(k: int) -> States:
         return States(*(a[k : k + 1].copy() for a in states))
 
-    prior = _gauge_prior(knot(0), settings.start.bias_sigma)
+    prior = _first_prior(knot(0), motion.adjusted)
     window = Window(settings.window, int(knots_ns[0]), knot(0), prior)
     for k in range(1, len(knots_ns)):
         span = (int(knots_ns[k - 1]), int(knots_ns[k]))
@@ -227,7 +243,7 @@ def _filled_window(
             knot(k),
             around(intake.gyroscope, *span),
             around(intake.accelerometer, *span),
-            _without(intake.observations.between(*span), without),
+            _without(intake.observations.between(*span), motion.contradicting),
         )
     window.add_landmarks()
     return window
