@@ -116,11 +116,6 @@ class InitializationConfig(_Section):
     max_seconds: float = Field(4.0, gt=0.0, description="longest span tried; what is older is dropped")
     min_landmarks: int = Field(15, ge=4)
     max_scale_sigma: float = Field(0.05, gt=0.0, description="largest relative standard deviation of scale")
-    max_ray_residual_px: float = Field(
-        10.0,
-        gt=0.0,
-        description="largest RMS miss of the linear alignment, in observation standard deviations",
-    )
 
 
 class Config(_Section):

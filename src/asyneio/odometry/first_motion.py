@@ -18,8 +18,6 @@ from asyneio.types import FloatArray, IntArray, RecordArray
 #: The adjustment looks at so many tracks, those longest in view, and at so many observations of each.
 _MAX_TRACKS = 400
 _MAX_OBSERVATIONS = 24
-
-
 #: A solution whose cost is higher by less than this is nearly as likely: odds of 150 to 1.
 _LIKELY = 5.0
 

@@ -1,4 +1,4 @@
-"""Start from the data alone: alignment, warm-up (40), joint optimisation (39), and whether to trust it."""
+"""Start from the data alone: motion of a span, warm-up (40), joint optimisation (39), whether to trust it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.errors import EstimationError, InertialError
-from asyneio.estimation.covariance import relative_scale_sigma
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import Prior, States
 from asyneio.estimation.window import TrackObservations, Window
@@ -18,6 +17,7 @@ from asyneio.odometry.first_motion import SpanMotion, span_motion
 from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.propagation import rates_at
 from asyneio.odometry.settings import Settings
+from asyneio.odometry.start_refusals import motion_refusal, solution_refusal
 from asyneio.types import FloatArray, IntArray
 
 #: Attempts to start are this far apart; each sees more motion than the last.
@@ -26,24 +26,8 @@ RETRY_NS = 250_000_000
 _GAUGE_SIGMA = 1e-4
 #: Zero priors of the warm-up: rates of any size a person or a drone makes.
 _WARM_UP_SIGMA = np.array([10.0, 100.0])
-#: Points of a true solution lie in front of the camera, but for noise; of a degenerate one, anywhere.
-_SHARE_IN_FRONT = 0.8
-#: Standard deviations from zero at which an inverse depth shows parallax.
-_SIGNIFICANT = 4.0
-#: Tracks that must agree with the motion found: the others may be bad, or see what moves by itself.
-_SHARE_AGREEING = 0.6
-#: Standard deviations of its prior within which a bias must lie.
-_MAX_BIAS = 4.0
-#: Standard deviations by which the scales of dead reckoning and of the joint optimisation may differ. The
-#: latter counts the inertial samples for less (`noise_inflation`), and may know scale worse by the same
-#: factor.
-_SCALES_DIFFER = 3.0
 #: Factor on the covariance of the adjustment where it meets the same observations again.
 _SEEN_TWICE = 2.0
-#: A last step that still lowers the cost by so much has not arrived: scale drifts where nothing fixes it.
-_UNSETTLED = 0.002
-#: Standard deviations by which observations may typically be off.
-_MAX_MISFIT = 2.5
 
 
 @dataclass(frozen=True)
@@ -69,7 +53,7 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         return f"too few feature tracks: {tracks} of {settings.start.min_landmarks}"
     try:
         motion = span_motion(intake, settings, knots_ns, seen)
-        reason = _motion_refusal(motion, settings)
+        reason = motion_refusal(motion, settings)
         if reason:
             return reason
         states = _first_states(intake, settings, knots_ns, motion)
@@ -77,37 +61,8 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         solution = window.optimize(settings.start.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
-    reason = _refusal(window, solution, motion, settings)
+    reason = solution_refusal(window, solution, motion, settings)
     return reason if reason else Start(window, solution)
-
-
-def _refusal(window: Window, solution: Solution, motion: SpanMotion, settings: Settings) -> str:
-    """Why the joint optimisation cannot be trusted; empty if it can."""
-    if np.mean(solution.problem.landmarks.rho < 0.0) > 1.0 - _SHARE_IN_FRONT:
-        return "the tracks show no parallax: move the sensor sideways"
-    if solution.report.last_decrease > _UNSETTLED:
-        return "the joint optimisation does not settle: move the sensor sideways, with changing speed"
-    tolerance = _SCALES_DIFFER * settings.start.max_scale_sigma
-    scale_sigma = relative_scale_sigma(solution)
-    if not scale_sigma < tolerance:
-        return _scale_unknown(scale_sigma, tolerance)
-    states = window.states
-    displacement = (states.r - states.r[0]) @ states.C[0]
-    factor = np.sum(displacement * motion.displacement) / np.sum(motion.displacement**2)
-    if abs(factor - 1.0) > tolerance:
-        return f"two ways of solving for the motion differ by {100 * abs(factor - 1.0):.0f} % in scale"
-    used = len(solution.problem.visual.landmark)
-    if solution.report.rejected > 0.2 * used:
-        return f"{solution.report.rejected} of {used} observations contradict the motion found"
-    square = settings.window.robust_scale**2
-    # The squared norm whose Cauchy cost is the mean cost, for one of its two axes.
-    typical = 0.5 * square * np.expm1(2.0 * solution.report.visual_cost / (max(used, 1) * square))
-    if typical > _MAX_MISFIT**2:
-        return (
-            f"observations are off by {np.sqrt(typical):.1f} standard deviations: "
-            "wrong calibration or bad tracks"
-        )
-    return ""
 
 
 def _knot_times(intake: Intake, settings: Settings) -> IntArray | None:
@@ -139,35 +94,6 @@ def _long_tracks(seen: TrackObservations, minimum: int) -> TrackObservations:
     chosen = counts[inverse] >= minimum
     return TrackObservations(
         seen.t_ns[chosen], seen.track[chosen], seen.xy[chosen], seen.root_information[chosen]
-    )
-
-
-def _motion_refusal(motion: SpanMotion, settings: Settings) -> str:
-    """Why a joint optimisation is not worth its time; empty if it is."""
-    adjusted = motion.adjusted
-    significant = adjusted.inverse_depth > _SIGNIFICANT * adjusted.inverse_depth_sigma
-    if np.count_nonzero(significant) < settings.start.min_landmarks:
-        return "the tracks show no parallax: move the sensor sideways"
-    if np.mean(adjusted.agreeing) < _SHARE_AGREEING:
-        return (
-            f"{100 * np.mean(~adjusted.agreeing):.0f} % of the tracks contradict the inertial samples: "
-            "wrong calibration, bad tracks or a scene that moves"
-        )
-    excess = np.abs(adjusted.motion.bias) / settings.start.bias_sigma
-    if excess.max() > _MAX_BIAS:
-        return f"the tracks ask for a bias of the inertial sensors of {excess.max():.1f} standard deviations"
-    if motion.ambiguous:
-        return "two different motions explain the tracks alike: move the sensor sideways, with changing speed"
-    if not motion.relative_sigma < settings.start.max_scale_sigma:
-        return _scale_unknown(motion.relative_sigma, settings.start.max_scale_sigma)
-    return ""
-
-
-def _scale_unknown(sigma: float, needed: float) -> str:
-    return (
-        f"scale is known to {100 * min(sigma, 9.99):.0f} % only, "
-        f"{100 * needed:.0f} % is needed: "
-        "move the sensor sideways, with changing speed"
     )
 
 
@@ -222,7 +148,10 @@ def _first_prior(first: States, adjusted: Adjusted) -> Prior:
     chain[5:, 18:] = np.eye(6)
     root = np.linalg.cholesky(np.linalg.inv(_SEEN_TWICE * adjusted.covariance))
     R[4:] = root.T @ chain
-    return Prior(R, R.T @ R, np.zeros(15), first)
+    # Warm-up has moved the velocity that the prior is linearised at.
+    moved = np.zeros(11)
+    moved[:3] = first.varpi[0, 0, 3:] - adjusted.motion.velocity
+    return Prior(R, R.T @ R, np.concatenate([np.zeros(4), root.T @ moved]), first)
 
 
 def _filled_window(
