@@ -132,7 +132,7 @@ def test_motion_and_gyroscope_bias_are_found_from_a_wrong_guess(style: str, seed
     assert miss < 0.05 * np.linalg.norm(right.velocity)
     assert np.abs(found.motion.bias[:3] - BIAS[:3]).max() < 1e-3
     cosine = found.motion.gravity @ right.gravity / GRAVITY**2
-    # A bias of the accelerometer tilts gravity by as much as it is of gravity, until turning tells them apart.
+    # A bias of the accelerometer passes for tilt, as far as it is of gravity, until turning tells them apart.
     assert np.arccos(min(cosine, 1.0)) < np.linalg.norm(BIAS[3:]) / GRAVITY
 
 

@@ -122,7 +122,7 @@ def adjust(
     rays, reckoned = reckon(state.bias), state.bias
     state, system = _descend(rays, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
     H, _, inverse, gain = _reduced(system, 0.0)
-    covariance = np.linalg.inv(H)
+    covariance = np.asarray(np.linalg.inv(H), dtype=np.float64)
     by_motion = gain[:, 2]
     variance = inverse[:, 2, 2] + np.einsum("lp,pq,lq->l", by_motion, covariance, by_motion)
     return Adjusted(
