@@ -47,7 +47,7 @@ WRONG_SCALE = 0.25
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one case; NaN where it did not start. Seconds are of this machine except `after_s`."""
+    """What became of one case; NaN where it did not start. Seconds are of this processor except `after_s`."""
 
     condition: str
     number: int
@@ -85,9 +85,9 @@ def outcome(condition: str, number: int, case: Case, config: Config) -> Outcome:
             continue
         next_ns = packet.t_end_ns + RETRY_NS
         intake.drop_until(packet.t_end_ns - round(config.initialization.max_seconds * NS_PER_S))
-        began = time.perf_counter()
+        began = time.process_time()
         found = try_start(intake, settings)
-        seconds = time.perf_counter() - began
+        seconds = time.process_time() - began
         if isinstance(found, Start):
             start = found
             break

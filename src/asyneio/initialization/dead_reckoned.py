@@ -32,6 +32,8 @@ _SETTLED = 1e-4
 _POINT_STEPS = 3
 #: Inverse depth [1/m] that points begin with, and may not fall below while they move alone.
 _FARTHEST = 0.005
+#: Tracks are told apart so often, each time by the motion that those left agree on.
+_ROUNDS = 2
 #: A track whose mean cost is so many standard deviations over the median of all tracks contradicts the
 #: motion.
 _CONTRADICTION = 3.0
@@ -121,6 +123,13 @@ def adjust(
         state, _ = _descend(rays, state, reckoned, prior, (scale, gate), _STEPS)
     rays, reckoned = reckon(state.bias), state.bias
     state, system = _descend(rays, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
+    agreeing = np.ones(len(rays.reference), dtype=np.bool_)
+    for _ in range(_ROUNDS):
+        agreeing &= _agreeing(system.track_cost, rays, agreeing)
+        # Without information an observation has neither cost nor influence.
+        silent = np.where(agreeing[rays.track], 1.0, 0.0)[:, None, None]
+        heard = rays._replace(root_information=rays.root_information * silent)
+        state, system = _descend(heard, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
     H, _, inverse, gain = _reduced(system, 0.0)
     covariance = np.asarray(np.linalg.inv(H), dtype=np.float64)
     by_motion = gain[:, 2]
@@ -129,7 +138,7 @@ def adjust(
         FirstMotion(state.velocity, state.gravity, state.bias),
         state.points[:, 2],
         np.asarray(np.sqrt(variance), dtype=np.float64),
-        _agreeing(system.track_cost, rays),
+        agreeing,
         covariance,
         system.tangent,
         system.cost,
@@ -225,12 +234,11 @@ def _first_points(rays: Rays) -> FloatArray:
     return points
 
 
-def _agreeing(track_cost: FloatArray, rays: Rays) -> BoolArray:
-    """Tracks whose mean cost is not beyond what scatter explains; scatter and middle from the tracks
-    themselves."""
+def _agreeing(track_cost: FloatArray, rays: Rays, among: BoolArray) -> BoolArray:
+    """Tracks whose mean cost is not beyond what scatter explains; middle and scatter are those of `among`."""
     count = np.bincount(rays.track, minlength=len(track_cost))
     mean = track_cost / count
-    middle = np.median(mean)
-    # Scatter of one observation's cost, from the better half of the tracks, which outliers do not reach.
-    scatter = 1.4826 * np.median(np.abs(mean - middle) * np.sqrt(count))
+    middle = np.median(mean[among])
+    # Scatter of the cost of one observation: median absolute deviation, as that of a normal distribution.
+    scatter = 1.4826 * np.median((np.abs(mean - middle) * np.sqrt(count))[among])
     return np.asarray(mean <= middle + _CONTRADICTION * scatter / np.sqrt(count))
