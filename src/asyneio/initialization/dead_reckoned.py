@@ -32,6 +32,9 @@ _SETTLED = 1e-4
 _POINT_STEPS = 3
 #: Inverse depth [1/m] that points begin with, and may not fall below while they move alone.
 _FARTHEST = 0.005
+#: Mean and standard deviation of the cost (last scale) of an observation whose noise is as claimed: a track
+#: that is no worse contradicts nothing, however much better the others are.
+_EXPECTED_COST, _EXPECTED_SCATTER = 0.46, 0.37
 #: Tracks are told apart so often, each time by the motion that those left agree on.
 _ROUNDS = 2
 #: A track whose mean cost is so many standard deviations over the median of all tracks contradicts the
@@ -238,7 +241,8 @@ def _agreeing(track_cost: FloatArray, rays: Rays, among: BoolArray) -> BoolArray
     """Tracks whose mean cost is not beyond what scatter explains; middle and scatter are those of `among`."""
     count = np.bincount(rays.track, minlength=len(track_cost))
     mean = track_cost / count
-    middle = np.median(mean[among])
+    middle = max(float(np.median(mean[among])), _EXPECTED_COST)
     # Scatter of the cost of one observation: median absolute deviation, as that of a normal distribution.
-    scatter = 1.4826 * np.median((np.abs(mean - middle) * np.sqrt(count))[among])
+    scatter = 1.4826 * np.median((np.abs(mean - np.median(mean[among])) * np.sqrt(count))[among])
+    scatter = max(float(scatter), _EXPECTED_SCATTER)
     return np.asarray(mean <= middle + _CONTRADICTION * scatter / np.sqrt(count))

@@ -130,12 +130,13 @@ def _upright(gravity_b: FloatArray) -> FloatArray:
     return matrix
 
 
-def _first_prior(first: States, adjusted: Adjusted) -> Prior:
+def _first_prior(first: States, adjusted: Adjusted, sample_variance: FloatArray) -> Prior:
     """Prior on the first knot: position and yaw define the frame; tilt, velocity and biases as adjusted.
 
     The joint optimisation trusts the inertial samples less than dead reckoning does (`noise_inflation`: knots
     cannot follow every vibration), and would lose what they say over the whole span. Its observations are
-    those that the adjustment has seen: the covariance is enlarged by `_SEEN_TWICE`.
+    those that the adjustment has seen: the covariance is enlarged by `_SEEN_TWICE`. `sample_variance` (11,)
+    is what the noise of the samples adds, which the adjustment leaves out.
     """
     g = adjusted.motion.gravity
     R = np.zeros((15, 24))
@@ -146,12 +147,23 @@ def _first_prior(first: States, adjusted: Adjusted) -> Prior:
     chain[:3, 9:12] = np.eye(3)
     chain[3:5, :3] = adjusted.tangent.T @ np.cross(np.eye(3), g).T / (g @ g)
     chain[5:, 18:] = np.eye(6)
-    root = np.linalg.cholesky(np.linalg.inv(_SEEN_TWICE * adjusted.covariance))
+    root = np.linalg.cholesky(np.linalg.inv(_SEEN_TWICE * adjusted.covariance + np.diag(sample_variance)))
     R[4:] = root.T @ chain
     # Warm-up has moved the velocity that the prior is linearised at.
     moved = np.zeros(11)
     moved[:3] = first.varpi[0, 0, 3:] - adjusted.motion.velocity
     return Prior(R, R.T @ R, np.concatenate([np.zeros(4), root.T @ moved]), first)
+
+
+def _sample_variance(settings: Settings, intake: Intake, knots_ns: IntArray) -> FloatArray:
+    """Variance (11,) that the samples' noise leaves in velocity, tilt and biases, as the window trusts it."""
+    w = settings.window
+    span_s = float(knots_ns[-1] - knots_ns[0]) * 1e-9
+    count = [
+        len(around(s, int(knots_ns[0]), int(knots_ns[-1]))) for s in (intake.gyroscope, intake.accelerometer)
+    ]
+    rate, force = w.noise_inflation * np.array([w.noise.gyroscope, w.noise.accelerometer]) / np.sqrt(count)
+    return np.repeat([force * span_s, rate * span_s, rate, force], [3, 2, 3, 3]) ** 2
 
 
 def _filled_window(
@@ -163,7 +175,7 @@ def _filled_window(
     def knot(k: int) -> States:
         return States(*(a[k : k + 1].copy() for a in states))
 
-    prior = _first_prior(knot(0), motion.adjusted)
+    prior = _first_prior(knot(0), motion.adjusted, _sample_variance(settings, intake, knots_ns))
     window = Window(settings.window, int(knots_ns[0]), knot(0), prior)
     for k in range(1, len(knots_ns)):
         span = (int(knots_ns[k - 1]), int(knots_ns[k]))
