@@ -36,7 +36,7 @@ _FARTHEST = 0.005
 #: that is no worse contradicts nothing, however much better the others are.
 _EXPECTED_COST, _EXPECTED_SCATTER = 0.46, 0.37
 #: Tracks are told apart so often, each time by the motion that those left agree on.
-_ROUNDS = 2
+_ROUNDS = 1
 #: A track whose mean cost is so many standard deviations over the median of all tracks contradicts the
 #: motion.
 _CONTRADICTION = 3.0
