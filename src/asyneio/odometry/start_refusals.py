@@ -15,7 +15,7 @@ _SHARE_IN_FRONT = 0.8
 #: Standard deviations from zero at which an inverse depth shows parallax.
 _SIGNIFICANT = 4.0
 #: Tracks that must agree with the motion found: the others may be bad, or see what moves by itself.
-_SHARE_AGREEING = 0.75
+_SHARE_AGREEING = 0.6
 #: Standard deviations of its prior within which a bias must lie.
 _MAX_BIAS = 4.0
 #: Standard deviations by which the scales of dead reckoning and of the joint optimisation may differ. The
