@@ -119,11 +119,11 @@ class OptimizerConfig(_Section):
     """Levenberg-Marquardt."""
 
     max_iterations: int = Field(4, ge=1, description="per knot while tracking")
-    initial_max_iterations: int = Field(30, ge=1, description="for the joint optimisation at the start")
+    initial_max_iterations: int = Field(12, ge=1, description="for the joint optimisation at the start")
     relative_decrease: float = Field(
         1e-3, gt=0.0, description="stop when the cost falls by less than this, or just as the model foretold"
     )
-    initial_relative_decrease: float = Field(1e-6, gt=0.0, description="the same, at the start")
+    initial_relative_decrease: float = Field(1e-5, gt=0.0, description="the same, at the start")
     initial_damping: float = Field(
         1e-9,
         gt=0.0,
@@ -138,12 +138,7 @@ class InitializationConfig(_Section):
     min_seconds: float = Field(1.0, gt=0.0, description="shortest span tried")
     max_seconds: float = Field(4.0, gt=0.0, description="longest span tried; what is older is dropped")
     min_landmarks: int = Field(15, ge=4)
-    max_scale_sigma: float = Field(0.1, gt=0.0, description="largest relative standard deviation of scale")
-    max_ray_residual_px: float = Field(
-        10.0,
-        gt=0.0,
-        description="largest RMS miss of the linear alignment, in observation standard deviations",
-    )
+    max_scale_sigma: float = Field(0.05, gt=0.0, description="largest relative standard deviation of scale")
 
 
 class HealthConfig(_Section):

@@ -34,6 +34,9 @@ from asyneio.estimation.rest_terms import rest_of, rest_terms
 from asyneio.estimation.visual_sums import empty_sums
 from asyneio.frontend import Frontend, gradient_kernel
 from asyneio.geometry.camera import CameraModel
+from asyneio.inertial.increments import ImuWindow, SampleNoise
+from asyneio.initialization.dead_reckoned import BiasPrior, FirstMotion, adjust
+from asyneio.initialization.dead_reckoned_rays import DeadReckoning, SpanObservations
 from asyneio.odometry.propagation import predict_knot
 from asyneio.trajectory.model import WNOJ_SE3
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, CameraIntrinsics
@@ -63,6 +66,7 @@ def compile_kernels() -> None:
         compile_intervals()
         for child in children:
             child.wait()
+    compile_start()
     linearize(_tiny_problem())
 
 
@@ -113,6 +117,17 @@ def compile_intervals() -> None:
     )
     resting = problem._replace(rest=rest_of(np.ones(1, dtype=np.bool_), problem.model))
     rest_terms(resting, True, np.zeros((48, 48)), np.zeros(48))
+
+
+def compile_start() -> None:
+    """The kernels of dead reckoning and of its adjustment."""
+    t = np.array([0.0, 0.5, 1.0])
+    window = ImuWindow(t, np.zeros((3, 3)), t, np.zeros((3, 3)), 1.0)
+    white = np.tile(np.eye(2), (3, 1, 1))
+    seen = SpanObservations(t, np.zeros(3, dtype=np.int64), np.zeros((3, 2)), white)
+    reckoning = DeadReckoning(window, SampleNoise(1.0, 1.0), np.eye(4), seen)
+    first = FirstMotion(np.ones(3), np.array([0.0, 0.0, -9.81]), np.zeros(6))
+    adjust(reckoning.rays, reckoning.rays(first.bias), first, BiasPrior(np.ones(6), 1.0), gate=8.0)
 
 
 def _tiny_problem() -> Problem:

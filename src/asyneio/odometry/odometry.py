@@ -20,7 +20,7 @@ from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.rest import RestDetector
 from asyneio.odometry.screen import contradicting_tracks
 from asyneio.odometry.settings import Settings, resolve
-from asyneio.odometry.start import try_start
+from asyneio.odometry.start import RETRY_NS, try_start
 from asyneio.odometry.static_start import static_start
 from asyneio.odometry.vitals import sample_gap_s
 from asyneio.odometry.watch import Advance, Watch
@@ -37,8 +37,6 @@ from asyneio.types import (
     StepReport,
 )
 
-#: Attempts to start are this far apart; each sees more motion than the last.
-_START_RETRY_NS = 250_000_000
 #: The end of a rest is noticed late: what was said of the stretch before it [ns] is taken back.
 _REST_DOUBT_NS = 200_000_000
 
@@ -233,7 +231,7 @@ class Odometry:
         self._rest.judge(t_ns, t_ns, None)
         if self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
             return [], self._initializing(t_ns, "collecting measurements")
-        self._next_attempt_ns = t_ns + _START_RETRY_NS
+        self._next_attempt_ns = t_ns + RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
         self._settings = resolve(
             self._config,

@@ -25,7 +25,6 @@ class StartSettings:
     max_seconds: float
     min_landmarks: int
     max_scale_sigma: float
-    max_ray_residual: float  # rad
     bias_sigma: FloatArray  # (6,) prior on the first biases
     optimizer: OptimizerSettings
 
@@ -94,7 +93,6 @@ def resolve(
             max_seconds=config.initialization.max_seconds,
             min_landmarks=config.initialization.min_landmarks,
             max_scale_sigma=config.initialization.max_scale_sigma,
-            max_ray_residual=config.initialization.max_ray_residual_px * visual.pixel_sigma / focal,
             bias_sigma=np.repeat(
                 [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma], 3
             ),

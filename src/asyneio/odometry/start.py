@@ -1,45 +1,30 @@
-"""Start from the data alone: alignment, warm-up (40), joint optimisation (39), and whether to trust it."""
+"""Start from the data alone: motion of a span, warm-up (40), joint optimisation (39), whether to trust it."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from asyneio.errors import EstimationError, InertialError
-from asyneio.estimation.covariance import relative_scale_sigma
-from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import Prior, States
-from asyneio.estimation.window import TrackObservations, Window
+from asyneio.estimation.window import TrackObservations
 from asyneio.geometry.gravity import upright
-from asyneio.initialization.alignment import AlignmentData, align
+from asyneio.initialization.dead_reckoned import Adjusted
 from asyneio.initialization.warm_up import warm_up
+from asyneio.odometry.first_motion import SpanMotion, span_motion
+from asyneio.odometry.first_window import GAUGE_SIGMA, Start, filled_window
 from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.outliers import optimize_without_outliers
-from asyneio.odometry.propagation import propagate, rates_at
+from asyneio.odometry.propagation import rates_at
 from asyneio.odometry.settings import Settings
+from asyneio.odometry.start_refusals import motion_refusal, solution_refusal
 from asyneio.types import FloatArray, IntArray
 
-#: The frame is defined by the first knot's position and yaw: as tight as rounding allows.
-_GAUGE_SIGMA = 1e-4
+#: Attempts to start are this far apart; each sees more motion than the last.
+RETRY_NS = 250_000_000
 #: Zero priors of the warm-up: rates of any size a person or a drone makes.
 _WARM_UP_SIGMA = np.array([10.0, 100.0])
-#: Points of a true solution lie in front of the camera, but for noise; of a degenerate one, anywhere.
-_SHARE_IN_FRONT = 0.8
-#: A roll or pitch error of the alignment that the joint optimisation may still correct.
-_TILT_SIGMA = 0.5
-#: A last step that still lowers the cost by so much has not arrived: scale drifts where nothing fixes it.
-_UNSETTLED = 0.002
-#: Standard deviations by which observations may typically be off.
-_MAX_MISFIT = 2.5
-
-
-@dataclass(frozen=True)
-class Start:
-    """A started window with the solution it came from."""
-
-    window: Window
-    solution: Solution
+#: Factor on the covariance of the adjustment where it meets the same observations again.
+_SEEN_TWICE = 2.0
 
 
 def try_start(intake: Intake, settings: Settings) -> Start | str:
@@ -56,45 +41,22 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
     if tracks < settings.start.min_landmarks:
         return f"too few feature tracks: {tracks} of {settings.start.min_landmarks}"
     try:
-        states = _aligned_states(intake, settings, knots_ns, seen)
-        if isinstance(states, str):
-            return states
-        window = filled_window(intake, settings, knots_ns, states)
+        motion = span_motion(intake, settings, knots_ns, seen)
+        reason = motion_refusal(motion, settings)
+        if reason:
+            return reason
+        states = _first_states(intake, settings, knots_ns, motion)
+        first = States(*(a[:1].copy() for a in states))
+        prior = _first_prior(first, motion.adjusted, _sample_variance(settings, intake, knots_ns))
+        window = filled_window(intake, settings, knots_ns, states, prior, motion.contradicting)
         solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
-    reason = _refusal(window, solution, settings)
+    reason = solution_refusal(window, solution, motion, settings)
     if reason:
         return reason
-    intake.refuse(outliers)
+    intake.refuse(np.concatenate([outliers, motion.contradicting]))
     return Start(window, solution)
-
-
-def _refusal(window: Window, solution: Solution, settings: Settings) -> str:
-    """Why the joint optimisation cannot be trusted; empty if it can."""
-    if np.mean(solution.problem.landmarks.rho < 0.0) > 1.0 - _SHARE_IN_FRONT:
-        return "the tracks show no parallax: move the sensor sideways"
-    if solution.report.last_decrease > _UNSETTLED:
-        return "the joint optimisation does not settle: move the sensor sideways, with changing speed"
-    scale_sigma = relative_scale_sigma(solution)
-    if not scale_sigma < settings.start.max_scale_sigma:
-        return (
-            f"scale is known to {100 * scale_sigma:.0f} % only, "
-            f"{100 * settings.start.max_scale_sigma:.0f} % is needed: "
-            "move the sensor sideways, with changing speed"
-        )
-    used = len(solution.problem.visual.landmark)
-    if solution.report.rejected > 0.2 * used:
-        return f"{solution.report.rejected} of {used} observations contradict the motion found"
-    square = settings.window.robust_scale**2
-    # The squared norm whose Cauchy cost is the mean cost, for one of its two axes.
-    typical = 0.5 * square * np.expm1(2.0 * solution.report.visual_cost / (max(used, 1) * square))
-    if typical > _MAX_MISFIT**2:
-        return (
-            f"observations are off by {np.sqrt(typical):.1f} standard deviations: "
-            "wrong calibration or bad tracks"
-        )
-    return ""
 
 
 def _knot_times(intake: Intake, settings: Settings) -> IntArray | None:
@@ -122,86 +84,58 @@ def _long_tracks(seen: TrackObservations, minimum: int) -> TrackObservations:
     )
 
 
-def _aligned_states(
-    intake: Intake, settings: Settings, knots_ns: IntArray, seen: TrackObservations
-) -> States | str:
-    """Knot states from gyroscope integration and the linear alignment, then warm-up."""
-    w = settings.window
-    zero = np.zeros(3)
-    times = np.union1d(knots_ns, seen.t_ns)
-    free = propagate(
-        intake.gyroscope, intake.accelerometer, np.zeros(6), (np.eye(3), zero, zero), times, zero
-    )
-    at = free.at(seen.t_ns)
-    rays = np.column_stack([seen.xy, np.ones(len(seen.xy))])
-    rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ w.T_b_c[:3, :3].T
-    ids, track = np.unique(seen.track, return_inverse=True)
-    data = AlignmentData(
-        t=(seen.t_ns - knots_ns[0]) * 1e-9,
-        direction=np.einsum("nij,nj->ni", free.C[at], rays),
-        offset=free.r[at] + free.C[at] @ w.T_b_c[:3, 3],
-        track=track,
-        tracks=len(ids),
-    )
-    aligned = align(data, float(np.linalg.norm(w.gravity_w)), w.bearing_sigma)
-    if aligned.residual_rad <= settings.start.max_ray_residual and aligned.share_in_front < _SHARE_IN_FRONT:
-        return "the tracks show no parallax: move the sensor sideways"
-    if aligned.residual_rad > settings.start.max_ray_residual:
-        return (
-            "tracks and inertial samples do not agree yet "
-            f"(rays miss by {np.degrees(aligned.residual_rad):.2f} deg, "
-            f"{100 * aligned.share_in_front:.0f} % of the points in front of the camera)"
-        )
-    C_w_b0 = upright(aligned.gravity)
-    at = free.at(knots_ns)
+def _first_states(intake: Intake, settings: Settings, knots_ns: IntArray, motion: SpanMotion) -> States:
+    """Knot states of a span's motion, world upright at the first knot; rates by warm-up (40)."""
+    w, found, at = settings.window, motion.adjusted.motion, motion.increments
+    C_w_b0 = upright(found.gravity)
     t = ((knots_ns - knots_ns[0]) * 1e-9)[:, None]
-    r = (aligned.velocity * t + 0.5 * aligned.gravity * t**2 + free.r[at]) @ C_w_b0.T
-    v = (aligned.velocity + aligned.gravity * t + free.v[at]) @ C_w_b0.T
-    C = C_w_b0 @ free.C[at]
+    r = motion.displacement @ C_w_b0.T
+    v = (found.velocity + found.gravity * t + at.nu) @ C_w_b0.T
+    C = C_w_b0 @ at.C
     streams = (intake.gyroscope, intake.accelerometer)
     half = settings.knot_interval_ns // 2
     rates = np.stack(
         [
-            rates_at(int(knots_ns[k]), C[k], v[k], streams, np.zeros(6), w.gravity_w, half)
+            rates_at(int(knots_ns[k]), C[k], v[k], streams, found.bias, w.gravity_w, half)
             for k in range(len(knots_ns))
         ]
     )
     dt = np.diff(knots_ns) * 1e-9
     varpi = warm_up(C, r, rates, dt, w.root_density, _WARM_UP_SIGMA, w.motion_model)
-    return States(C, r, varpi, np.zeros((len(knots_ns), 6)))
+    return States(C, r, varpi, np.tile(found.bias, (len(knots_ns), 1)))
 
 
-def _gauge_prior(first: States, bias_sigma: FloatArray) -> Prior:
-    """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero."""
-    R = np.zeros((12, 24))
-    tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, _GAUGE_SIGMA])
-    R[:3, :3] = first.C[0] / tilt_yaw[:, None]
-    R[3:6, 3:6] = np.eye(3) / _GAUGE_SIGMA
-    R[6:, 18:] = np.diag(1.0 / bias_sigma)
-    r_0 = np.zeros(12)
-    r_0[6:] = first.bias[0] / bias_sigma
-    return Prior(R, R.T @ R, r_0, first)
+def _first_prior(first: States, adjusted: Adjusted, sample_variance: FloatArray) -> Prior:
+    """Prior on the first knot: position and yaw define the frame; tilt, velocity and biases as adjusted.
+
+    The joint optimisation trusts the inertial samples less than dead reckoning does (`noise_inflation`: knots
+    cannot follow every vibration), and would lose what they say over the whole span. Its observations are
+    those that the adjustment has seen: the covariance is enlarged by `_SEEN_TWICE`. `sample_variance` (11,)
+    is what the noise of the samples adds, which the adjustment leaves out.
+    """
+    g = adjusted.motion.gravity
+    R = np.zeros((15, 24))
+    R[0, :3] = first.C[0, 2] / GAUGE_SIGMA
+    R[1:4, 3:6] = np.eye(3) / GAUGE_SIGMA
+    # An angle phi on the right of C_w_b changes gravity in the body by g x phi.
+    chain = np.zeros((11, 24))
+    chain[:3, 9:12] = np.eye(3)
+    chain[3:5, :3] = adjusted.tangent.T @ np.cross(np.eye(3), g).T / (g @ g)
+    chain[5:, 18:] = np.eye(6)
+    root = np.linalg.cholesky(np.linalg.inv(_SEEN_TWICE * adjusted.covariance + np.diag(sample_variance)))
+    R[4:] = root.T @ chain
+    # Warm-up has moved the velocity that the prior is linearised at.
+    moved = np.zeros(11)
+    moved[:3] = first.varpi[0, 0, 3:] - adjusted.motion.velocity
+    return Prior(R, R.T @ R, np.concatenate([np.zeros(4), root.T @ moved]), first)
 
 
-def filled_window(
-    intake: Intake, settings: Settings, knots_ns: IntArray, states: States, still: bool = False
-) -> Window:
-    """A window with all knots, their measurements and landmarks; `still`: at rest all the time."""
-
-    def knot(k: int) -> States:
-        return States(*(a[k : k + 1].copy() for a in states))
-
-    prior = _gauge_prior(knot(0), settings.start.bias_sigma)
-    window = Window(settings.window, int(knots_ns[0]), knot(0), prior)
-    for k in range(1, len(knots_ns)):
-        span = (int(knots_ns[k - 1]), int(knots_ns[k]))
-        window.extend(
-            span[1],
-            knot(k),
-            around(intake.gyroscope, *span),
-            around(intake.accelerometer, *span),
-            intake.observations.between(*span),
-            still,
-        )
-    window.add_landmarks()
-    return window
+def _sample_variance(settings: Settings, intake: Intake, knots_ns: IntArray) -> FloatArray:
+    """Variance (11,) that the samples' noise leaves in velocity, tilt and biases, as the window trusts it."""
+    w = settings.window
+    span_s = float(knots_ns[-1] - knots_ns[0]) * 1e-9
+    count = [
+        len(around(s, int(knots_ns[0]), int(knots_ns[-1]))) for s in (intake.gyroscope, intake.accelerometer)
+    ]
+    rate, force = w.noise_inflation * np.array([w.noise.gyroscope, w.noise.accelerometer]) / np.sqrt(count)
+    return np.repeat([force * span_s, rate * span_s, rate, force], [3, 2, 3, 3]) ** 2

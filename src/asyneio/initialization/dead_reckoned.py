@@ -1,0 +1,248 @@
+"""Dead-reckoned adjustment: velocity, gravity, biases and points, robustly, with the IMU's integral as the
+motion.
+
+Over the few seconds of a start the white noise of a MEMS unit integrates to little: what is unknown of the
+motion is its velocity, the direction of gravity and the biases, 11 numbers instead of 24 a knot. An
+adjustment of all observations under a Cauchy cost then takes milliseconds an iteration. The cost is annealed:
+its scale begins wide, where the errors of the linear alignment lie, and ends at the noise (graduated
+non-convexity, Yang et al., RA-L 2020). Biases enter to first order (29) and dead reckoning is repeated with
+the new ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from asyneio.errors import EstimationError
+from asyneio.initialization.dead_reckoned_kernels import SHARED, Rays, sums
+from asyneio.types import BoolArray, FloatArray
+
+#: Scales of the Cauchy cost in standard deviations: from the errors of the alignment to the noise of a track.
+_SCALES = (8.0, 4.0, 2.0, 1.0)
+#: Steps with each scale; with the last one until the cost settles.
+_STEPS = 3
+_LAST_STEPS = 10
+#: A step that lowers the cost by a smaller share has arrived.
+_SETTLED = 1e-4
+#: Steps of the points alone before all: they begin far away, and moving the motion first would lead astray.
+_POINT_STEPS = 3
+#: Inverse depth [1/m] that points begin with, and may not fall below while they move alone.
+_FARTHEST = 0.005
+#: Mean and standard deviation of the cost (last scale) of an observation whose noise is as claimed: a track
+#: that is no worse contradicts nothing, however much better the others are.
+_EXPECTED_COST, _EXPECTED_SCATTER = 0.46, 0.37
+#: Tracks are told apart so often, each time by the motion that those left agree on.
+_ROUNDS = 1
+#: A track whose mean cost is so many standard deviations over the median of all tracks contradicts the
+#: motion.
+_CONTRADICTION = 3.0
+
+
+@dataclass(frozen=True)
+class FirstMotion:
+    """Velocity (3,) and gravity (3,) in the first body frame, biases (6,) [b_g, b_a], constant over the
+    span."""
+
+    velocity: FloatArray
+    gravity: FloatArray
+    bias: FloatArray
+
+
+@dataclass(frozen=True)
+class BiasPrior:
+    """Standard deviations (6,) of the biases around zero, and of inverse depths [1/m], a weak prior."""
+
+    bias_sigma: FloatArray
+    inverse_depth_sigma: float
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """What the adjustment found.
+
+    `inverse_depth` (L,) in the reference cameras with its standard deviation; `agreeing` (L,) tells which
+    tracks do not contradict the motion; `covariance` (11,11) is of [velocity, tilt of gravity, b_g, b_a],
+    where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is what was minimised.
+    """
+
+    motion: FirstMotion
+    inverse_depth: FloatArray
+    inverse_depth_sigma: FloatArray
+    agreeing: BoolArray
+    covariance: FloatArray
+    tangent: FloatArray
+    cost: float
+
+
+class _State(NamedTuple):
+    """What is solved for."""
+
+    velocity: FloatArray
+    gravity: FloatArray
+    bias: FloatArray
+    points: FloatArray  # (L,3) x, y, inverse depth in the reference camera
+
+
+class _System(NamedTuple):
+    """Normal equations at a state: shared unknowns, coupling and points apart; the cost of each track."""
+
+    H: FloatArray
+    b: FloatArray
+    W: FloatArray
+    H_l: FloatArray
+    b_l: FloatArray
+    track_cost: FloatArray
+    tangent: FloatArray
+    cost: float
+
+
+def adjust(
+    reckon: Callable[[FloatArray], Rays], rays: Rays, first: FirstMotion, prior: BiasPrior, gate: float
+) -> Adjusted:
+    """Minimise the Cauchy cost of all observations plus the priors.
+
+    Args:
+        reckon: dead reckoning with given biases (6,): the rays of all observations.
+        rays: the same with the biases of `first`.
+        first: where to begin.
+        prior: of the biases and of the inverse depths.
+        gate: observations further off, in standard deviations, have no influence.
+
+    Raises:
+        EstimationError: the equations are singular.
+    """
+    reckoned = first.bias
+    state = _State(first.velocity, first.gravity, first.bias, _first_points(rays))
+    for _ in range(_POINT_STEPS):
+        system = _system(rays, state, reckoned, prior, _SCALES[0], gate)
+        points = state.points - np.einsum("lab,lb->la", _inverse(system, 0.0), system.b_l)
+        points[:, 2] = np.maximum(points[:, 2], _FARTHEST)
+        state = state._replace(points=points)
+    for scale in _SCALES[:-1]:
+        state, _ = _descend(rays, state, reckoned, prior, (scale, gate), _STEPS)
+    rays, reckoned = reckon(state.bias), state.bias
+    state, system = _descend(rays, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
+    agreeing = np.ones(len(rays.reference), dtype=np.bool_)
+    for _ in range(_ROUNDS):
+        agreeing &= _agreeing(system.track_cost, rays, agreeing)
+        # Without information an observation has neither cost nor influence.
+        silent = np.where(agreeing[rays.track], 1.0, 0.0)[:, None, None]
+        heard = rays._replace(root_information=rays.root_information * silent)
+        state, system = _descend(heard, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
+    H, _, inverse, gain = _reduced(system, 0.0)
+    covariance = np.asarray(np.linalg.inv(H), dtype=np.float64)
+    by_motion = gain[:, 2]
+    variance = inverse[:, 2, 2] + np.einsum("lp,pq,lq->l", by_motion, covariance, by_motion)
+    return Adjusted(
+        FirstMotion(state.velocity, state.gravity, state.bias),
+        state.points[:, 2],
+        np.asarray(np.sqrt(variance), dtype=np.float64),
+        agreeing,
+        covariance,
+        system.tangent,
+        system.cost,
+    )
+
+
+def _descend(
+    rays: Rays,
+    state: _State,
+    reckoned: FloatArray,
+    prior: BiasPrior,
+    kernel: tuple[float, float],
+    steps: int,
+) -> tuple[_State, _System]:
+    """Levenberg-Marquardt with one scale of the cost."""
+    damping = 1e-4
+    system = _system(rays, state, reckoned, prior, *kernel)
+    for _ in range(steps):
+        candidate = _stepped(state, system, damping)
+        tried = _system(rays, candidate, reckoned, prior, *kernel)
+        if not tried.cost <= system.cost:
+            damping *= 10.0
+            continue
+        decrease = system.cost - tried.cost
+        state, system, damping = candidate, tried, damping / 10.0
+        if decrease < _SETTLED * system.cost:
+            break
+    return state, system
+
+
+def _system(
+    rays: Rays, state: _State, reckoned: FloatArray, prior: BiasPrior, scale: float, gate: float
+) -> _System:
+    """Linearise at a state; `reckoned` are the biases that `rays` were made with."""
+    count = len(state.points)
+    H, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
+    W, H_l, b_l = np.zeros((count, 3, SHARED)), np.zeros((count, 3, 3)), np.zeros((count, 3))
+    track_cost = np.zeros(count)
+    size = np.linalg.norm(state.gravity)
+    tangent = np.ascontiguousarray(np.linalg.svd(state.gravity[None] / size)[2][1:].T * size)
+    d_bias = state.bias - reckoned
+    motion = (state.velocity, state.gravity, tangent, d_bias, state.points)
+    sums(rays, *motion, scale, gate, H, b, W, H_l, b_l, track_cost)
+    whitened = state.bias / prior.bias_sigma
+    H[range(5, SHARED), range(5, SHARED)] += 1.0 / prior.bias_sigma**2
+    b[5:] += whitened / prior.bias_sigma
+    rho = state.points[:, 2] / prior.inverse_depth_sigma
+    H_l[:, 2, 2] += 1.0 / prior.inverse_depth_sigma**2
+    b_l[:, 2] += rho / prior.inverse_depth_sigma
+    cost = float(track_cost.sum() + 0.5 * whitened @ whitened + 0.5 * rho @ rho)
+    return _System(H, b, W, H_l, b_l, track_cost, tangent, cost)
+
+
+def _inverse(system: _System, damping: float) -> FloatArray:
+    """Inverses (L,3,3) of the points' blocks."""
+    H_l = system.H_l.copy()
+    i = np.arange(3)
+    # Keeps a track all of whose observations are gated where it is; next to 1 for a single observation.
+    H_l[:, i, i] += damping * H_l[:, i, i] + 1e-6
+    return np.asarray(np.linalg.inv(H_l), dtype=np.float64)
+
+
+def _reduced(system: _System, damping: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Normal equations (11,11), (11,) with the points eliminated, their inverse blocks, and gains
+    (L,3,11)."""
+    inverse = _inverse(system, damping)
+    gain = inverse @ system.W
+    H = system.H + damping * np.diag(system.H.diagonal()) - np.einsum("lap,laq->pq", system.W, gain)
+    return H, system.b - np.einsum("lap,la->p", gain, system.b_l), inverse, gain
+
+
+def _stepped(state: _State, system: _System, damping: float) -> _State:
+    H, b, inverse, gain = _reduced(system, damping)
+    try:
+        step = -np.linalg.solve(H, b)
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(
+            "velocity and gravity are not determined by the tracks; "
+            "expected translation with parallax: move the sensor"
+        ) from error
+    size = np.linalg.norm(state.gravity)
+    gravity = state.gravity + system.tangent @ step[3:5]
+    points = state.points - np.einsum("lab,lb->la", inverse, system.b_l) - gain @ step
+    return _State(
+        state.velocity + step[:3], gravity * (size / np.linalg.norm(gravity)), state.bias + step[5:], points
+    )
+
+
+def _first_points(rays: Rays) -> FloatArray:
+    """Points where their reference camera saw them, far away."""
+    points = np.full((len(rays.reference), 3), _FARTHEST)
+    points[:, :2] = rays.xy[rays.reference]
+    return points
+
+
+def _agreeing(track_cost: FloatArray, rays: Rays, among: BoolArray) -> BoolArray:
+    """Tracks whose mean cost is not beyond what scatter explains; middle and scatter are those of `among`."""
+    count = np.bincount(rays.track, minlength=len(track_cost))
+    mean = track_cost / count
+    middle = max(float(np.median(mean[among])), _EXPECTED_COST)
+    # Scatter of the cost of one observation: median absolute deviation, as that of a normal distribution.
+    scatter = 1.4826 * np.median((np.abs(mean - np.median(mean[among])) * np.sqrt(count))[among])
+    scatter = max(float(scatter), _EXPECTED_SCATTER)
+    return np.asarray(mean <= middle + _CONTRADICTION * scatter / np.sqrt(count))

@@ -1,0 +1,72 @@
+"""The first window of a segment, however its motion was found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.estimation.optimizer import Solution
+from asyneio.estimation.problem import Prior, States
+from asyneio.estimation.window import TrackObservations, Window
+from asyneio.odometry.intake import Intake, around
+from asyneio.odometry.settings import Settings
+from asyneio.types import IntArray
+
+#: The frame is defined by the first knot's position and yaw: as tight as rounding allows.
+GAUGE_SIGMA = 1e-4
+_NO_TRACKS = np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Start:
+    """A started window with the solution it came from."""
+
+    window: Window
+    solution: Solution
+
+
+def filled_window(
+    intake: Intake,
+    settings: Settings,
+    knots_ns: IntArray,
+    states: States,
+    prior: Prior,
+    bad_tracks: IntArray = _NO_TRACKS,
+    still: bool = False,
+) -> Window:
+    """A window with all knots (K), their measurements and landmarks.
+
+    Args:
+        intake: where measurements come from.
+        settings: of the odometry.
+        knots_ns: (K,) times of the knots.
+        states: their first states.
+        prior: on the first knot.
+        bad_tracks: ids of tracks to leave out.
+        still: at rest all the time.
+    """
+
+    def knot(k: int) -> States:
+        return States(*(a[k : k + 1].copy() for a in states))
+
+    window = Window(settings.window, int(knots_ns[0]), knot(0), prior)
+    for k in range(1, len(knots_ns)):
+        span = (int(knots_ns[k - 1]), int(knots_ns[k]))
+        window.extend(
+            span[1],
+            knot(k),
+            around(intake.gyroscope, *span),
+            around(intake.accelerometer, *span),
+            _without(intake.observations.between(*span), bad_tracks),
+            still,
+        )
+    window.add_landmarks()
+    return window
+
+
+def _without(seen: TrackObservations, tracks: IntArray) -> TrackObservations:
+    chosen = ~np.isin(seen.track, tracks)
+    return TrackObservations(
+        seen.t_ns[chosen], seen.track[chosen], seen.xy[chosen], seen.root_information[chosen]
+    )
