@@ -3,26 +3,23 @@ events."""
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from event_runs import as_tracks
 
-from asyneio.cli.track_run import track_recording
-from asyneio.config import FrontendConfig
-from asyneio.io.atomic import atomic_file
+from asyneio.config import Config
 from asyneio.simulation import AnalyticMotion, PinholeCamera, Sinusoids, TrackSpec, draw_motion
 from asyneio.simulation.rig import C_F_C, calibration_of, simulate_inertial
 from asyneio.simulation.scenario import Scenario
 from asyneio.simulation.tracks import Viewer, simulate_tracks
 from asyneio.simulation.truth import Truth
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, FloatArray, RecordArray, Recording
-from tracking import sequence, simulator_version
+from sequences import sequence, tracked
+from true_tracks import as_tracks
 
-#: A case lasts as long as the longest span that the start looks at.
-CASE_S = 4.2
+#: A start is looked for in the first 4 s, and watched for another 2 s.
+CASE_S = 6.2
 #: Mean life of a track [s]: half of them die within 0.35 s.
 _MEAN_LIFE_S = 0.35 / np.log(2.0)
 #: Scale is observable if over the first three seconds the acceleration varies by three times the
@@ -196,33 +193,18 @@ def simulated(number: int, variant: str) -> Case:
 
 
 #: Typical distance [m] of what the camera sees in the sequences of events.
-EVENT_DEPTH_M = {"event_near": 0.8, "event_far": 8.0}
-_ROOM_DEPTH_M = 3.0
+_EVENT_DEPTH_M = 2.5
 
 
-def tracked(scene: str, seed: int, seconds: float, cache: Path) -> tuple[Recording, Truth]:
-    """A sequence of events as the front end's tracks, with its truth; made once and kept (trusted
-    pickles)."""
-    path = cache / f"tracked-{scene}-{seed}-{seconds:g}-{simulator_version()}.pickle"
-    if path.is_file():
-        found: tuple[Recording, Truth] = pickle.loads(path.read_bytes())
-        return found
-    simulation = sequence(scene, seed, seconds, cache)
-    recording = simulation.recording
-    assert recording.calibration is not None
-    observations = track_recording(recording, FrontendConfig()).observations
-    observations["t_ns"] += recording.calibration.timeshift_ns
-    made = as_tracks(recording, observations), simulation.truth
-    with atomic_file(path) as stream:
-        pickle.dump(made, stream)
-    return made
-
-
-def from_events(scene: str, seed: int, number: int, seconds: float, cache: Path) -> Case:
-    """Case `number` of a sequence: switched on at a random instant of it."""
-    recording, truth = tracked(scene, seed, seconds, cache)
-    rng = np.random.default_rng([number, seed])
-    start_ns = truth.start_ns + round(rng.uniform(0.3, seconds - CASE_S) * NS_PER_S)
+def from_events(scene: str, number: int, cache: Path, tracks_cache: Path) -> Case:
+    """Case `number` of a sequence of the suite as the front end tracks it, from a random instant on."""
+    simulation = sequence(scene, 0, None, cache)
+    run = tracked(simulation, Config(), tracks_cache)
+    recording, truth = as_tracks(simulation.recording, run.observations), simulation.truth
+    rng = np.random.default_rng([number, simulation.scenario.seed])
+    # Less what the simulator holds and the front end needs to begin.
+    latest_s = simulation.scenario.duration_s - CASE_S - 0.5
+    start_ns = truth.start_ns + round(rng.uniform(0.3, latest_s) * NS_PER_S)
 
     def later(records: RecordArray) -> RecordArray:
         return records[(records["t_ns"] >= start_ns) & (records["t_ns"] <= start_ns + CASE_S * NS_PER_S)]
@@ -233,4 +215,4 @@ def from_events(scene: str, seed: int, number: int, seconds: float, cache: Path)
         gyroscope=later(recording.gyroscope),
         accelerometer=later(recording.accelerometer),
     )
-    return _case(cut, truth, start_ns, EVENT_DEPTH_M.get(scene, _ROOM_DEPTH_M))
+    return _case(cut, truth, start_ns, _EVENT_DEPTH_M)

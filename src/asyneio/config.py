@@ -138,7 +138,7 @@ class InitializationConfig(_Section):
     min_seconds: float = Field(1.0, gt=0.0, description="shortest span tried")
     max_seconds: float = Field(4.0, gt=0.0, description="longest span tried; what is older is dropped")
     min_landmarks: int = Field(15, ge=4)
-    max_scale_sigma: float = Field(0.05, gt=0.0, description="largest relative standard deviation of scale")
+    max_scale_sigma: float = Field(0.1, gt=0.0, description="largest relative standard deviation of scale")
 
 
 class HealthConfig(_Section):

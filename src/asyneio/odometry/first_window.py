@@ -11,10 +11,12 @@ from asyneio.estimation.problem import Prior, States
 from asyneio.estimation.window import TrackObservations, Window
 from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.settings import Settings
-from asyneio.types import IntArray
+from asyneio.types import FloatArray, IntArray
 
 #: The frame is defined by the first knot's position and yaw: as tight as rounding allows.
-GAUGE_SIGMA = 1e-4
+_GAUGE_SIGMA = 1e-4
+#: Roll and pitch are what the measurements say; the prior only keeps them from running away.
+_TILT_SIGMA = 0.5
 _NO_TRACKS = np.empty(0, dtype=np.int64)
 
 
@@ -31,7 +33,6 @@ def filled_window(
     settings: Settings,
     knots_ns: IntArray,
     states: States,
-    prior: Prior,
     bad_tracks: IntArray = _NO_TRACKS,
     still: bool = False,
 ) -> Window:
@@ -42,7 +43,6 @@ def filled_window(
         settings: of the odometry.
         knots_ns: (K,) times of the knots.
         states: their first states.
-        prior: on the first knot.
         bad_tracks: ids of tracks to leave out.
         still: at rest all the time.
     """
@@ -50,6 +50,7 @@ def filled_window(
     def knot(k: int) -> States:
         return States(*(a[k : k + 1].copy() for a in states))
 
+    prior = _first_prior(knot(0), settings.start.bias_sigma)
     window = Window(settings.window, int(knots_ns[0]), knot(0), prior)
     for k in range(1, len(knots_ns)):
         span = (int(knots_ns[k - 1]), int(knots_ns[k]))
@@ -70,3 +71,15 @@ def _without(seen: TrackObservations, tracks: IntArray) -> TrackObservations:
     return TrackObservations(
         seen.t_ns[chosen], seen.track[chosen], seen.xy[chosen], seen.root_information[chosen]
     )
+
+
+def _first_prior(first: States, bias_sigma: FloatArray) -> Prior:
+    """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero."""
+    R = np.zeros((12, 24))
+    tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, _GAUGE_SIGMA])
+    R[:3, :3] = first.C[0] / tilt_yaw[:, None]
+    R[3:6, 3:6] = np.eye(3) / _GAUGE_SIGMA
+    R[6:, 18:] = np.diag(1.0 / bias_sigma)
+    r_0 = np.zeros(12)
+    r_0[6:] = first.bias[0] / bias_sigma
+    return Prior(R, R.T @ R, r_0, first)

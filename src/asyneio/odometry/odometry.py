@@ -37,6 +37,8 @@ from asyneio.types import (
     StepReport,
 )
 
+#: Said between two attempts to start.
+WAITING = "collecting measurements"
 #: The end of a rest is noticed late: what was said of the stretch before it [ns] is taken back.
 _REST_DOUBT_NS = 200_000_000
 
@@ -230,7 +232,7 @@ class Odometry:
     def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
         self._rest.judge(t_ns, t_ns, None)
         if self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
-            return [], self._initializing(t_ns, "collecting measurements")
+            return [], self._initializing(t_ns, WAITING)
         self._next_attempt_ns = t_ns + RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
         self._settings = resolve(

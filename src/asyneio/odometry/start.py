@@ -5,26 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.errors import EstimationError, InertialError
-from asyneio.estimation.problem import Prior, States
+from asyneio.estimation.problem import States
 from asyneio.estimation.window import TrackObservations
 from asyneio.geometry.gravity import upright
-from asyneio.initialization.dead_reckoned import Adjusted
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.first_motion import SpanMotion, span_motion
-from asyneio.odometry.first_window import GAUGE_SIGMA, Start, filled_window
-from asyneio.odometry.intake import Intake, around
+from asyneio.odometry.first_window import Start, filled_window
+from asyneio.odometry.intake import Intake
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.propagation import rates_at
 from asyneio.odometry.settings import Settings
 from asyneio.odometry.start_refusals import motion_refusal, solution_refusal
-from asyneio.types import FloatArray, IntArray
+from asyneio.types import IntArray
 
 #: Attempts to start are this far apart; each sees more motion than the last.
 RETRY_NS = 250_000_000
 #: Zero priors of the warm-up: rates of any size a person or a drone makes.
 _WARM_UP_SIGMA = np.array([10.0, 100.0])
-#: Factor on the covariance of the adjustment where it meets the same observations again.
-_SEEN_TWICE = 2.0
 
 
 def try_start(intake: Intake, settings: Settings) -> Start | str:
@@ -46,9 +43,7 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         if reason:
             return reason
         states = _first_states(intake, settings, knots_ns, motion)
-        first = States(*(a[:1].copy() for a in states))
-        prior = _first_prior(first, motion.adjusted, _sample_variance(settings, intake, knots_ns))
-        window = filled_window(intake, settings, knots_ns, states, prior, motion.contradicting)
+        window = filled_window(intake, settings, knots_ns, states, motion.contradicting)
         solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
@@ -103,39 +98,3 @@ def _first_states(intake: Intake, settings: Settings, knots_ns: IntArray, motion
     dt = np.diff(knots_ns) * 1e-9
     varpi = warm_up(C, r, rates, dt, w.root_density, _WARM_UP_SIGMA, w.motion_model)
     return States(C, r, varpi, np.tile(found.bias, (len(knots_ns), 1)))
-
-
-def _first_prior(first: States, adjusted: Adjusted, sample_variance: FloatArray) -> Prior:
-    """Prior on the first knot: position and yaw define the frame; tilt, velocity and biases as adjusted.
-
-    The joint optimisation trusts the inertial samples less than dead reckoning does (`noise_inflation`: knots
-    cannot follow every vibration), and would lose what they say over the whole span. Its observations are
-    those that the adjustment has seen: the covariance is enlarged by `_SEEN_TWICE`. `sample_variance` (11,)
-    is what the noise of the samples adds, which the adjustment leaves out.
-    """
-    g = adjusted.motion.gravity
-    R = np.zeros((15, 24))
-    R[0, :3] = first.C[0, 2] / GAUGE_SIGMA
-    R[1:4, 3:6] = np.eye(3) / GAUGE_SIGMA
-    # An angle phi on the right of C_w_b changes gravity in the body by g x phi.
-    chain = np.zeros((11, 24))
-    chain[:3, 9:12] = np.eye(3)
-    chain[3:5, :3] = adjusted.tangent.T @ np.cross(np.eye(3), g).T / (g @ g)
-    chain[5:, 18:] = np.eye(6)
-    root = np.linalg.cholesky(np.linalg.inv(_SEEN_TWICE * adjusted.covariance + np.diag(sample_variance)))
-    R[4:] = root.T @ chain
-    # Warm-up has moved the velocity that the prior is linearised at.
-    moved = np.zeros(11)
-    moved[:3] = first.varpi[0, 0, 3:] - adjusted.motion.velocity
-    return Prior(R, R.T @ R, np.concatenate([np.zeros(4), root.T @ moved]), first)
-
-
-def _sample_variance(settings: Settings, intake: Intake, knots_ns: IntArray) -> FloatArray:
-    """Variance (11,) that the samples' noise leaves in velocity, tilt and biases, as the window trusts it."""
-    w = settings.window
-    span_s = float(knots_ns[-1] - knots_ns[0]) * 1e-9
-    count = [
-        len(around(s, int(knots_ns[0]), int(knots_ns[-1]))) for s in (intake.gyroscope, intake.accelerometer)
-    ]
-    rate, force = w.noise_inflation * np.array([w.noise.gyroscope, w.noise.accelerometer]) / np.sqrt(count)
-    return np.repeat([force * span_s, rate * span_s, rate, force], [3, 2, 3, 3]) ** 2

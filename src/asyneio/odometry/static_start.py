@@ -10,15 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.errors import EstimationError, InertialError
-from asyneio.estimation.problem import Prior, States
+from asyneio.estimation.problem import States
 from asyneio.geometry.gravity import upright
-from asyneio.odometry.first_window import GAUGE_SIGMA, Start, filled_window
+from asyneio.odometry.first_window import Start, filled_window
 from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.settings import Settings
 from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
-
-#: Roll and pitch are what the accelerometer says; the prior only keeps them from running away.
-_TILT_SIGMA = 0.5
 
 
 def static_start(intake: Intake, settings: Settings, since_ns: int) -> Start | str:
@@ -37,8 +34,7 @@ def static_start(intake: Intake, settings: Settings, since_ns: int) -> Start | s
     )
     try:
         states = _states_at_rest(turn, force, settings, len(knots_ns))
-        prior = _prior(States(*(a[:1].copy() for a in states)), settings.start.bias_sigma)
-        window = filled_window(intake, settings, knots_ns, states, prior, still=True)
+        window = filled_window(intake, settings, knots_ns, states, still=True)
         return Start(window, window.optimize(settings.start.optimizer))
     except (EstimationError, InertialError) as error:
         return str(error)
@@ -69,15 +65,3 @@ def _states_at_rest(turn: FloatArray, force: FloatArray, settings: Settings, cou
         np.zeros((count, 2, 6)),
         np.tile(bias, (count, 1)),
     )
-
-
-def _prior(first: States, bias_sigma: FloatArray) -> Prior:
-    """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero."""
-    R = np.zeros((12, 24))
-    tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, GAUGE_SIGMA])
-    R[:3, :3] = first.C[0] / tilt_yaw[:, None]
-    R[3:6, 3:6] = np.eye(3) / GAUGE_SIGMA
-    R[6:, 18:] = np.diag(1.0 / bias_sigma)
-    r_0 = np.zeros(12)
-    r_0[6:] = first.bias[0] / bias_sigma
-    return Prior(R, R.T @ R, r_0, first)
