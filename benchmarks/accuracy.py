@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asyneio.config import Config, FrontendConfig
+from asyneio.config import Config, load_config
 from asyneio.evaluation import NeesBlock, evaluate, nees, pose_trajectory, protocol_named
 from asyneio.io.atomic import write_text
 from asyneio.pipeline import RunResult, run_recording
@@ -163,12 +163,16 @@ def main() -> None:
     parser.add_argument("--substitution", action="store_true", help="also with true parts")
     parser.add_argument("--noise", type=float, default=0.4, help="of true tracks, pixels")
     parser.add_argument("--perturb", type=float, nargs=2, default=(0.0, 0.0), metavar=("MS", "DEG"))
+    parser.add_argument("--config", type=Path, help="settings that differ from the defaults (YAML)")
     parser.add_argument("--tracker", default="gradient", choices=["gradient", "haste"])
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of events")
     parser.add_argument("--tracks-cache", type=Path, help="of what the front end gave")
     parser.add_argument("--markdown", type=Path, help="also write the table here")
     options = parser.parse_args()
-    config = Config(frontend=FrontendConfig.model_validate({"tracker": options.tracker}))
+    config = load_config(options.config)
+    config = config.model_copy(
+        update={"frontend": config.frontend.model_copy(update={"tracker": options.tracker})}
+    )
     columns = COLUMNS | (SUBSTITUTED if options.substitution else {})
     names, runs, notes = [], [], []
     for scene, seed, seconds in _sequences(options.scenes, options.seeds, options.seconds):

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from asyneio.config import HealthConfig
-from asyneio.odometry.continuity import Continuity, field_of_view
+from asyneio.odometry.continuity import Continuity, Jumps, field_of_view
 from asyneio.odometry.health import HealthMonitor, Vitals
 from asyneio.odometry.vitals import ScaleChanges, sample_gap_s
 from asyneio.simulation.scenario import DAVIS240C
-from asyneio.types import INERTIAL_DTYPE, Health, RecordArray
+from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Health, RecordArray
 
 STEP_NS = 100_000_000
 WELL = Vitals(
@@ -187,3 +187,34 @@ def test_a_cut_that_the_tracker_notices_late() -> None:
     """The last old features fail a fifth of a second after the cut, when new ones are followed already."""
     answers = follow(Continuity(0.8), [range(30)] * 8 + [range(20, 60), range(28, 60)] + [range(30, 60)] * 2)
     assert answers == [False] * 10 + [True, False]
+
+
+def smooth_rates(count: int, seed: int) -> RecordArray:
+    """A gyroscope at 500 Hz in lively motion, with noise."""
+    samples = np.zeros(count, dtype=INERTIAL_DTYPE)
+    samples["t_ns"] = np.arange(count) * 2_000_000
+    t_s = samples["t_ns"] / NS_PER_S
+    samples["xyz"] = 2.0 * np.sin(2.0 * np.pi * np.outer(t_s, [1.1, 1.7, 2.3]))
+    samples["xyz"] += 3e-3 * np.random.default_rng(seed).normal(size=(count, 3))
+    return samples
+
+
+def jumped(samples: RecordArray, step: float) -> list[bool]:
+    """Whether a jump is known after each packet of 0.1 s; the rates step by `step` after a second."""
+    moved = samples.copy()
+    moved["xyz"][moved["t_ns"] >= NS_PER_S, 1] += step
+    watch, told = Jumps(), []
+    for begin in range(0, len(moved), 50):
+        packet = moved[begin : begin + 50]
+        watch.see(packet, moved[:0])
+        told.append(watch.lately(int(packet["t_ns"][-1])))
+    return told
+
+
+def test_a_jump_of_the_samples_is_known_for_a_while() -> None:
+    samples = smooth_rates(1000, seed=3)
+    assert not any(jumped(samples, 0.0))
+    told = jumped(samples, 0.3)
+    assert told[:10] == [False] * 10
+    assert told[11:15] == [True] * 4
+    assert told[-3:] == [False] * 3

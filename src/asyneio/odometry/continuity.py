@@ -1,10 +1,23 @@
-"""Does the stream still show the same scene? A cut in it ends all tracks at once."""
+"""Does the stream still show the same scene? A cut in it ends all tracks at once, and inertial samples jump.
+
+Each alone may be harmless: where the image stands still for a moment before it moves the other way, a tracker
+may lose all of its features, and a blow makes the samples jump.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import median_filter
 
-from asyneio.types import NS_PER_S, CameraIntrinsics, IntArray
+from asyneio.types import (
+    INERTIAL_DTYPE,
+    NS_PER_S,
+    BoolArray,
+    CameraIntrinsics,
+    FloatArray,
+    IntArray,
+    RecordArray,
+)
 
 #: A tracker needs about so long until the last feature of a scene that is gone has failed [s].
 _HORIZON_S = 0.3
@@ -13,6 +26,11 @@ _PAUSE_S = 0.1
 #: So many tracks must have been followed before, and be followed now. Half of them are older than the horizon
 #: if they end one by one with a median life of 0.35 s, as real ones do: that none is has odds of 1e-6.
 _ENOUGH = 20
+#: A jump between two samples is so many times as large as those around it usually are, and larger than
+#: a blow to a body at rest [rad/s, m/s^2].
+_JUMP, _LEAST_JUMPS = 6.0, (0.02, 0.2)
+#: Samples on each side of a jump that tell what is usual.
+_AROUND = 12
 #: Turning by more than this share of the field of view carries every feature out of the image.
 _TURN_SHARE = 0.5
 
@@ -75,3 +93,32 @@ class Continuity:
         if ends.size:
             self._pause_ns = int(times[ends[-1] + 1])
         self._newest_ns = int(stamps[-1])
+
+
+class Jumps:
+    """Remembers when one of the inertial streams last jumped."""
+
+    def __init__(self) -> None:
+        self._tails = [np.empty(0, dtype=INERTIAL_DTYPE) for _ in range(2)]
+        self._last_ns: int | None = None
+
+    def see(self, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
+        """Take the samples (INERTIAL_DTYPE, ascending) of the next packet."""
+        for k, samples in enumerate((gyroscope, accelerometer)):
+            held = np.concatenate([self._tails[k], samples])
+            self._tails[k] = held[-2 * _AROUND - 1 :]
+            at = np.flatnonzero(_jumps(held["xyz"], _LEAST_JUMPS[k])) if len(held) > 2 * _AROUND else []
+            if len(at):
+                found_ns = int(held["t_ns"][at[-1] + 1])
+                self._last_ns = max(found_ns, self._last_ns or found_ns)
+
+    def lately(self, t_ns: int) -> bool:
+        """Whether there was one in the time that a tracker needs to lose a scene that is gone."""
+        return self._last_ns is not None and self._last_ns > t_ns - 2 * round(_HORIZON_S * NS_PER_S)
+
+
+def _jumps(value: FloatArray, least: float) -> BoolArray:
+    """Which steps (N-1,) from sample to sample of `value` (N,3) stand out."""
+    steps = np.linalg.norm(np.diff(value, axis=0), axis=1)
+    usual = median_filter(steps, size=2 * _AROUND + 1, mode="nearest")
+    return np.asarray((steps > _JUMP * usual) & (steps > least))

@@ -8,7 +8,7 @@ import numpy as np
 
 from asyneio.config import HealthConfig
 from asyneio.estimation.problem import Problem
-from asyneio.odometry.continuity import Continuity, field_of_view
+from asyneio.odometry.continuity import Continuity, Jumps, field_of_view
 from asyneio.odometry.health import HealthMonitor
 from asyneio.odometry.vitals import Observed, ScaleChanges, measure_vitals
 from asyneio.types import NS_PER_S, CameraIntrinsics, Estimate, FloatArray, Health, IntArray, Packet
@@ -42,6 +42,7 @@ class Watch:
     def __init__(self, config: HealthConfig, camera: CameraIntrinsics, bias_sigma: FloatArray) -> None:
         self._monitor = HealthMonitor(config)
         self._continuity = Continuity(field_of_view(camera))
+        self._jumps = Jumps()
         self._scale_changes = ScaleChanges()
         self._bias_sigma = bias_sigma
         self._packet_ns: int | None = None
@@ -54,7 +55,9 @@ class Watch:
         rates = np.linalg.norm(packet.gyroscope["xyz"], axis=1)
         turned_rad = float(rates.mean()) * span_s if len(rates) else 0.0
         seen = packet.observations
-        self._renewed = self._continuity.renewed(packet.t_end_ns, seen["t_ns"], seen["id"], turned_rad)
+        self._jumps.see(packet.gyroscope, packet.accelerometer)
+        replaced = self._continuity.renewed(packet.t_end_ns, seen["t_ns"], seen["id"], turned_rad)
+        self._renewed = replaced and self._jumps.lately(packet.t_end_ns)
         self._packet_ns = packet.t_end_ns
         return self._renewed
 
