@@ -96,7 +96,7 @@ class CalibrationConfig(_Section):
     """Refining what the calibration says of the camera, from the start on."""
 
     estimate_time_offset: bool = Field(
-        False,
+        True,
         description="time of the camera against the IMU, on top of the calibrated shift; "
         "needs visual.estimate_bearing",
     )
