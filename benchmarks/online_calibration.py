@@ -83,7 +83,9 @@ def track(recording: Recording, config: Config) -> Outcome:
             raise RuntimeError(f"{recording.name}: {report.reason}")
         if estimates:
             outcome.estimates.extend(estimates)
-            outcome.cameras.append(odometry.calibration())
+            camera = odometry.calibration()
+            assert camera is not None
+            outcome.cameras.append(camera)
             seconds.append((packet.t_end_ns - start_ns) / NS_PER_S)
     if not seconds:
         raise RuntimeError(f"{recording.name}: never started: {report.reason}")

@@ -24,10 +24,11 @@ from asyneio.io.health_files import write_attitudes, write_health
 from asyneio.odometry import Odometry
 from asyneio.odometry.kernels import are_compiled, compile_kernels
 from asyneio.packets import calibration_of, observations_of, packets, usable_span
-from asyneio.summary import Costs, Grid, Summary, summarize
+from asyneio.summary import Costs, Grid, Summary, camera_summary, summarize
 from asyneio.tracking import ObservationStream, ReplayedStream
 from asyneio.types import (
     NS_PER_S,
+    CalibrationEstimate,
     Estimate,
     EventRecording,
     Health,
@@ -56,6 +57,9 @@ class Estimator(Protocol):
     @property
     def origin(self) -> Estimate | None:
         """The knot that defines the world of the present segment, once there is one."""
+
+    def calibration(self) -> CalibrationEstimate | None:
+        """What is believed of the camera in the present segment, once there is one."""
 
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         """Take one knot interval of measurements; the causal estimates they make possible, and a report."""
@@ -153,7 +157,8 @@ def run_recording(
     costs = Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
     notes = (*recording.notes, *(tracked.notes() if tracked else ()))
     grid = Grid(start_ns, interval_ns, total)
-    summary = replace(summarize(recording, given, run, grid, costs, error), notes=notes)
+    summary = summarize(recording, given, run, grid, costs, error)
+    summary = replace(summary, notes=notes, camera=camera_summary(estimator.calibration()))
     return RunResult(run, summary, given, tuple(origins.values()))
 
 

@@ -12,7 +12,16 @@ from typing import Any
 import numpy as np
 
 from asyneio import __version__
-from asyneio.types import NS_PER_S, EventRecording, Health, RecordArray, Recording, Run, StepReport
+from asyneio.types import (
+    NS_PER_S,
+    CalibrationEstimate,
+    EventRecording,
+    Health,
+    RecordArray,
+    Recording,
+    Run,
+    StepReport,
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +46,19 @@ class Transition:
 
 
 @dataclass(frozen=True)
+class CameraSummary:
+    """What the last segment made of the camera's calibration, with standard deviations.
+
+    `time_offset_s` comes on top of the calibrated shift; `rotation_sigma_deg` is the largest of three axes. A
+    sigma of zero: taken as it is.
+    """
+
+    time_offset_s: float
+    time_offset_sigma_s: float
+    rotation_sigma_deg: float
+
+
+@dataclass(frozen=True)
 class Summary:
     """Figures of one run; times in seconds, factors without unit.
 
@@ -44,7 +66,7 @@ class Summary:
     counted apart. Of events, `frontend_s` is what tracking took, in its own thread beside the rest; `events`
     are 0 for a recording of tracks. `first_estimate_s` counts from the start of the recording. `health` is
     the last one, `health_s` the seconds in each. `failure` says why the output is missing or incomplete,
-    empty when it is whole.
+    empty when it is whole. `camera` is None without a segment at the end.
     """
 
     recording: str
@@ -69,6 +91,7 @@ class Summary:
     transitions: tuple[Transition, ...]
     failure: str
     notes: tuple[str, ...]
+    camera: CameraSummary | None = None
 
     def to_json(self) -> str:
         """The summary as JSON text; what is not finite becomes null."""
@@ -95,6 +118,14 @@ class Grid:
     def seconds(self, t_ns: int) -> float:
         """Time since the start."""
         return (t_ns - self.start_ns) / NS_PER_S
+
+
+def camera_summary(found: CalibrationEstimate | None) -> CameraSummary | None:
+    """What of it belongs into a summary."""
+    if found is None:
+        return None
+    sigma_deg = math.degrees(float(found.sigma[1:].max()))
+    return CameraSummary(float(found.time_offset_s), float(found.sigma[0]), sigma_deg)
 
 
 def summarize(

@@ -8,7 +8,7 @@ import numpy as np
 
 from asyneio.config import Config
 from asyneio.errors import EstimationError
-from asyneio.types import Attitude, Calibration, Estimate, Health, Packet, StepReport
+from asyneio.types import Attitude, Calibration, CalibrationEstimate, Estimate, Health, Packet, StepReport
 from tests.io.recordings import make_estimate
 
 
@@ -21,6 +21,9 @@ class FakeOdometry:
         self.seen = 0
         self._rng = np.random.default_rng(0)
         self.origin: Estimate | None = None
+
+    def calibration(self) -> CalibrationEstimate | None:
+        return CalibrationEstimate(-3.1e-3, np.eye(3), np.array([2e-4, 0.0, 0.0, 0.0])) if self.seen else None
 
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         self.seen += 1

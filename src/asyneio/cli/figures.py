@@ -30,6 +30,10 @@ def run_figures(summary: Summary, scores: dict[int, Evaluation]) -> Rows:
         ("landmarks in the window", f"{summary.mean_landmarks:.0f} on average"),
         ("observations", f"{summary.observations}, {summary.rejected} times rejected"),
     ]
+    camera = summary.camera
+    if camera is not None and camera.time_offset_sigma_s > 0.0:
+        offset = f"{1e3 * camera.time_offset_s:+.2f} ms, sigma {1e3 * camera.time_offset_sigma_s:.2f} ms"
+        rows.append(("time offset of the camera", f"{offset}, on top of the calibrated shift"))
     degraded_s = summary.health_s[Health.DEGRADED]
     if degraded_s > 0.0:
         rows.append(("degraded", f"{degraded_s:.1f} s in all"))

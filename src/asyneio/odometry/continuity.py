@@ -107,9 +107,10 @@ class Jumps:
         for k, samples in enumerate((gyroscope, accelerometer)):
             held = np.concatenate([self._tails[k], samples])
             self._tails[k] = held[-2 * _AROUND - 1 :]
-            at = np.flatnonzero(_jumps(held["xyz"], _LEAST_JUMPS[k])) if len(held) > 2 * _AROUND else []
-            if len(at):
-                found_ns = int(held["t_ns"][at[-1] + 1])
+            if len(held) <= 2 * _AROUND:
+                continue
+            for at in np.flatnonzero(_jumps(held["xyz"], _LEAST_JUMPS[k]))[-1:]:
+                found_ns = int(held["t_ns"][at + 1])
                 self._last_ns = max(found_ns, self._last_ns or found_ns)
 
     def lately(self, t_ns: int) -> bool:

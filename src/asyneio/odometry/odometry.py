@@ -174,13 +174,11 @@ class Odometry:
             motion_model=settings.window.motion_model,
         )
 
-    def calibration(self) -> CalibrationEstimate:
-        """What is believed of the camera now.
-
-        Raises:
-            EstimationError: the odometry has not started.
-        """
-        window, _, _ = self._active()
+    def calibration(self) -> CalibrationEstimate | None:
+        """What is believed of the camera now; None before the present segment has started."""
+        if self._window is None:
+            return None
+        window = self._window
         sigma = np.zeros(CAMERA_DOF)
         sigma[window.camera.columns] = np.sqrt(camera_covariance(self._solved()).diagonal())
         return CalibrationEstimate(window.camera.time_offset, window.camera.C_bc.copy(), sigma)
