@@ -6,10 +6,10 @@ Components receive the section they need, never the whole tree. Seconds here, na
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from asyneio.errors import ConfigError
 
@@ -98,7 +98,7 @@ class CalibrationConfig(_Section):
     estimate_time_offset: bool = Field(
         True,
         description="time of the camera against the IMU, on top of the calibrated shift; "
-        "needs visual.estimate_bearing",
+        "never without visual.estimate_bearing",
     )
     estimate_extrinsic_rotation: bool = Field(False, description="rotation of the camera in the body")
     time_offset_sigma_s: float = Field(0.005, gt=0.0, description="how far the calibrated shift may be off")
@@ -174,15 +174,6 @@ class Config(_Section):
     optimizer: OptimizerConfig = OptimizerConfig()
     initialization: InitializationConfig = InitializationConfig()
     health: HealthConfig = HealthConfig()
-
-    @model_validator(mode="after")
-    def _offset_moves_bearings(self) -> Self:
-        if self.calibration.estimate_time_offset and not self.visual.estimate_bearing:
-            raise ValueError(
-                "calibration.estimate_time_offset needs visual.estimate_bearing: a bearing that stays fixed "
-                "was interpolated to its knot with the time offset of that moment"
-            )
-        return self
 
 
 def load_config(path: Path | None) -> Config:

@@ -78,7 +78,7 @@ def resolve(
         bearing_sigma=visual.pixel_sigma / focal,
         min_observations=visual.min_observations,
         frozen_linearization=config.window.frozen_linearization,
-        calibration=_calibration(config.calibration),
+        calibration=_calibration(config.calibration, visual.estimate_bearing),
     )
     optimizer = config.optimizer
     return Settings(
@@ -105,9 +105,14 @@ def resolve(
     )
 
 
-def _calibration(config: CalibrationConfig) -> CalibrationSettings:
-    """What is estimated of the camera."""
-    chosen = [config.estimate_time_offset, *[config.estimate_extrinsic_rotation] * 3]
+def _calibration(config: CalibrationConfig, refines_bearing: bool) -> CalibrationSettings:
+    """What is estimated of the camera.
+
+    A bearing that stays fixed was interpolated to its knot with the time offset of that moment: the offset
+    cannot change any more.
+    """
+    offset = config.estimate_time_offset and refines_bearing
+    chosen = [offset, *[config.estimate_extrinsic_rotation] * 3]
     rotation = np.radians([config.extrinsic_rotation_sigma_deg, config.extrinsic_rotation_walk_deg])
     return CalibrationSettings(
         columns=np.flatnonzero(chosen),
