@@ -27,7 +27,6 @@ import numpy as np
 from asyneio.config import Config
 from asyneio.io.atomic import write_text
 from asyneio.odometry import Odometry
-from asyneio.odometry.odometry import WAITING
 from asyneio.packets import packets
 from asyneio.simulation.events.scenario import SUITE
 from asyneio.trajectory.gp_trajectory import GPTrajectory
@@ -37,8 +36,9 @@ from start_cases import CASE_S, Case, from_events, simulated
 
 SIMULATED = ("tracks", "bad_tracks", "moving_object", "clock", "rotation", "still")
 SCENES = tuple(scenario.name for scenario in SUITE)
-#: Conditions in which a start is a failure of judgement.
-UNOBSERVABLE = ("rotation", "still")
+#: Without translation any start is a failure of judgement; at rest it is right, and says nothing of scale.
+ROTATION, STILL = "rotation", "still"
+UNOBSERVABLE = (ROTATION, STILL)
 #: A start is wanted within [s]; a scale further off is a wrong start.
 WITHIN_S = 3.0
 #: After so long nobody waits any more; a start is watched for so long: a wrong one must be told by then [s].
@@ -92,7 +92,7 @@ def outcome(condition: str, number: int, case: Case, config: Config) -> Outcome:
             started, success_s = (after_s, *errors(odometry, case)), seconds
         elif after_s > LATEST_S:
             break
-        elif report.reason != WAITING:
+        else:
             reasons.append(report.reason)
             refusals.append(seconds)
     nan = float("nan")
@@ -105,13 +105,16 @@ def errors(odometry: Odometry, case: Case) -> tuple[float, float, float]:
     """Relative error of scale and of velocity over the window just started, gravity's error [deg]."""
     trajectory = odometry.trajectory()
     assert isinstance(trajectory, GPTrajectory)
-    t_ns = np.linspace(trajectory.t_ns[0], trajectory.t_ns[-1], 50).astype(np.int64)
+    first_ns, last_ns = int(trajectory.t_ns[0]), int(trajectory.t_ns[-1])
+    t_ns = np.linspace(0, last_ns - first_ns, 50).astype(np.int64) + first_ns
     found, true = trajectory.pose(t_ns), case.truth.at(t_ns).T_w_b
+    gravity = float(np.degrees(np.arccos(np.clip(found[-1, 2, :3] @ true[-1, 2, :3], -1.0, 1.0))))
+    if case.speed == 0.0:
+        return float("nan"), gravity, float("nan")
     displacement = [(T[:, :3, 3] - T[0, :3, 3]) @ T[0, :3, :3] for T in (true, found)]
     scale = float(np.sum(displacement[0] * displacement[1]) / np.sum(displacement[0] ** 2))
-    down = float(np.clip(found[-1, 2, :3] @ true[-1, 2, :3], -1.0, 1.0))
     miss = np.linalg.norm(displacement[1] - displacement[0]) / np.linalg.norm(displacement[0])
-    return scale - 1.0, float(np.degrees(np.arccos(down))), float(miss)
+    return scale - 1.0, gravity, float(miss)
 
 
 def run_case(condition: str, number: int, cache: str) -> Outcome:
@@ -143,7 +146,7 @@ def row(name: str, outcomes: Sequence[Outcome]) -> list[str]:
     soon = sum(o.after_s <= WITHIN_S for o in started)
     low, high = wilson(soon, len(outcomes))
     scale = np.abs([o.scale_error for o in started])
-    wrong = [o for o in started if o.condition in UNOBSERVABLE or abs(o.scale_error) > WRONG_SCALE]
+    wrong = [o for o in started if o.condition == ROTATION or abs(o.scale_error) > WRONG_SCALE]
     refusals = [s for o in outcomes for s in o.refusal_seconds if s > 1e-3]
     return [
         name,
@@ -161,7 +164,7 @@ def row(name: str, outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def _percentiles(values: Iterable[float], which: tuple[int, ...], digits: int) -> str:
-    known = list(values)
+    known = [v for v in values if np.isfinite(v)]
     return ", ".join(f"{v:.{digits}f}" for v in np.percentile(known, which)) if known else "-"
 
 

@@ -37,8 +37,6 @@ from asyneio.types import (
     StepReport,
 )
 
-#: Said between two attempts to start.
-WAITING = "collecting measurements"
 #: The end of a rest is noticed late: what was said of the stretch before it [ns] is taken back.
 _REST_DOUBT_NS = 200_000_000
 
@@ -74,6 +72,7 @@ class Odometry:
         self._window: Window | None = None
         self._solution: Solution | None = None
         self._next_attempt_ns: int | None = None
+        self._refusal = "collecting measurements"
         self.origin: Estimate | None = None
 
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
@@ -230,7 +229,7 @@ class Odometry:
     def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
         self._rest.judge(t_ns, t_ns, None)
         if self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
-            return [], self._initializing(t_ns, WAITING)
+            return [], self._initializing(t_ns, self._refusal)
         self._next_attempt_ns = t_ns + RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
         self._settings = resolve(
@@ -248,6 +247,7 @@ class Odometry:
         else:
             started = static_start(self._intake, self._settings, since_ns)
         if isinstance(started, str):
+            self._refusal = started
             return [], self._initializing(t_ns, started)
         self._window, self._solution = started.window, started.solution
         covariance = joint_covariance(self._solution, 0)[:24, :24]

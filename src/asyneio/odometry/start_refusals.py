@@ -41,7 +41,10 @@ def motion_refusal(motion: SpanMotion, settings: Settings) -> str:
         )
     excess = np.abs(adjusted.motion.bias) / settings.start.bias_sigma
     if excess.max() > _MAX_BIAS:
-        return f"the tracks ask for a bias of the inertial sensors of {excess.max():.1f} standard deviations"
+        return (
+            f"the tracks ask for a bias of the inertial sensors of {excess.max():.1f} standard deviations: "
+            "the sensor only turns and shows no parallax, or the calibration is wrong; move it sideways"
+        )
     if motion.ambiguous:
         return "two different motions explain the tracks alike: move the sensor sideways, with changing speed"
     if not motion.relative_sigma < settings.start.max_scale_sigma:
