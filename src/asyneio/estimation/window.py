@@ -7,18 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.estimation.active import active_coordinates
+from asyneio.estimation.births import Births
 from asyneio.estimation.camera_calibration import (
     FIXED_CALIBRATION,
     CalibrationSettings,
     first_camera,
     with_camera,
 )
-from asyneio.estimation.landmarks import (
-    LandmarkTable,
-    born_landmark,
-    camera_poses,
-    propagated_camera_poses,
-)
+from asyneio.estimation.landmarks import LandmarkTable
 from asyneio.estimation.marginalization import marginalize_oldest
 from asyneio.estimation.measurements import InertialBuffer, PreintegrationBuffer, VisualBuffer
 from asyneio.estimation.optimizer import OptimizerSettings, Solution, optimize
@@ -262,17 +258,18 @@ class Window:
         pending = np.flatnonzero(index < 0)
         if len(pending) == 0 or self.knots < 2:
             return 0
+        births = self._births()
         pending = pending[np.argsort(self._visual.track[pending], kind="stable")]
         _, begin, counts = np.unique(self._visual.track[pending], return_index=True, return_counts=True)
         groups = [
             pending[a : a + n]
             for a, n in zip(begin, counts, strict=True)
-            if n >= self._settings.min_observations and self._has_anchor(pending[a : a + n])
+            if n >= self._settings.min_observations and births.has_anchor(pending[a : a + n])
         ]
         if not groups:
             return 0
         default_rho = float(np.median(self.landmarks.rho)) if len(self.landmarks) else _DEFAULT_RHO
-        born = [self._born(group, max(default_rho, 0.0)) for group in groups]
+        born = [births.born(group, max(default_rho, 0.0)) for group in groups]
         anchors, kappas, rhos = zip(*born, strict=True)
         self.landmarks.add(
             self._visual.track[[group[0] for group in groups]],
@@ -280,7 +277,7 @@ class Window:
             np.array(kappas),
             np.array(rhos),
         )
-        if not self._refines_bearing:
+        if not births.refines_bearing:
             # The fixed bearing stands for what was seen before the anchor.
             early = [
                 group[self._visual.interval[group] < a] for group, a in zip(groups, anchors, strict=True)
@@ -290,66 +287,19 @@ class Window:
             self._visual.keep(keep)
         return len(groups)
 
-    @property
-    def _refines_bearing(self) -> bool:
-        return self._settings.landmark_dof == 3
-
-    def _has_anchor(self, group: IntArray) -> bool:
-        """A bearing that is refined may start anywhere; a fixed one is interpolated at a knot within."""
-        interval = self._visual.interval[group]
-        return self._refines_bearing or bool(interval[-1] > interval[0])
-
-    def _born(self, group: IntArray, default_rho: float) -> tuple[int, FloatArray, float]:
-        """Anchor (absolute), bearing and inverse depth of a track from its observations (ascending times).
-
-        The anchor is the last knot before the first observation, whose bearing is carried there; where the
-        bearing stays fixed, the first knot inside the track, to whose time the track is interpolated.
-        """
-        interval = self._visual.interval[group] - self.first
-        direction = _directions(self._visual.xy[group])
-        anchor = int(interval[0])
-        if not self._refines_bearing:
-            anchor += 1
-            direction[0] = self._direction_at(group, anchor)
-        C, r = self._cameras(group, anchor)
-        if not self._refines_bearing:
-            C[1], r[1] = C[0], r[0]
-        kappa = np.empty(3)
-        rho = born_landmark(
-            C[1:], r[1:], direction, 0, C[0], r[0], default_rho, self._settings.bearing_sigma, kappa
-        )
-        return anchor + self.first, kappa, rho
-
-    def _cameras(self, group: IntArray, anchor: int) -> tuple[FloatArray, FloatArray]:
-        """Camera poses in the world at a knot and at some observations: (1+N,3,3), (1+N,3)."""
-        model = self._model()
-        interval = np.concatenate([[anchor], self._visual.interval[group] - self.first])
-        C, r = np.empty((len(interval), 3, 3)), np.empty((len(interval), 3))
+    def _births(self) -> Births:
+        bias = self.states.bias[:0]
         if self._settings.scheme.propagates:
-            chosen = self._visual.propagated.chosen(group)
-            nothing = (np.zeros((1, *a.shape[1:])) for a in chosen[2:])
-            start = Propagated(np.zeros(1), np.eye(3)[None], *nothing)
-            increments = Propagated(*(np.concatenate(pair) for pair in zip(start, chosen, strict=True)))
             bias = self._preintegrations.arrays(self.first, self.knots - 1).bias
-            # The newest knot has no increments after it, and the anchor's own pose needs none.
+            # The newest knot has no increments after it, and an anchor's own pose needs none.
             bias = np.concatenate([bias, self.states.bias[-1:]])
-            propagated_camera_poses(
-                self.states, interval, increments, bias, model.gravity_w, self.camera.C_bc, model.r_bc, C, r
-            )
-        else:
-            # Weights zero: the pose at the start of the interval.
-            weights = np.vstack([np.zeros((1, 5)), self._visual.weights[group, 0]])
-            space = model.motion_model.space
-            camera_poses(self.states, interval, weights, self.camera.C_bc, model.r_bc, space, C, r)
-        return C, r
-
-    def _direction_at(self, group: IntArray, knot: int) -> FloatArray:
-        """Unit bearing (3,) of a track, interpolated linearly in the image to the time of a knot."""
-        t, xy = self._visual.t_ns[group] - self.t_ns[knot], self._visual.xy[group]
-        return _directions(np.array([[np.interp(0.0, t, xy[:, 0]), np.interp(0.0, t, xy[:, 1])]]))[0]
-
-
-def _directions(xy: FloatArray) -> FloatArray:
-    """Unit bearings (N,3) of normalised coordinates (N,2)."""
-    rays = np.column_stack([xy, np.ones(len(xy))])
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        return Births(
+            visual=self._visual,
+            first=self.first,
+            t_ns=self.t_ns,
+            states=self.states,
+            camera=self.camera,
+            model=self._model(),
+            increments_bias=bias,
+            bearing_sigma=self._settings.bearing_sigma,
+        )
