@@ -38,7 +38,7 @@ from asyneio.simulation.faults import without_bias
 from asyneio.types import NS_PER_S, Estimate, EventRecording, Health
 from common import table
 from sequences import DEFAULT_CACHE, TrackedRun, sequence, tracked
-from true_tracks import true_tracks
+from true_tracks import static_observations, true_tracks
 
 _SMALL = ("event_slow", "event_fast", "event_rotation", "event_low_light", "event_near", "event_far")
 _SUITE = tuple(scenario.name for scenario in SUITE)
@@ -69,6 +69,7 @@ SUBSTITUTED = {
     "true tracks, same life: MPE %": ".3f",
     "true tracks, full life: MPE %": ".3f",
     "true biases: MPE %": ".3f",
+    "without tracks on what moves: MPE %": ".3f",
 }
 
 
@@ -136,7 +137,9 @@ def substitutions(
         accelerometer=without_bias(streams[1], accelerometer.bias_accelerometer),
     )
     again = run_recording(unbiased, config, observations=run.observations)
-    return dict(zip(SUBSTITUTED, [*scores, mpe(again, simulation)], strict=True))
+    static = run_recording(recording, config, observations=static_observations(simulation, run.observations))
+    scores += [mpe(again, simulation), mpe(static, simulation)]
+    return dict(zip(SUBSTITUTED, scores, strict=True))
 
 
 def perturbed(recording: EventRecording, timeshift_ms: float, rotation_deg: float) -> EventRecording:

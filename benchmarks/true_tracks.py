@@ -52,6 +52,20 @@ def true_tracks(
     return as_tracks(recording, records[np.argsort(records["t_ns"], kind="stable")])
 
 
+def static_observations(simulation: EventSimulation, observations: RecordArray) -> RecordArray:
+    """The observations of the tracks that began on nothing that moves."""
+    recording = simulation.recording
+    assert recording.calibration is not None
+    order = np.lexsort((observations["t_ns"], observations["id"]))
+    ids, first = np.unique(observations["id"][order], return_index=True)
+    births = observations[order][first]
+    _, surface, hit = simulation.points.hit(
+        births["t_ns"] - recording.calibration.timeshift_ns, np.column_stack([births["u"], births["v"]])
+    )
+    moving = hit & (simulation.points.world.body[np.maximum(surface, 0)] > 0)
+    return observations[~np.isin(observations["id"], ids[moving])]
+
+
 def _full_lives(
     simulation: EventSimulation,
     born_ns: IntArray,
