@@ -8,14 +8,14 @@ import numpy as np
 
 from asyneio.config import Config
 from asyneio.errors import EstimationError, InertialError
-from asyneio.estimation.camera_calibration import CAMERA_DOF
-from asyneio.estimation.covariance import camera_covariance, joint_covariance, newest_covariance
+from asyneio.estimation.covariance import joint_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.intake import Intake, rate_hz, until
 from asyneio.odometry.outliers import optimize_without_outliers
-from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
+from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
+from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.rest import RestDetector
 from asyneio.odometry.screen import contradicting_tracks
@@ -31,7 +31,6 @@ from asyneio.types import (
     Calibration,
     CalibrationEstimate,
     Estimate,
-    FloatArray,
     Health,
     Packet,
     StepReport,
@@ -151,36 +150,11 @@ class Odometry:
             EstimationError: the odometry has not started.
         """
         window, _, settings = self._active()
-        solution = self._solved()
-        dropped = len(solution.problem.states.r) - window.knots
-        if settings.window.scheme.propagates:
-            return PropagatedTrajectory(
-                window.t_ns,
-                window.states,
-                window.preintegrations,
-                settings.window.gravity_w,
-                lambda knot: joint_covariance(solution, knot + dropped)[:24, :24],
-                settings.window.noise_inflation,
-            )
-        return GPTrajectory(
-            window.t_ns,
-            window.states.C,
-            window.states.r,
-            window.states.varpi,
-            settings.window.root_density,
-            bias=window.states.bias,
-            joint_covariance=lambda knot: joint_covariance(solution, knot + dropped),
-            motion_model=settings.window.motion_model,
-        )
+        return trajectory_of(window, self._solved(), settings)
 
     def calibration(self) -> CalibrationEstimate | None:
         """What is believed of the camera now; None before the present segment has started."""
-        if self._window is None:
-            return None
-        window = self._window
-        sigma = np.zeros(CAMERA_DOF)
-        sigma[window.camera.columns] = np.sqrt(camera_covariance(self._solved()).diagonal())
-        return CalibrationEstimate(window.camera.time_offset, window.camera.C_bc.copy(), sigma)
+        return None if self._window is None else camera_of(self._window, self._solved())
 
     def _advance(self, knot_ns: int) -> Advance:
         """Predict the knot, add what was measured since the last one, optimise."""
@@ -251,7 +225,7 @@ class Odometry:
             return [], self._initializing(t_ns, started)
         self._window, self._solution = started.window, started.solution
         covariance = joint_covariance(self._solution, 0)[:24, :24]
-        self.origin = _estimate(self._window, 0, covariance, self._segment)
+        self.origin = estimate_of(self._window, 0, covariance, self._segment)
         self._intake.drop_until(int(self._window.t_ns[-1]))
         estimate = self._newest()
         self._slide()
@@ -262,13 +236,8 @@ class Odometry:
 
     def _newest(self) -> Estimate:
         window, _, settings = self._active()
-        estimate = _estimate(window, -1, newest_covariance(self._solved()), self._segment)
-        if settings.window.scheme.propagates:
-            # No unknown of this window; what the increments say is better than what was predicted.
-            rate = rate_at_end(window.preintegrations[-1], window.states.bias[-1])
-            estimate = replace(estimate, angular_velocity_b=rate)
-        self._latest = estimate
-        return estimate
+        self._latest = newest_estimate(window, self._solved(), settings, self._segment)
+        return self._latest
 
     def _report(self, t_ns: int, health: Health, reason: str = "") -> StepReport:
         window, _, _ = self._active()
@@ -285,21 +254,3 @@ class Odometry:
             cost=r.cost,
             rejected=r.rejected,
         )
-
-
-def _estimate(window: Window, k: int, covariance: FloatArray, segment: int) -> Estimate:
-    """Knot k of the window as an `Estimate`."""
-    states = window.states
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = states.C[k], states.r[k]
-    return Estimate(
-        t_ns=int(window.t_ns[k]),
-        T_w_b=T,
-        velocity_w=states.C[k] @ states.varpi[k, 0, 3:],
-        angular_velocity_b=states.varpi[k, 0, :3].copy(),
-        generalized_acceleration=states.varpi[k, 1].copy(),
-        bias_gyroscope=states.bias[k, :3].copy(),
-        bias_accelerometer=states.bias[k, 3:].copy(),
-        covariance=covariance,
-        segment=segment,
-    )

@@ -1,0 +1,77 @@
+"""What the odometry gives out of a solved window: estimates, the trajectory, the camera."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from asyneio.estimation.camera_calibration import CAMERA_DOF
+from asyneio.estimation.covariance import camera_covariance, joint_covariance, newest_covariance
+from asyneio.estimation.optimizer import Solution
+from asyneio.estimation.window import Window
+from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
+from asyneio.odometry.settings import Settings
+from asyneio.trajectory.gp_trajectory import GPTrajectory
+from asyneio.types import CalibrationEstimate, Estimate, FloatArray
+
+
+def estimate_of(window: Window, k: int, covariance: FloatArray, segment: int) -> Estimate:
+    """Knot k of the window with its covariance (24,24)."""
+    states = window.states
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = states.C[k], states.r[k]
+    return Estimate(
+        t_ns=int(window.t_ns[k]),
+        T_w_b=T,
+        velocity_w=states.C[k] @ states.varpi[k, 0, 3:],
+        angular_velocity_b=states.varpi[k, 0, :3].copy(),
+        generalized_acceleration=states.varpi[k, 1].copy(),
+        bias_gyroscope=states.bias[k, :3].copy(),
+        bias_accelerometer=states.bias[k, 3:].copy(),
+        covariance=covariance,
+        segment=segment,
+    )
+
+
+def newest_estimate(window: Window, solution: Solution, settings: Settings, segment: int) -> Estimate:
+    """The newest knot."""
+    estimate = estimate_of(window, -1, newest_covariance(solution), segment)
+    if not settings.window.scheme.propagates:
+        return estimate
+    # No unknown of this window; what the increments say is better than what was predicted.
+    rate = rate_at_end(window.preintegrations[-1], window.states.bias[-1])
+    return replace(estimate, angular_velocity_b=rate)
+
+
+def trajectory_of(
+    window: Window, solution: Solution, settings: Settings
+) -> GPTrajectory | PropagatedTrajectory:
+    """The continuous-time trajectory through the window, with covariance; propagated under the scheme GPP."""
+    dropped = len(solution.problem.states.r) - window.knots
+    if settings.window.scheme.propagates:
+        return PropagatedTrajectory(
+            window.t_ns,
+            window.states,
+            window.preintegrations,
+            settings.window.gravity_w,
+            lambda knot: joint_covariance(solution, knot + dropped)[:24, :24],
+            settings.window.noise_inflation,
+        )
+    return GPTrajectory(
+        window.t_ns,
+        window.states.C,
+        window.states.r,
+        window.states.varpi,
+        settings.window.root_density,
+        bias=window.states.bias,
+        joint_covariance=lambda knot: joint_covariance(solution, knot + dropped),
+        motion_model=settings.window.motion_model,
+    )
+
+
+def camera_of(window: Window, solution: Solution) -> CalibrationEstimate:
+    """What is believed of the camera."""
+    sigma = np.zeros(CAMERA_DOF)
+    sigma[window.camera.columns] = np.sqrt(camera_covariance(solution).diagonal())
+    return CalibrationEstimate(window.camera.time_offset, window.camera.C_bc.copy(), sigma)
