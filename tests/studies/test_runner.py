@@ -134,8 +134,10 @@ def test_a_killed_process_is_an_error_in_words(tmp_path: Path) -> None:
 
 def test_an_interrupted_study_resumes(tmp_path: Path) -> None:
     code = (
-        "import sys; from pathlib import Path; from tests.studies import stub; "
+        "import signal, sys; from pathlib import Path; from tests.studies import stub; "
         "from asyneio.studies import runner; "
+        # A shell's background jobs begin with interrupts ignored, and hand that on.
+        "signal.signal(signal.SIGINT, signal.default_int_handler); "
         "runner.run_study(stub.stub_study(9, stub.measure_slowly), Path(sys.argv[1]), 2, '')"
     )
     running = subprocess.Popen(
