@@ -32,7 +32,6 @@ def test_velocity_and_gravity_are_recovered_without_noise(style: str, seed: int)
     assert np.linalg.norm(found.velocity - truth.velocity) < 5e-4 * speed
     assert angle_deg(found.gravity, truth.gravity) < 2e-3
     assert found.residual_rad < 2e-6
-    assert found.share_in_front == 1.0
 
 
 @pytest.mark.parametrize("gravity", [9.78, GRAVITY, 9.83])
@@ -52,7 +51,6 @@ def test_noise_costs_accuracy_gradually(style: str) -> None:
         for found, _ in runs:
             # Two components of a ray are measured, and the landmarks take some of the noise.
             assert 1.2 * sigma < found.residual_rad < 1.45 * sigma
-            assert found.share_in_front == 1.0
     assert np.all(np.diff(velocity) > 0.0)
     assert np.all(np.diff(gravity) > 0.0)
     assert velocity[-1] < 0.1

@@ -44,6 +44,7 @@ def test_well_stays_tracking() -> None:
         ({"since_vision_s": 0.11}, "no observations for 0.11 s"),
         ({"inertial_gap_s": 0.06}, "no inertial samples for 0.06 s"),
         ({"landmarks": 4}, "4 landmarks in view"),
+        ({"saturated": True}, "at the end of its range"),
         ({"gated": 0.3}, "30 % of the inertial samples were refused"),
         ({"scale_change": -0.2}, "scale was revised by -20 %"),
         ({"scale_change": 0.25}, r"scale was revised by +25 %"),

@@ -11,7 +11,7 @@ import pytest
 
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import Simulation
-from asyneio.simulation.faults import kidnapped, without
+from asyneio.simulation.faults import kidnapped, saturated, without
 from asyneio.types import Estimate, Health, Packet, RecordArray, Recording
 from tests.odometry.runs import Errors, configured, cut, errors, process, simulated
 
@@ -213,3 +213,16 @@ def test_an_accelerometer_that_fails_is_not_believed() -> None:
     told = [r for r in outcome.reports if r.health in (Health.DEGRADED, Health.LOST)]
     assert told
     assert told[0].t_ns < at(simulation, 2.9)
+
+
+def test_a_saturated_gyroscope_is_told() -> None:
+    simulation = simulated()
+    recording = simulation.recording
+    limit = 0.7 * float(np.abs(recording.gyroscope["xyz"]).max())
+    clipped = replace(recording, gyroscope=saturated(recording.gyroscope, limit))
+    outcome = process(cut(clipped), recording.calibration)
+    told = [report for report in outcome.reports if "end of its range" in report.reason]
+    assert told
+    assert {report.health for report in told} <= {Health.DEGRADED}
+    assert outcome.reports[-1].health in (Health.TRACKING, Health.DEGRADED)
+    assert errors(simulation, outcome.estimates).position < 0.1

@@ -44,13 +44,11 @@ class AlignmentData:
 
 @dataclass(frozen=True)
 class Alignment:
-    """Velocity (3,) and gravity (3,) in the first body frame; RMS angle of the rays [rad]; landmarks
-    in front."""
+    """Velocity (3,) and gravity (3,) in the first body frame; RMS angle of the rays [rad]."""
 
     velocity: FloatArray
     gravity: FloatArray
     residual_rad: float
-    share_in_front: float
 
 
 def align(data: AlignmentData, gravity: float, bearing_sigma: float = 0.0) -> Alignment:
@@ -58,7 +56,7 @@ def align(data: AlignmentData, gravity: float, bearing_sigma: float = 0.0) -> Al
 
     `bearing_sigma` [rad] is the noise of a bearing across the ray. Uncompensated, it makes the projector
     informative along the ray (E[1 - d d^T] d = 2 sigma^2 d), which shortens distances and velocity however
-    many observations there are. A low `share_in_front` tells of a solution that means nothing.
+    many observations there are.
 
     Raises:
         EstimationError: a track has no observation, too few show parallax, or the equations are singular.
@@ -113,13 +111,12 @@ def _align(data: AlignmentData, gravity: float, bearing_sigma: float) -> Alignme
     misses of the rays, so these are no larger than the noise makes them.
     """
     points, solution = _solve(data, gravity, 0.0)
-    miss, _ = _ray_residual(data, points, solution)
+    miss = _ray_residual(data, points, solution)
     # Two equations an observation, less three unknowns a track.
     freedom = 1.0 - 1.5 * data.tracks / data.t.size
     sigma = min(bearing_sigma, miss / np.sqrt(2.0 * max(freedom, 0.1)))
     points, solution = _solve(data, gravity, sigma)
-    residual, in_front = _ray_residual(data, points, solution)
-    return Alignment(solution[:3], solution[3:], residual, in_front)
+    return Alignment(solution[:3], solution[3:], _ray_residual(data, points, solution))
 
 
 def _solve(data: AlignmentData, gravity: float, bearing_sigma: float) -> tuple[FloatArray, FloatArray]:
@@ -230,9 +227,9 @@ def _mean_distance(data: AlignmentData, points: FloatArray, solution: FloatArray
     return np.asarray(np.clip(mean, 0.05, 1e3))
 
 
-def _ray_residual(data: AlignmentData, points: FloatArray, solution: FloatArray) -> tuple[float, float]:
+def _ray_residual(data: AlignmentData, points: FloatArray, solution: FloatArray) -> float:
     rays = _rays(data, points, solution)
     along = np.einsum("ni,ni->n", rays, data.direction)
     across = np.linalg.norm(rays - along[:, None] * data.direction, axis=1)
     angle = np.arctan2(across, np.abs(along))
-    return float(np.sqrt(np.mean(angle**2))), float(np.mean(along > 0.0))
+    return float(np.sqrt(np.mean(angle**2)))

@@ -26,8 +26,8 @@ _PAUSE_S = 0.1
 #: So many tracks must have been followed before, and be followed now. Half of them are older than the horizon
 #: if they end one by one with a median life of 0.35 s, as real ones do: that none is has odds of 1e-6.
 _ENOUGH = 20
-#: A jump between two samples is so many times as large as those around it usually are, and larger than
-#: a blow to a body at rest [rad/s, m/s^2].
+#: A jump between two samples is so many times as large as those around it usually are, and larger than what
+#: single samples of a consumer sensor scatter by [rad/s, m/s^2]; 0.2 m/s^2 is gravity turned by a degree.
 _JUMP, _LEAST_JUMPS = 6.0, (0.02, 0.2)
 #: Samples on each side of a jump that tell what is usual.
 _AROUND = 12

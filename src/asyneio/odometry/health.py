@@ -50,7 +50,9 @@ class Vitals:
     up to this one) without a sample of one of the sensors. `gated`: share of samples that were refused.
     `landmarks` with an observation in the newest interval, and what share of those observations was
     `rejected`. `visual_ratio`, `inertial_ratio`: squared residuals of the newest interval over what the
-    declared noise lets expect. `renewed`: all tracks at once are new ones. `bias_sigmas`: largest bias in
+    declared noise lets expect. `saturated`: a sensor read the end of its range. `renewed`: all
+    tracks at once are new ones.
+    `bias_sigmas`: largest bias in
     standard deviations of its prior. `scale_change`: relative, of the last `SCALE_MEMORY_S`. Sigmas are of
     the estimate [m/s, rad], speed in m/s. `still`: at rest, where vision says nothing and is not missed.
     """
@@ -58,6 +60,7 @@ class Vitals:
     since_vision_s: float = 0.0
     inertial_gap_s: float = 0.0
     gated: float = 0.0
+    saturated: bool = False
     landmarks: int = 1000
     rejected: float = 0.0
     visual_ratio: float = 1.0
@@ -132,6 +135,8 @@ class HealthMonitor:
             yield f"no inertial samples for {v.inertial_gap_s:.2f} s"
         if v.landmarks < MIN_LANDMARKS and not v.still:
             yield f"{v.landmarks} landmarks in view, {MIN_LANDMARKS} are needed"
+        if v.saturated:
+            yield "an inertial sensor is at the end of its range"
         if v.gated > MAX_GATED:
             yield f"{100.0 * v.gated:.0f} % of the inertial samples were refused"
         if abs(math.log1p(v.scale_change)) > math.log(MAX_SCALE_CHANGE):

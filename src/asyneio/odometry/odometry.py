@@ -174,7 +174,15 @@ class Odometry:
         self._solution, outliers = optimize_without_outliers(window, settings.optimizer)
         intake.refuse(outliers)
         intake.drop_until(knot_ns)
-        return Advance(self._solution.problem, known, observations.t_ns, gap_s, self._gated, still)
+        return Advance(
+            problem=self._solution.problem,
+            known=known,
+            stamps=observations.t_ns,
+            gap_s=gap_s,
+            gated=self._gated,
+            saturated=intake.saturated,
+            still=still,
+        )
 
     def _gap_s(self, start_ns: int, end_ns: int) -> float:
         return sample_gap_s((self._intake.gyroscope, self._intake.accelerometer), start_ns, end_ns)

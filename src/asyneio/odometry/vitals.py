@@ -129,6 +129,7 @@ class Observed:
     renewed: bool
     scale_change: float
     gated: float = 0.0
+    saturated: bool = False
     still: bool = False
 
 
@@ -147,6 +148,7 @@ def measure_vitals(
         since_vision_s=observed.since_vision_s,
         inertial_gap_s=observed.inertial_gap_s,
         gated=observed.gated,
+        saturated=observed.saturated,
         landmarks=vision.landmarks,
         rejected=vision.rejected,
         visual_ratio=vision.ratio,

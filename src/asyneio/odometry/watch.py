@@ -19,7 +19,7 @@ class Advance:
     """What one knot brought.
 
     `problem`: as solved. `known` (K,3) [m]: positions of the knots before it, before it was solved; `stamps`
-    [ns] of the observations since the knot before; `gap_s`, `gated`, `still` as in `Vitals`.
+    [ns] of the observations since the knot before; `gap_s`, `gated`, `saturated`, `still` as in `Vitals`.
     """
 
     problem: Problem
@@ -27,6 +27,7 @@ class Advance:
     stamps: IntArray
     gap_s: float
     gated: float = 0.0
+    saturated: bool = False
     still: bool = False
 
 
@@ -81,6 +82,7 @@ class Watch:
                 t_ns, advance.known, advance.problem.states.r[: len(advance.known)]
             ),
             gated=advance.gated,
+            saturated=advance.saturated,
             still=advance.still,
         )
         vitals = measure_vitals(advance.problem, estimate, observed, self._bias_sigma)
