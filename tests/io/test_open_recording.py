@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from asyneio.errors import AsyneioError, RecordingError
-from asyneio.io import open_recording, write_events_hdf5, write_tracks_folder, write_uzh_folder
+from asyneio.io import ReadOptions, open_recording, write_events_hdf5, write_tracks_folder, write_uzh_folder
 from asyneio.types import EventRecording, Recording
 from tests.io.event_recordings import assert_same, make_event_recording
 from tests.io.recordings import make_recording
@@ -78,7 +78,9 @@ def test_calibration_from_elsewhere(tmp_path: Path, rng: np.random.Generator) ->
     assert isinstance(bare, EventRecording)
     assert bare.calibration is None
     assert bare.camera is not None
-    found = open_recording(tmp_path / "run", elsewhere / "camchain-imucam.yaml", elsewhere / "imu.yaml")
+    found = open_recording(
+        tmp_path / "run", ReadOptions(elsewhere / "camchain-imucam.yaml", elsewhere / "imu.yaml")
+    )
     assert isinstance(found, EventRecording)
     assert_same(found, recording)
 

@@ -55,11 +55,11 @@ def run(
     from asyneio.cli.execute import Job, execute
     from asyneio.cli.progress import share_progress
     from asyneio.config import load_config
-    from asyneio.io import open_recording
+    from asyneio.io import ReadOptions, open_recording
 
     settings = with_scheme(with_tracker(load_config(config), tracker), scheme)
     with share_progress("reading") as progress:
-        loaded = open_recording(recording, calibration, imu, progress, max_track_seconds)
+        loaded = open_recording(recording, ReadOptions(calibration, imu), progress, max_track_seconds)
     for note in loaded.notes:
         console.say(f"note: {note}")
     execute(Job(loaded, settings, output or Path("results") / loaded.name, _EVIDENCE))

@@ -92,11 +92,11 @@ def _open(path: Path, calibration: Path | None, imu: Path | None) -> EventRecord
     from asyneio.cli import console
     from asyneio.cli.progress import share_progress
     from asyneio.errors import RecordingError
-    from asyneio.io import open_recording
+    from asyneio.io import ReadOptions, open_recording
     from asyneio.types import Recording
 
     with share_progress("reading") as advance:
-        loaded = open_recording(path, calibration, imu, advance)
+        loaded = open_recording(path, ReadOptions(calibration, imu), advance)
     for note in loaded.notes:
         console.say(f"note: {note}")
     if isinstance(loaded, Recording):

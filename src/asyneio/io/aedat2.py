@@ -21,11 +21,11 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import RecordingError
-from asyneio.io.event_assembly import assemble, find_rig, prepare_samples
-from asyneio.io.event_cache import load_events
-from asyneio.io.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, Progress
+from asyneio.io.contents import Contents, ReadOptions
+from asyneio.io.event_assembly import find_rig
+from asyneio.io.event_source import FAR_OUTSIDE, SAMPLE_DTYPE
 from asyneio.io.inertial_files import STANDARD_GRAVITY
-from asyneio.types import EVENT_DTYPE, EventRecording, IntArray, RecordArray
+from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"#!AER-DAT2.0"
 WIDTH, HEIGHT = 240, 180
@@ -138,24 +138,10 @@ class Aedat2Events:
         self._loose = words[waiting:]
 
 
-def read_aedat2(
-    path: Path,
-    calibration: Path | None = None,
-    imu: Path | None = None,
-    progress: Progress | None = None,
-    cache_from: int | None = None,
-) -> EventRecording:
-    """Read and validate an AEDAT-2.0 file of a DAVIS240; arguments as for `read_uzh_folder`.
-
-    Raises:
-        RecordingError: unreadable, another camera, or damaged beyond salvage.
-        CalibrationError: a calibration file is malformed or impossible.
-    """
-    rig = find_rig(path.parent, calibration, imu)
-    table = load_events(Aedat2Events(path), WIDTH, HEIGHT, progress, cache_from)
-    declared_hz = rig.calibration.noise.rate_hz if rig.calibration else None
-    inertial = prepare_samples(table.samples, declared_hz, f"the IMU of {path.name}")
-    return assemble(path.resolve().stem, table, (WIDTH, HEIGHT), rig, inertial)
+def read_aedat2(path: Path, options: ReadOptions) -> Contents:
+    """AEDAT-2.0 of a DAVIS240. Raises CalibrationError: a calibration file is malformed or impossible."""
+    rig = find_rig(path.parent, options.calibration, options.imu)
+    return Contents(path.resolve().stem, lambda: Aedat2Events(path), (WIDTH, HEIGHT), rig)
 
 
 @njit(cache=True)

@@ -127,6 +127,20 @@ class TextEvents:
         return t_ns, _pixel(x), _pixel(y), max(p, 0)
 
 
+def is_event_text(head: bytes) -> bool:
+    """True when the first line of numbers in the start of a file has four: seconds, two whole numbers and a
+    polarity."""
+    for line in head.decode("latin-1").split("\n")[:50]:
+        tokens = line.split("#", 1)[0].replace(",", " ").split()
+        try:
+            values = [float(token) for token in tokens]
+        except ValueError:
+            continue
+        if len(values) > 2:
+            return len(values) == 4 and parse_seconds(tokens[0]) is not None and values[3] in (-1.0, 0.0, 1.0)
+    return False
+
+
 def _whole(text: str) -> int | None:
     try:
         value = float(text)

@@ -1,0 +1,56 @@
+"""The formats of recordings of events: how each is recognised by its content, and its reader."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from asyneio.io.aedat2 import MAGIC as AEDAT2_MAGIC
+from asyneio.io.aedat2 import read_aedat2
+from asyneio.io.aedat4 import MAGIC as AEDAT4_MAGIC
+from asyneio.io.aedat4 import read_aedat4
+from asyneio.io.contents import Contents, ReadOptions
+from asyneio.io.event_hdf5 import MAGIC as HDF5_MAGIC
+from asyneio.io.event_hdf5 import is_asyneio_hdf5, read_events_hdf5
+from asyneio.io.event_text import is_event_text
+from asyneio.io.uzh_folder import EVENTS_FILE, read_uzh_folder
+
+
+@dataclass(frozen=True)
+class Format:
+    """A layout of recordings.
+
+    `matches(path, head)` says whether a file that begins with the bytes `head`, or a folder (`head` is then
+    empty), has this layout; `read` finds out what is in it, decoding nothing yet.
+    """
+
+    name: str
+    title: str
+    matches: Callable[[Path, bytes], bool]
+    read: Callable[[Path, ReadOptions], Contents]
+
+
+#: In this order; the first that matches reads.
+FORMATS = (
+    Format(
+        "uzh",
+        "a UZH folder (events.txt)",
+        lambda path, _: path.is_dir() and (path / EVENTS_FILE).is_file(),
+        read_uzh_folder,
+    ),
+    Format(
+        "hdf5",
+        "asyneio's HDF5",
+        lambda path, head: head.startswith(HDF5_MAGIC) and is_asyneio_hdf5(path),
+        read_events_hdf5,
+    ),
+    Format("aedat2", "AEDAT-2.0 of a DAVIS240", lambda _, head: head.startswith(AEDAT2_MAGIC), read_aedat2),
+    Format("aedat4", "AEDAT4", lambda _, head: head.startswith(AEDAT4_MAGIC), read_aedat4),
+    Format("text", "events as text (t[s] x y p)", lambda _, head: is_event_text(head), read_uzh_folder),
+)
+
+
+def format_of(path: Path, head: bytes) -> Format | None:
+    """The format of a file that begins with `head`, or of a folder (`head` empty); None where unknown."""
+    return next((format for format in FORMATS if format.matches(path, head)), None)
