@@ -1,8 +1,8 @@
 """Basalt's `calibration.json`, as TUM-VI, TUM-VIE and others have it: `value0`, cameras by their number.
 
-By Basalt's headers (`calibration.hpp`) and documentation: `T_imu_cam` maps camera to IMU coordinates; noise and
-walks are of continuous time, which Basalt itself multiplies by the root of the rate; `cam_time_offset_ns` is
-added to the camera's stamps to have the IMU's. `kb4` is the equidistant model.
+By Basalt's headers (`calibration.hpp`): `T_imu_cam` maps camera to IMU coordinates; noise and walks are of
+continuous time, and Basalt itself multiplies by the root of the rate; its estimator adds `cam_time_offset_ns`
+to the camera's stamps, so that `t_imu = t_cam + cam_time_offset_ns`. `kb4` is the equidistant model.
 """
 
 from __future__ import annotations
@@ -91,10 +91,11 @@ def _read_lens(section: dict[str, Any], index: int, path: Path) -> CameraIntrins
         return make_lens(focal, size, Distortion.EQUIDISTANT, coefficients, path)
     if kind == "pinhole-radtan8" and not any(number(values, f"k{n}", path) for n in (4, 5, 6)):
         coefficients = [number(values, key, path) for key in ("k1", "k2", "p1", "p2", "k3")]
+        coefficients = coefficients if coefficients[-1] else coefficients[:-1]
         return make_lens(focal, size, Distortion.RADTAN, coefficients, path)
     raise CalibrationError(
-        f"{path}: camera_type of cam{index} is {shown(kind)}; understood are {_UNDERSTOOD}: calibrate with one "
-        "of these"
+        f"{path}: camera_type of cam{index} is {shown(kind)}; understood are {_UNDERSTOOD}: "
+        "calibrate with one of these"
     )
 
 

@@ -1,8 +1,8 @@
 """Calibration files from strangers, as plain mappings: YAML, OpenCV's dialect of it, JSON.
 
 Nothing in them can run: a safe loader, with caps on size, aliases and brackets. OpenCV begins its files with
-`%YAML:1.0`, which YAML does not allow, and marks matrices with `!!opencv-matrix`; both are taken, and a matrix
-becomes the mapping of rows, cols and data that it is.
+`%YAML:1.0`, which YAML does not allow, and marks matrices with `!!opencv-matrix`; both are taken, and a
+matrix becomes the mapping of rows, cols and data that it is.
 """
 
 from __future__ import annotations
@@ -31,9 +31,13 @@ class _Loader(yaml.SafeLoader):
     """The safe loader, with OpenCV's matrices as plain mappings."""
 
 
-_Loader.add_constructor(
-    "tag:yaml.org,2002:opencv-matrix", lambda loader, node: loader.construct_mapping(node, deep=True)
-)
+def _opencv_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> dict[Any, Any]:
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.YAMLError("!!opencv-matrix stands before something that is no mapping")
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
 
 
 def load_mapping(path: Path) -> dict[str, Any]:

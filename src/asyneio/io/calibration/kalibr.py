@@ -1,9 +1,9 @@
-"""Kalibr's files: `camchain-imucam.yaml` (cameras, extrinsics, time shift), `imu.yaml` (noise); OpenVINS' too.
+"""Kalibr's files: `camchain-imucam.yaml` (cameras, extrinsics, time shift), `imu.yaml` (noise); OpenVINS'.
 
 Keys and conventions as in Kalibr's documentation of its YAML formats: `T_cam_imu` maps IMU to camera
 coordinates, `T_cn_cnm1` those of the camera before to this one's, `t_imu = t_cam + timeshift_cam_imu`.
-OpenVINS writes the same in OpenCV's dialect, with `T_imu_cam`, which maps camera to IMU coordinates, and names
-both files in `estimator_config.yaml`. Noise is in densities of continuous time (Kalibr's noise model).
+OpenVINS writes the same in OpenCV's dialect, with `T_imu_cam`, which maps camera to IMU coordinates, and
+names both files in `estimator_config.yaml`. Noise is in densities of continuous time (Kalibr's noise model).
 """
 
 from __future__ import annotations
@@ -156,5 +156,5 @@ def _through_the_chain(
         return None
     T_b_before, notes = extrinsics
     T_c_before, repaired = read_rigid(content[name], "T_cn_cnm1", path)
-    said = f"{path.name}: extrinsics of {name} composed of T_cn_cnm1 ({before} to {name}) and those of {before}"
+    said = f"{path.name}: extrinsics of {name} composed of those of {before} and T_cn_cnm1"
     return T_b_before @ inverse_rigid(T_c_before), (*notes, *repaired, said)

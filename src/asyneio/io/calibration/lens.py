@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from asyneio.errors import CalibrationError, GeometryError
-from asyneio.geometry.camera import CameraModel
+from asyneio.geometry import distortion
 from asyneio.io.calibration.values import integers, numbers, shown
 from asyneio.types import CameraIntrinsics, Distortion
 
@@ -69,9 +69,7 @@ def make_lens(
             f"{path}: {len(coefficients)} distortion_coeffs for the model {model}; expected {wanted}"
         )
     lens = tuple(map(float, coefficients))
-    return CameraIntrinsics(
-        float(fx), float(fy), float(cx), float(cy), int(width), int(height), model, lens
-    )
+    return CameraIntrinsics(float(fx), float(fy), float(cx), float(cy), int(width), int(height), model, lens)
 
 
 def read_lens(
@@ -99,9 +97,9 @@ def read_lens(
     intrinsics, resolution, model, coefficients = names
     values = numbers(section, intrinsics, 4, path)
     width, height = size or integers(section, resolution, 2, path)
-    distortion = distortion_named(section.get(model), path, model)
+    kind = distortion_named(section.get(model), path, model)
     found = numbers(section, coefficients, None, path) if section.get(coefficients) else ()
-    return make_lens(values, (width, height), distortion, found, path)
+    return make_lens(values, (width, height), kind, found, path)
 
 
 def distortion_named(name: Any, path: Path, key: str) -> Distortion:
@@ -120,21 +118,25 @@ def check_lens(lens: CameraIntrinsics, path: Path) -> tuple[str, ...]:
     Raises:
         CalibrationError: it folds inside the image: pixels beyond the fold belong to no direction.
     """
-    u, v = np.meshgrid(np.linspace(0, lens.width - 1, _PROBES), np.linspace(0, lens.height - 1, _PROBES))
     try:
-        _, _, valid = CameraModel(lens).undistort(np.column_stack([u.ravel(), v.ravel()]))
+        model = distortion.make_lens(lens.distortion, lens.coefficients)
     except GeometryError as error:
         raise CalibrationError(f"{path}: {error}") from error
-    lost = 1.0 - float(valid.mean())
-    if lost > _MAX_LOST[lens.distortion]:
+    lost = sum(
+        distortion.undistort(model, x, y, *distortion.cold_start(model, x, y))[-1] != distortion.SOLVED
+        for x in (np.linspace(0.0, lens.width - 1.0, _PROBES) - lens.cx) / lens.fx
+        for y in (np.linspace(0.0, lens.height - 1.0, _PROBES) - lens.cy) / lens.fy
+    )
+    share = lost / _PROBES**2
+    if share > _MAX_LOST[lens.distortion]:
         raise CalibrationError(
             f"{path}: the distortion ({lens.distortion}, {', '.join(f'{c:g}' for c in lens.coefficients)}) "
-            f"folds inside the image: {lost:.0%} of its pixels have no direction. Check the name of the model "
+            f"folds inside the image: {share:.0%} of its pixels have no direction. Check the model's name "
             "(coefficients of radtan and equidistant are often exchanged), their order and the resolution"
         )
     notes: tuple[str, ...] = ()
-    if lost > 0.0:
-        notes += (f"{path.name}: {lost:.1%} of the image lie where the distortion cannot be undone: not used",)
+    if lost:
+        notes += (f"{path.name}: {share:.1%} of the image have no direction by the distortion: not used",)
     decentring = max(map(abs, lens.coefficients[2:4]), default=0.0)
     if lens.distortion is Distortion.RADTAN and decentring > _MAX_DECENTRING:
         notes += (

@@ -1,8 +1,8 @@
 """Kinds that hold cameras without a rig: DSEC's `cam_to_cam.yaml`, ROS' camera_info, EuRoC's `sensor.yaml`.
 
 DSEC (its page on the data format): `intrinsics` of cam0 and cam3, the event cameras, of the frame cameras
-between them, and of all as rectified (camRectN); events are stored as the sensor had them. `T_BS` of EuRoC maps
-sensor to body coordinates, and the body is the IMU (its `sensor.yaml` says so by the identity).
+between them, and of all as rectified (camRectN); events are stored as the sensor had them. `T_BS` of EuRoC
+maps sensor to body coordinates, and the body is the IMU (its `sensor.yaml` says so by the identity).
 """
 
 from __future__ import annotations
@@ -97,5 +97,6 @@ def _read_camera_info(content: dict[str, Any], path: Path) -> CameraReading:
 def _require_pinhole(camera: dict[str, Any], name: str, path: Path) -> None:
     if camera.get("camera_model") != "pinhole":
         raise CalibrationError(
-            f"{path}: camera_model of {name} is {shown(camera.get('camera_model'))}; only 'pinhole' is supported"
+            f"{path}: camera_model of {name} is {shown(camera.get('camera_model'))}; only 'pinhole' is "
+            "supported"
         )

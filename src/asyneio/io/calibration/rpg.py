@@ -1,4 +1,4 @@
-"""The calibration of the Robotics and Perception Group's tools (SVO, Ultimate SLAM): `cameras` and `imu_params`.
+"""The calibration of the Robotics and Perception Group's tools (SVO, Ultimate SLAM): `cameras`, `imu_params`.
 
 `T_B_C` maps camera to body coordinates, row by row, and the body is the IMU. `delay_imu_cam` is the camera's
 stamp less the IMU's (SVO Pro, `ImuCalibration`), so that `t_imu = t_cam - delay_imu_cam`. Noise is in
@@ -60,8 +60,8 @@ def _read_camera(content: dict[str, Any], rig: dict[str, Any], name: str, path: 
     camera = mapping(rig, "camera", path)
     if camera.get("type") != "pinhole":
         raise CalibrationError(
-            f"{path}: the type of {name} is {shown(camera.get('type'))}; only 'pinhole' is supported, with the "
-            "distortions none, radial-tangential and equidistant"
+            f"{path}: the type of {name} is {shown(camera.get('type'))}; only 'pinhole' is supported, with "
+            "the distortions none, radial-tangential and equidistant"
         )
     values = numbers(mapping(camera, "intrinsics", path), "data", 4, path, of="intrinsics")
     size = image_size(camera, path)

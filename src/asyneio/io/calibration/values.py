@@ -67,8 +67,8 @@ def matrix(section: dict[str, Any], key: str, shape: tuple[int, int], path: Path
         return np.array(numbers(value, "data", rows * columns, path, of=key)).reshape(shape)
     if not isinstance(value, list) or len(value) != rows:
         raise CalibrationError(
-            f"{path}: {key} is {shown(value)}; expected {rows} rows of {columns} numbers, or a matrix of rows, "
-            "cols and data"
+            f"{path}: {key} is {shown(value)}; expected {rows} rows of {columns} numbers, or a matrix of "
+            "rows, cols and data"
         )
     return np.array([numbers({key: row}, key, columns, path) for row in value], dtype=np.float64)
 

@@ -77,7 +77,9 @@ def _read_camera(
     camera = _read_lens(lens, lens_path)
     extrinsics = _extrinsics(content, index, path)
     shift = shift_ns(content, "td", path)
-    return CameraReading(camera, *((extrinsics[0], shift, extrinsics[1]) if extrinsics else (None, shift, ())))
+    return CameraReading(
+        camera, *((extrinsics[0], shift, extrinsics[1]) if extrinsics else (None, shift, ()))
+    )
 
 
 def _read_lens(lens: dict[str, Any], path: Path) -> CameraIntrinsics:
@@ -96,8 +98,8 @@ def _read_lens(lens: dict[str, Any], path: Path) -> CameraIntrinsics:
         coefficients = [number(projection, key, path) for key in ("k2", "k3", "k4", "k5")]
         return make_lens(values, size, Distortion.EQUIDISTANT, coefficients, path)
     raise CalibrationError(
-        f"{path}: model_type is {shown(model)}; understood are PINHOLE and KANNALA_BRANDT: calibrate with one "
-        "of these"
+        f"{path}: model_type is {shown(model)}; understood are PINHOLE and KANNALA_BRANDT: calibrate with "
+        "one of these"
     )
 
 
@@ -105,7 +107,8 @@ def _extrinsics(content: dict[str, Any], index: int, path: Path) -> Checked | No
     key = f"body_T_cam{index}"
     if content.get("estimate_extrinsic") == _UNKNOWN_EXTRINSICS:
         raise CalibrationError(
-            f"{path}: estimate_extrinsic is 2: the extrinsics are not known; calibrate camera and IMU together"
+            f"{path}: estimate_extrinsic is 2: the extrinsics are not known; calibrate camera and IMU "
+            "together"
         )
     if key in content:
         T_b_c, notes = read_rigid(content, key, path)
@@ -130,7 +133,5 @@ def _read_noise(content: dict[str, Any], path: Path) -> NoiseReading:
         of_a_sample.accelerometer_walk / root,
         of_a_sample.rate_hz,
     )
-    said = (
-        f"{path.name}: acc_n, gyr_n, acc_w, gyr_w are figures of a sample: divided by the root of the rate"
-    )
+    said = f"{path.name}: acc_n, gyr_n, acc_w, gyr_w are figures of a sample: divided by the root of the rate"
     return NoiseReading(noise, None if of_a_sample.rate_hz else ASSUMED_RATE_HZ, (said,))
