@@ -231,5 +231,6 @@ def test_imu_noise_without_a_camera(tmp_path: Path, recording: EventRecording) -
     (tmp_path / "camchain-imucam.yaml").unlink()
     assert open_recording(tmp_path).calibration is None
     found = open_recording(tmp_path, ReadOptions(imu=tmp_path / "imu.yaml"))
-    assert (found.camera, found.calibration) == (recording.camera, None)
+    assert found.camera is not None
+    assert found.calibration is None
     assert "the calibration is incomplete: no extrinsics (camera to IMU)" in found.notes

@@ -7,7 +7,15 @@ from typing import Annotated
 
 import typer
 
-from asyneio.cli.options import SchemeName, TrackerName, with_scheme, with_tracker
+from asyneio.cli.options import (
+    CameraOption,
+    PresetOption,
+    SchemeName,
+    TrackerName,
+    settings_of,
+    with_scheme,
+    with_tracker,
+)
 
 _EVIDENCE = (
     "A recording, processed causally: each estimate uses only what was measured before it; observations of "
@@ -25,9 +33,13 @@ def run(
     ] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Kalibr camera file.", show_default="beside the data"),
+        typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
     ] = None,
-    imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
+    imu: Annotated[
+        Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
+    ] = None,
+    camera: CameraOption = None,
+    preset: PresetOption = None,
     config: Annotated[
         Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
     ] = None,
@@ -54,12 +66,12 @@ def run(
     from asyneio.cli import console
     from asyneio.cli.execute import Job, execute
     from asyneio.cli.progress import share_progress
-    from asyneio.config import load_config
     from asyneio.io import ReadOptions, open_recording
 
-    settings = with_scheme(with_tracker(load_config(config), tracker), scheme)
+    settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
+    options = ReadOptions(calibration, imu, camera=camera, preset=preset)
     with share_progress("reading") as progress:
-        loaded = open_recording(recording, ReadOptions(calibration, imu), progress, max_track_seconds)
+        loaded = open_recording(recording, options, progress, max_track_seconds)
     for note in loaded.notes:
         console.say(f"note: {note}")
     execute(Job(loaded, settings, output or Path("results") / loaded.name, _EVIDENCE))
