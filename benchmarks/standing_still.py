@@ -1,11 +1,11 @@
 """Standing still for a minute: how far does the estimate wander, and does it go on afterwards?
 
 Evidence: simulation with exact truth; biases walk. Feature tracks and IMU, or, with `--events SCENE`, events
-and IMU through the front end. As with an event camera there are no tracks while nothing moves; `--frames` keeps
-them, as of a camera with frames. Measured from the first to the last knot at rest: how far the estimate moved
-at most, and its error against the truth at both ends. The two differ: a gyroscope at rest tells its bias, and
-what is learned of the bias corrects the pose that was reached with it. `--before 0` rests from the start, when
-there is nothing to correct: all that moves is drift.
+and IMU through the front end. As with an event camera there are no tracks while nothing moves; `--frames`
+keeps them, as of a camera with frames. Measured from the first to the last knot at rest: how far the estimate
+moved at most, and its error against the truth at both ends. The two differ: a gyroscope at rest tells its
+bias, and what is learned of the bias corrects the pose that was reached with it. `--before 0` rests from the
+start, when there is nothing to correct: all that moves is drift.
 
     python benchmarks/standing_still.py [--seeds 2] [--before 12] [--seconds 60] [--scheme gpif] [--frames]
         [--events SCENE] [--cache DIR]
