@@ -32,7 +32,7 @@ _ENOUGH = 20
 _JUMP, _LEAST_JUMPS = 6.0, (0.02, 0.2)
 #: Samples on each side of a jump that tell what is usual.
 _AROUND = 12
-#: Turning the optical axis by more than this share of the field of view carries all features out of the image:
+#: Turning the optical axis by more than this share of the field of view carries all features away:
 #: one whose patch (21 px) reaches over the border is not followed for long.
 _TURN_SHARE = 0.85
 
