@@ -4,7 +4,7 @@
 |---|---|---|
 | `evt3` | see `evt3` | of the sensor, from the words alone |
 | `mono` | 64 bits: time bits 0-31, x 32-47, y 48-62, polarity 63 | `time_base` + bits |
-| `libcaer` | 32 bits: polarity bit 1, y 2-16, x 17-31; 32 bits: time [us], turns at 2^31 | `time_base` + bits |
+| `libcaer` | polarity bit 1, y 2-16, x 17-31, time [us] 32-63, turns at 2^31 | `time_base` + bits |
 | `libcaer_cmp` | words of 16 bits, code in the four high ones, see below | `time_base` + bits [us] |
 | `trigger` | no events | |
 
@@ -34,7 +34,7 @@ _LIMIT_NS = 2**62
 
 @dataclass(frozen=True)
 class Packet:
-    """What a message holds: `data` the encoded bytes (N,) uint8, `time_base` [ns], `stamp_ns` of its header."""
+    """What a message holds: encoded bytes (N,) uint8, `time_base` [ns], `stamp_ns` of its header."""
 
     encoding: str
     data: np.ndarray

@@ -44,7 +44,7 @@ class RosEvents:
     def chunks(self) -> Iterator[tuple[RecordArray, float]]:
         """See EventSource. Raises RecordingError: unreadable, or no message can be decoded."""
         waiting: list[RecordArray] = []
-        count = fraction = 0
+        count = 0
         # What is damaged was said by the survey.
         for message, fraction in self._bag.messages([]):
             if message.topic != self._topic:

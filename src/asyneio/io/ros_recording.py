@@ -61,7 +61,9 @@ def read_bag(bag: Bag, name: str, options: ReadOptions) -> Contents:
         )
     known = found.events[topic]
     _check_encoding(known, topic)
-    notes = (f"{bag.path.name}: events from {topic.name} ({topic.type}, {found.counts[topic]} messages)",)
+    notes: tuple[str, ...] = (
+        f"{bag.path.name}: events from {topic.name} ({topic.type}, {found.counts[topic]} messages)",
+    )
     unit_ns, clock = _clock(known, topic)
     samples, sample_notes = _samples(found, options.samples, bag.path)
     truth, truth_notes = _truth(found)
@@ -146,7 +148,7 @@ def _samples(found: Survey, wanted: str | None, path: Path) -> tuple[Samples, tu
     if topic is None:
         return no_samples(path.name), ()
     stamps, logged, values = found.imus[topic].columns()
-    notes = (f"{path.name}: inertial samples from {topic.name}",)
+    notes: tuple[str, ...] = (f"{path.name}: inertial samples from {topic.name}",)
     if stamps.size and not stamps.any():
         stamps = logged
         notes += (f"{topic.name}: the samples have no stamps; the times of recording were taken",)

@@ -104,7 +104,8 @@ def parse_schema(name: str, text: str) -> Schema:
     """
     root = plain_name(name)
     types: Types = {}
-    current, fields = root, []
+    current = root
+    fields: list[Field] = []
     for line in text.split("\n"):
         line = line.split("#", 1)[0].strip()
         if line.startswith("===="):

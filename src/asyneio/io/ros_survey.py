@@ -34,8 +34,8 @@ _POSES = (
 class EventTopic:
     """What the survey knows of a topic of events; `decoder` where events stand one by one, else packets.
 
-    `sensor_ns` and `host_ns` pair the sensor's time of a message's first event with the message's stamp, where
-    the sensor has a clock of its own.
+    `sensor_ns` and `host_ns` pair the sensor's time of a message's first event with the message's stamp,
+    where the sensor has a clock of its own.
     """
 
     schema: Schema

@@ -1,8 +1,8 @@
 """The container of ROS 1: `#ROSBAG V2.0`, read from front to back without its index.
 
-A bag that was cut off has no index, and a reader that asks for one refuses it; here everything before the cut
-is read. Records are `length, header, length, data`; chunks hold further records, packed with bz2 or lz4 or not
-at all (wiki.ros.org/Bags/Format/2.0).
+A bag that was cut off has no index, and a reader that asks for one refuses it; here everything before the
+cut is read. Records are `length, header, length, data`; chunks hold further records, packed with bz2 or lz4
+or not at all (wiki.ros.org/Bags/Format/2.0).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """From a camera's own clock to the clock of the host that stamped its messages.
 
-A packet arrives some time after its first event. That delay jitters upwards only, for the host may be late but
-never early, so the line is laid through the lower deciles of short spans, and robustly: a Theil-Sen slope. The
-part of the delay that is always there cannot be told from an offset of the clocks; it ends up in the time
-shift between camera and IMU.
+A packet arrives some time after its first event. That delay jitters upwards only, for the host may be late
+but never early, so the line is laid through the lower deciles of short spans, and robustly: a Theil-Sen
+slope. The part of the delay that is always there cannot be told from an offset of the clocks; it ends up in
+the time shift between camera and IMU.
 """
 
 from __future__ import annotations
@@ -76,11 +76,11 @@ def fit_clock(sensor_ns: IntArray, host_ns: IntArray, what: str) -> SensorClock:
             f"{late[first] / NS_PER_S:.3f} s at {t[first] / NS_PER_S:.3f} s after the start; the camera or a "
             "clock was set anew: cut the recording there"
         )
+    drift = f", with a drift of {slope * 1e6:.1f} ppm" if slope else ""
     note = (
-        f"{what}: the camera's own clock was put {(middle + base) / NS_PER_S:.6f} s ahead"
-        + (f", with a drift of {slope * 1e6:.1f} ppm" if slope else "")
-        + f", by {sensor_ns.size} stamps of messages (half of them within {np.median(np.abs(late)) / 1e6:.2f} ms"
-        "); how long messages are under way at least remains in the time shift between camera and IMU"
+        f"{what}: the camera's own clock was put {(middle + base) / NS_PER_S:.6f} s ahead{drift}, by the stamps "
+        f"of {sensor_ns.size} messages (half of them within {np.median(np.abs(late)) / 1e6:.2f} ms); how long "
+        "a message is under way at least remains in the time shift between camera and IMU"
     )
     return SensorClock(origin, middle + round(base), slope, note)
 
