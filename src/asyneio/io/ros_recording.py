@@ -225,7 +225,9 @@ def _parse_lens(located: Located, data: bytes, name: str) -> CameraIntrinsics | 
     distortion = _DISTORTIONS.get(model)
     if distortion is None or (model == "rational_polynomial" and d[5:].any()):
         raise CalibrationError(f"the distortion model {model[:30]!r} is not understood")
-    coefficients = d.tolist()[:5] if distortion is Distortion.RADTAN else d.tolist()
+    # A plumb_bob always has a third radial coefficient.
+    radtan = d[:5] if d[4:5].any() else d[:4]
+    coefficients = (radtan if distortion is Distortion.RADTAN else d).tolist()
     if not any(coefficients):
         distortion, coefficients = Distortion.NONE, []
     section = {

@@ -77,10 +77,11 @@ def fit_clock(sensor_ns: IntArray, host_ns: IntArray, what: str) -> SensorClock:
             "clock was set anew: cut the recording there"
         )
     drift = f", with a drift of {slope * 1e6:.1f} ppm" if slope else ""
+    ahead_s, half_ms = (middle + base) / NS_PER_S, float(np.median(np.abs(late))) / 1e6
     note = (
-        f"{what}: the camera's own clock was put {(middle + base) / NS_PER_S:.6f} s ahead{drift}, by the stamps "
-        f"of {sensor_ns.size} messages (half of them within {np.median(np.abs(late)) / 1e6:.2f} ms); how long "
-        "a message is under way at least remains in the time shift between camera and IMU"
+        f"{what}: the camera's own clock was put {ahead_s:.6f} s ahead{drift}, by the stamps of "
+        f"{sensor_ns.size} messages (half of them within {half_ms:.2f} ms); how long a message is under way at "
+        "least remains in the time shift between camera and IMU"
     )
     return SensorClock(origin, middle + round(base), slope, note)
 
