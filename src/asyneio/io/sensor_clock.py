@@ -80,8 +80,8 @@ def fit_clock(sensor_ns: IntArray, host_ns: IntArray, what: str) -> SensorClock:
     ahead_s, half_ms = (middle + base) / NS_PER_S, float(np.median(np.abs(late))) / 1e6
     note = (
         f"{what}: the camera's own clock was put {ahead_s:.6f} s ahead{drift}, by the stamps of "
-        f"{sensor_ns.size} messages (half of them within {half_ms:.2f} ms); how long a message is under way at "
-        "least remains in the time shift between camera and IMU"
+        f"{sensor_ns.size} messages (half of them within {half_ms:.2f} ms); how long a message is under way "
+        "at least remains in the time shift between camera and IMU"
     )
     return SensorClock(origin, middle + round(base), slope, note)
 
