@@ -26,7 +26,7 @@ def run(
     recording: Annotated[
         Path,
         typer.Argument(
-            help="Events with an IMU (UZH folder or zip, ROS bag, HDF5, AEDAT), or a tracks folder."
+            help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT), or a tracks folder."
         ),
     ],
     output: Annotated[
