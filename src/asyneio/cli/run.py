@@ -25,9 +25,7 @@ _EVIDENCE = (
 def run(
     recording: Annotated[
         Path,
-        typer.Argument(
-            help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT), or a tracks folder."
-        ),
+        typer.Argument(help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT), or a tracks folder."),
     ],
     output: Annotated[
         Path | None,

@@ -8,7 +8,7 @@ import numpy as np
 
 from asyneio.errors import CalibrationError, RecordingError
 from asyneio.io.bag import Bag, Topic
-from asyneio.io.contents import Contents, ReadOptions, Rig, Samples, no_samples, split_samples
+from asyneio.io.contents import Contents, ReadOptions, Samples, no_samples, split_samples
 from asyneio.io.event_assembly import find_rig
 from asyneio.io.event_packets import ENCODINGS, TRIGGER, unwrap_first_times
 from asyneio.io.event_source import SAMPLE_DTYPE
@@ -58,6 +58,7 @@ def read_bag(bag: Bag, name: str, options: ReadOptions) -> Contents:
         raise RecordingError(
             f"{bag.path} holds no topic of events; it holds {_listed(found, list(found.counts))}; expected "
             "dvs_msgs/EventArray, event_camera_msgs/EventPacket, or messages with the fields of one of them"
+            + "".join(f"; {note}" for note in found.notes)
         )
     known = found.events[topic]
     _check_encoding(known, topic)
@@ -68,20 +69,19 @@ def read_bag(bag: Bag, name: str, options: ReadOptions) -> Contents:
     samples, sample_notes = _samples(found, options.samples, bag.path)
     truth, truth_notes = _truth(found)
     size = known.size if min(known.size) > 0 else None
-    rig = find_rig(bag.path.parent, options.calibration, options.imu)
-    if rig.camera is None:
-        rig = _lens(found, topic, size)
+    lens, lens_notes = _lens(found, topic, size)
     if found.broken:
         notes += (f"{bag.path.name}: {found.broken} message(s) are damaged",)
     return Contents(
         name=name,
         decode=lambda: RosEvents(bag, topic, known, unit_ns, clock),
         size=size,
-        rig=rig,
+        rig=find_rig(bag.path.parent, options.calibration, options.imu),
         samples=samples,
+        lens=None if lens is None else lambda width, height: lens,
         truth=truth,
         variant=f"{topic.name}{bag.identity}",
-        notes=notes + ((clock.note,) if clock.note else ()) + sample_notes + truth_notes + tuple(found.notes),
+        notes=(*notes, *clock.notes, *sample_notes, *lens_notes, *truth_notes, *found.notes),
     )
 
 
@@ -192,7 +192,9 @@ def _truth(found: Survey) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
     return truth, notes + sorted_note + repeated_note
 
 
-def _lens(found: Survey, events: Topic, size: tuple[int, int] | None) -> Rig:
+def _lens(
+    found: Survey, events: Topic, size: tuple[int, int] | None
+) -> tuple[CameraIntrinsics | None, tuple[str, ...]]:
     """The lens of the only CameraInfo of this size, or of that in the namespace of the events."""
     lenses: dict[Topic, CameraIntrinsics] = {}
     notes: list[str] = []
@@ -208,11 +210,11 @@ def _lens(found: Survey, events: Topic, size: tuple[int, int] | None) -> Rig:
     near = [topic for topic in lenses if topic.name.rsplit("/", 1)[0] == space]
     chosen = near if len(near) == 1 else list(lenses)
     if len({lenses[topic] for topic in chosen}) == 1:
-        text = f"lens from {chosen[0].name}; extrinsics and IMU noise are not in the bag"
-        return Rig(lenses[chosen[0]], None, (*notes, text))
+        text = f"lens of {chosen[0].name}, unless a file tells another; extrinsics and IMU noise need a file"
+        return lenses[chosen[0]], (*notes, text)
     if chosen:
         notes.append(f"several lenses, none taken: {_listed(found, chosen)}; give one with --calibration")
-    return Rig(notes=tuple(notes))
+    return None, tuple(notes)
 
 
 def _parse_lens(located: Located, data: bytes, name: str) -> CameraIntrinsics | None:

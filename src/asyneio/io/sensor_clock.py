@@ -30,12 +30,12 @@ _MAX_JUMP_SHARE = 0.01
 
 @dataclass(frozen=True)
 class SensorClock:
-    """`host = sensor + offset_ns + drift * (sensor - origin_ns)`; `note` says how it was found."""
+    """`host = sensor + offset_ns + drift * (sensor - origin_ns)`; `notes` say how it was found."""
 
     origin_ns: int = 0
     offset_ns: int = 0
     drift: float = 0.0
-    note: str = ""
+    notes: tuple[str, ...] = ()
 
     def to_host(self, t_ns: IntArray) -> IntArray:
         """Times (N,) of the sensor as times of the host."""
@@ -83,7 +83,7 @@ def fit_clock(sensor_ns: IntArray, host_ns: IntArray, what: str) -> SensorClock:
         f"{sensor_ns.size} messages (half of them within {half_ms:.2f} ms); how long a message is under way "
         "at least remains in the time shift between camera and IMU"
     )
-    return SensorClock(origin, middle + round(base), slope, note)
+    return SensorClock(origin, middle + round(base), slope, (note,))
 
 
 def _low(values: np.ndarray) -> float:
