@@ -22,6 +22,14 @@ PresetOption = Annotated[
         help="Model of the camera: its published figures fill in what no file tells (DAVIS240C ...)."
     ),
 ]
+EventsOption = Annotated[
+    str | None,
+    typer.Option("--events", help="Which events, where there are several: a topic, a stream, a file."),
+]
+SamplesOption = Annotated[
+    str | None,
+    typer.Option("--samples", help="Which inertial samples, where there are several: a topic or a stream."),
+]
 
 
 class TrackerName(StrEnum):

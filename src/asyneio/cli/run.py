@@ -9,7 +9,9 @@ import typer
 
 from asyneio.cli.options import (
     CameraOption,
+    EventsOption,
     PresetOption,
+    SamplesOption,
     SchemeName,
     TrackerName,
     settings_of,
@@ -25,7 +27,8 @@ _EVIDENCE = (
 
 def run(
     recording: Annotated[
-        Path, typer.Argument(help="Events with an IMU (UZH folder, HDF5, AEDAT), or a tracks folder.")
+        Path,
+        typer.Argument(help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT), or a tracks folder."),
     ],
     output: Annotated[
         Path | None,
@@ -40,6 +43,8 @@ def run(
     ] = None,
     camera: CameraOption = None,
     preset: PresetOption = None,
+    events: EventsOption = None,
+    samples: SamplesOption = None,
     config: Annotated[
         Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
     ] = None,
@@ -69,7 +74,7 @@ def run(
     from asyneio.io import ReadOptions, open_recording
 
     settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
-    options = ReadOptions(calibration, imu, camera=camera, preset=preset)
+    options = ReadOptions(calibration, imu, events, samples, camera, preset)
     with share_progress("reading") as progress:
         loaded = open_recording(recording, options, progress, max_track_seconds)
     for note in loaded.notes:

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from asyneio.cli.options import CameraOption, PresetOption, TrackerName, settings_of, with_tracker
+from asyneio.cli.options import (
+    CameraOption,
+    EventsOption,
+    PresetOption,
+    SamplesOption,
+    TrackerName,
+    settings_of,
+    with_tracker,
+)
 
 if TYPE_CHECKING:
     from asyneio.cli.track_run import TrackRun
@@ -20,7 +28,7 @@ PICTURE_FILE, ANIMATION_FILE = "tracks.png", "tracks.gif"
 
 def track(
     recording: Annotated[
-        Path, typer.Argument(help="Events: a folder or a file (UZH text, AEDAT-2.0, AEDAT4, HDF5).")
+        Path, typer.Argument(help="Events: a folder or a file (UZH text or zip, ROS bag, AEDAT, HDF5).")
     ],
     output: Annotated[
         Path | None,
@@ -42,6 +50,8 @@ def track(
     ] = None,
     camera: CameraOption = None,
     preset: PresetOption = None,
+    events: EventsOption = None,
+    samples: SamplesOption = None,
     gyroscope: Annotated[
         bool, typer.Option("--gyroscope/--no-gyroscope", help="Turn patches along with the camera's roll.")
     ] = True,
@@ -64,7 +74,7 @@ def track(
     from asyneio.io.atomic import make_folder, write_text
 
     settings = with_tracker(settings_of(config, preset), tracker).frontend
-    loaded = _open(recording, ReadOptions(calibration, imu, camera=camera, preset=preset))
+    loaded = _open(recording, ReadOptions(calibration, imu, events, samples, camera, preset))
     folder = output or Path("results") / f"{loaded.name}-tracks"
     make_folder(folder)
     with share_progress("tracking") as advance:

@@ -16,10 +16,7 @@ TRACKS_FILE = "tracks.csv"
 
 #: Formats that are recognised only to say what they are.
 _NOT_READ = {
-    b"#ROSBAG": "a ROS 1 bag",
-    b"\x89MCAP": "an MCAP file (ROS 2)",
-    b"SQLite format 3": "a SQLite file (ROS 2 bag?)",
-    b"PK\x03\x04": "a zip archive: unpack it first",
+    b"#ROSBAG": "a ROS bag of another version than 2.0",
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
     b"% ": "a Prophesee file (RAW or DAT)",
     b"\x89HDF\r\n\x1a\n": "HDF5 of no known layout",
