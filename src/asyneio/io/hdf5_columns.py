@@ -146,9 +146,7 @@ def has_event_columns(file: h5py.File, where: str) -> bool:
     return isinstance(parent, h5py.Group) and all(holds(parent, name) for name in NAMES)
 
 
-def likely_size(
-    x: h5py.Dataset, y: h5py.Dataset, sizes: Sequence[tuple[int, int]]
-) -> tuple[int, int] | None:
+def likely_size(x: h5py.Dataset, y: h5py.Dataset, sizes: Sequence[tuple[int, int]]) -> tuple[int, int] | None:
     """The first of `sizes` that holds a sample of the events, all over the file; None where none does.
 
     A look at a small part saves decoding the whole once for every size that is too small.

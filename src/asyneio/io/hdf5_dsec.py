@@ -87,7 +87,9 @@ def read_event_columns(path: Path, options: ReadOptions) -> Contents:
     size = known.size
     if size is None and known.rig.camera is None and guessed is not None:
         size = guessed
-        notes += (f"no file tells the sensor's size: taken to be {size[0]} x {size[1]}, which holds the events",)
+        notes += (
+            f"no file tells the sensor's size: taken to be {size[0]} x {size[1]}, which holds the events",
+        )
     decode = partial(ColumnEvents, path, layout)
     return Contents(known.name, decode, size, known.rig, known.samples, truth=known.truth, notes=notes)
 
@@ -138,7 +140,9 @@ def _tum_vie(path: Path, name: str, options: ReadOptions) -> _Known:
     samples = samples_beside(data, options, ["imu_data.txt"])
     truth, notes = truth_beside(data, ["mocap_data.txt"])
     if truth is not None:
-        notes += ("true poses are those of the markers: T_imu_marker of TUM-VIE's calibration is not applied",)
+        notes += (
+            "true poses are those of the markers: T_imu_marker of TUM-VIE's calibration is not applied",
+        )
     rig = find_rig(folder, options.calibration, options.imu)
     return _Known(name, _HD, rig, samples, truth, notes)
 

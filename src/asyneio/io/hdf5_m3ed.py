@@ -125,11 +125,17 @@ def _samples(file: h5py.File, path: Path) -> Samples:
     if not holds(file, "ovc") or not holds(group_at(file, "ovc", path), "imu"):
         return no_samples(name)
     imu = group_at(file, "ovc/imu", path)
-    columns = [dataset(imu, "ts", path, "iu", 1), table(imu, "omega", path, (3,)), table(imu, "accel", path, (3,))]
+    columns = [
+        dataset(imu, "ts", path, "iu", 1),
+        table(imu, "omega", path, (3,)),
+        table(imu, "accel", path, (3,)),
+    ]
     check_columns(columns, path)
     t_us, omega, accel = (column[:] for column in columns)
     # Rows that were never filled have a time of zero as well.
-    filled = np.isfinite(omega).all(axis=1) & np.isfinite(accel).all(axis=1) & (np.abs(t_us) < MAX_STAMP_NS // _US)
+    filled = (
+        np.isfinite(omega).all(axis=1) & np.isfinite(accel).all(axis=1) & (np.abs(t_us) < MAX_STAMP_NS // _US)
+    )
     streams = []
     for values in (omega, accel):
         stream = np.empty(int(filled.sum()), dtype=INERTIAL_DTYPE)
@@ -146,11 +152,15 @@ def _truth(path: Path, side: str, rig: Rig) -> tuple[PoseTrajectory | None, tupl
     if not beside.is_file():
         return None, ()
     if side != LEFT:
-        return None, (f"{beside.name} holds poses of the left camera: not used with the events of the {side}",)
+        return None, (
+            f"{beside.name} holds poses of the left camera: not used with the events of the {side}",
+        )
     with open_hdf5(beside) as file:
         T_c_w, t_us = table(file, "Cn_T_C0", beside, (4, 4))[:], table(file, "ts", beside, ())[:]
     if len(T_c_w) != len(t_us) or not (np.abs(t_us) < MAX_STAMP_NS // _US).all():
-        raise RecordingError(f"{beside}: {len(T_c_w)} poses, {len(t_us)} times; expected as many, in microseconds")
+        raise RecordingError(
+            f"{beside}: {len(T_c_w)} poses, {len(t_us)} times; expected as many, in microseconds"
+        )
     t_ns = np.rint(t_us * float(_US)).astype(np.int64)
     T_w_c = np.array([inverse_rigid(T) for T in T_c_w.astype(np.float64)]).reshape(-1, 4, 4)
     return truth_of_camera(t_ns, T_w_c, rig, beside)

@@ -116,7 +116,11 @@ def _samples(file: h5py.File, side: str, path: Path) -> Samples:
     if len(values) != len(t):
         raise RecordingError(f"{path}: /davis/{side} has {len(values)} samples in imu, {len(t)} in imu_ts")
     rows = np.empty(len(t), dtype=SAMPLE_DTYPE)
-    rows["t_ns"], rows["accelerometer"], rows["gyroscope"] = _nanoseconds(t, path), values[:, :3], values[:, 3:]
+    rows["t_ns"], rows["accelerometer"], rows["gyroscope"] = (
+        _nanoseconds(t, path),
+        values[:, :3],
+        values[:, 3:],
+    )
     return split_samples(rows, name)
 
 
@@ -127,7 +131,9 @@ def _truth(path: Path, side: str, rig: Rig) -> tuple[PoseTrajectory | None, tupl
     if not beside.is_file():
         return None, ()
     if side != LEFT:
-        return None, (f"{beside.name} holds poses of the left camera: not used with the events of the {side}",)
+        return None, (
+            f"{beside.name} holds poses of the left camera: not used with the events of the {side}",
+        )
     with open_hdf5(beside) as file:
         if not _holds_path(file, "davis/left/pose"):
             return None, (f"{beside.name} holds no poses (/davis/left/pose)",)
@@ -142,7 +148,9 @@ def _nanoseconds(seconds: FloatArray, path: Path) -> IntArray:
     """Seconds as float64, of which the whole part is exact, to nanoseconds."""
     whole = np.floor(seconds)
     if not (np.abs(whole) < MAX_STAMP_NS // NS_PER_S).all():
-        raise RecordingError(f"{path}: a time stamp is no number of seconds; expected seconds since the epoch")
+        raise RecordingError(
+            f"{path}: a time stamp is no number of seconds; expected seconds since the epoch"
+        )
     return whole.astype(np.int64) * NS_PER_S + np.rint((seconds - whole) * NS_PER_S).astype(np.int64)
 
 

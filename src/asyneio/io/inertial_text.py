@@ -81,6 +81,6 @@ def _by_gravity(path: Path, values: FloatArray) -> _Sensors:
             return (halves[1], halves[0]) if reads[0] else halves
     raise RecordingError(
         f"{path}: nothing tells which columns are the accelerometer's: the medians of both halves are "
-        f"{norms[0]:.3g} and {norms[1]:.3g}, expected {STANDARD_GRAVITY:.2f} m/s^2 (or 1 g) in one. Give it a "
-        "header line: t_ns,gx,gy,gz,ax,ay,az"
+        f"{norms[0]:.3g} and {norms[1]:.3g}, expected {STANDARD_GRAVITY:.2f} m/s^2 (or 1 g) in one. Give it "
+        "a header line: t_ns,gx,gy,gz,ax,ay,az"
     )

@@ -123,8 +123,13 @@ def whole_number(parent: h5py.Group, name: str, path: Path) -> int:
 def text(parent: h5py.Group, name: str, path: Path) -> str:
     """A data set that is one short text. Raises RecordingError: absent, linked, or something else."""
     member = _member(parent, name, path)
-    kind = h5py.check_string_dtype(member.dtype) if isinstance(member, h5py.Dataset) else None
-    if kind is None or member.shape != () or member.external or member.is_virtual:
+    if (
+        not isinstance(member, h5py.Dataset)
+        or h5py.check_string_dtype(member.dtype) is None
+        or member.shape != ()
+        or member.external
+        or member.is_virtual
+    ):
         raise RecordingError(f"{path}: {_where(parent, name)} is no text")
     value = member[()]
     if not isinstance(value, bytes) or len(value) > _MAX_TEXT:

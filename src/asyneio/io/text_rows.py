@@ -73,8 +73,8 @@ class TextRows:
             if step > 0.0 and rates_hz[0] <= NS_PER_S / (step * 10.0**decimals) <= rates_hz[1]:
                 return unit
         raise RecordingError(
-            f"{self.path}: time advances by {step:g} a line, which is {rates_hz[0]:g} to {rates_hz[1]:g} lines "
-            "a second in no unit; name the unit in a header line, as t_ns or t[us]"
+            f"{self.path}: time advances by {step:g} a line, which is {rates_hz[0]:g} to {rates_hz[1]:g} "
+            "lines a second in no unit; name the unit in a header line, as t_ns or t[us]"
         )
 
 

@@ -38,7 +38,9 @@ def read_truth_file(path: Path) -> tuple[PoseTrajectory, tuple[str, ...]]:
     table["t_ns"], table["p"], table["q"] = t_ns, rows.values[:, position], rows.values[:, quaternion]
     poses, sorted_note = sort_in_time(table[good], path.name)
     poses, dropped_note = drop_equal_stamps(poses, path.name)
-    notes = (f"{path.name}: true poses, w of the quaternion {_place(quaternion)}, time in {unit}",)
+    notes: tuple[str, ...] = (
+        f"{path.name}: true poses, w of the quaternion {_place(quaternion)}, time in {unit}",
+    )
     if not good.all():
         notes += (f"{path.name}: dropped {int((~good).sum())} line(s) that are no pose",)
     return poses_of(poses), notes + bad_lines_note(path, rows.bad) + sorted_note + dropped_note
