@@ -95,8 +95,9 @@ class PolarityCheck:
         """Look at the next piece. Raises RecordingError: a third kind."""
         if p.size == 0 or p.dtype.kind == "b":
             return
-        self._met |= [bool((p == 0).any()), bool((p == -1).any())]
-        if self._met.all() or p.min() < -1 or p.max() > 1:
+        zero, negative = p == 0, p == -1
+        self._met |= [bool(zero.any()), bool(negative.any())]
+        if self._met.all() or not (zero | negative | (p == 1)).all():
             raise RecordingError(
                 f"{self._path}: polarity goes from {p.min()} to {p.max()}; expected 0 and 1, or -1 and 1"
             )

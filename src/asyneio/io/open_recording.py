@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from asyneio.errors import RecordingError
+from asyneio.io.beside import SAMPLE_FILES, first_file
 from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_assembly import assemble
 from asyneio.io.event_source import Progress
@@ -91,6 +92,12 @@ def _only_event_file(folder: Path) -> tuple[Path, Format]:
     if found:
         names = _listed([file.name for file, _ in found])
         raise RecordingError(f"{folder} holds {len(found)} recordings: {names}; name one of them")
+    inertial = first_file(folder, SAMPLE_FILES)
+    if inertial is not None:
+        raise RecordingError(
+            f"{folder} holds inertial samples ({inertial.relative_to(folder)}) but no events; expected "
+            f"{_understood()}"
+        )
     content = _listed([f"{file.name} ({_describe(file)})" for file in files]) if files else "no file"
     raise RecordingError(f"{folder} holds {content}; expected {_understood()}")
 
