@@ -1,4 +1,4 @@
-"""Inertial samples and poses in the layouts of several data sets; ambiguity is decided by gravity or refused."""
+"""Inertial samples and poses in the layouts of data sets; what is ambiguous, gravity decides or we refuse."""
 
 from __future__ import annotations
 

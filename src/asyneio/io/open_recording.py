@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from asyneio.errors import RecordingError
@@ -10,6 +11,8 @@ from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_assembly import assemble
 from asyneio.io.event_source import Progress
 from asyneio.io.formats import FORMATS, Format, format_of
+from asyneio.io.inertial_text import read_inertial_file
+from asyneio.io.resumable import PART_SUFFIX
 from asyneio.io.tracks_folder import read_tracks_folder
 from asyneio.types import EventRecording, Recording
 
@@ -64,13 +67,19 @@ def open_contents(path: Path, options: ReadOptions) -> Contents:
         CalibrationError: a calibration file is missing, malformed or impossible.
     """
     source, format = find_format(path)
-    return format.read(source, options)
+    contents = format.read(source, options)
+    named = Path(options.samples) if options.samples else None
+    if named is None or not named.is_file() or (contents.samples and contents.samples.name == named.name):
+        return contents
+    return replace(contents, samples=read_inertial_file(named))
 
 
 def find_format(path: Path) -> tuple[Path, Format]:
     """The file or folder with the events, and its format. Raises RecordingError, as `open_contents`."""
     if not path.exists():
         raise RecordingError(f"{path} does not exist; expected {_understood()}")
+    if path.name.endswith(PART_SUFFIX):
+        raise RecordingError(f"{path} is an unfinished conversion: run `asyneio convert` again with --resume")
     format = format_of(path, b"" if path.is_dir() else _head(path))
     if format is not None:
         return path, format
@@ -82,9 +91,13 @@ def find_format(path: Path) -> tuple[Path, Format]:
 def _only_event_file(folder: Path) -> tuple[Path, Format]:
     """The one file of events in a folder that has no layout. Raises RecordingError where there is not one."""
     try:
-        files = sorted(entry for entry in folder.iterdir() if entry.is_file())
+        entries = sorted(entry for entry in folder.iterdir() if entry.is_file())
     except OSError as error:
         raise RecordingError(f"cannot list {folder}: {error.strerror or error}") from error
+    # Hidden files are temporary ones.
+    files = [file for file in entries if not file.name.startswith(".") and file.suffix != PART_SUFFIX]
+    if len(files) < len(entries) and not files:
+        raise RecordingError(f"{folder} holds but unfinished files ({_listed([e.name for e in entries])})")
     formats = [(file, format_of(file, _head(file))) for file in files]
     found = [(file, format) for file, format in formats if format is not None]
     if len(found) == 1:

@@ -54,11 +54,16 @@ def write_tum(path: Path, trajectory: PoseTrajectory, header: str = HEADER) -> N
     Raises:
         RecordingError: the file cannot be written.
     """
+    write_text(path, tum_text(trajectory, header))
+
+
+def tum_text(trajectory: PoseTrajectory, header: str = HEADER) -> str:
+    """What `write_tum` writes."""
     lines = [header]
     values = np.hstack([trajectory.position, trajectory.quaternion]).tolist()
     for t_ns, row in zip(trajectory.t_ns.tolist(), values, strict=True):
         lines.append(f"{format_seconds(t_ns)} {' '.join(map(repr, row))}\n")
-    write_text(path, "".join(lines))
+    return "".join(lines)
 
 
 def _is_pose(values: tuple[float, ...]) -> bool:
