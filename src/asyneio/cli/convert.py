@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from asyneio.cli.options import EventsOption, SamplesOption
+
 if TYPE_CHECKING:
     from asyneio.io import ReadOptions
     from asyneio.io.conversion import Target
@@ -28,12 +30,8 @@ def convert(
     imu: Annotated[
         Path | None, typer.Option(help="File of the IMU's noise.", show_default="beside the data")
     ] = None,
-    events: Annotated[
-        str | None, typer.Option(help="Which events, where there are several: a topic, a camera.")
-    ] = None,
-    samples: Annotated[
-        str | None, typer.Option(help="Which inertial samples: a topic, or a file of them.")
-    ] = None,
+    events: EventsOption = None,
+    samples: SamplesOption = None,
     round_stamps: Annotated[
         bool, typer.Option("--round", help="Round to whole microseconds where the format holds no more.")
     ] = False,

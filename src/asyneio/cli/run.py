@@ -7,7 +7,14 @@ from typing import Annotated
 
 import typer
 
-from asyneio.cli.options import SchemeName, TrackerName, with_scheme, with_tracker
+from asyneio.cli.options import (
+    EventsOption,
+    SamplesOption,
+    SchemeName,
+    TrackerName,
+    with_scheme,
+    with_tracker,
+)
 
 _EVIDENCE = (
     "A recording, processed causally: each estimate uses only what was measured before it; observations of "
@@ -17,7 +24,8 @@ _EVIDENCE = (
 
 def run(
     recording: Annotated[
-        Path, typer.Argument(help="Events with an IMU (UZH folder, HDF5, AEDAT), or a tracks folder.")
+        Path,
+        typer.Argument(help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT), or a tracks folder."),
     ],
     output: Annotated[
         Path | None,
@@ -28,6 +36,8 @@ def run(
         typer.Option(help="Kalibr camera file.", show_default="beside the data"),
     ] = None,
     imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
+    events: EventsOption = None,
+    samples: SamplesOption = None,
     config: Annotated[
         Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
     ] = None,
@@ -59,7 +69,8 @@ def run(
 
     settings = with_scheme(with_tracker(load_config(config), tracker), scheme)
     with share_progress("reading") as progress:
-        loaded = open_recording(recording, ReadOptions(calibration, imu), progress, max_track_seconds)
+        options = ReadOptions(calibration, imu, events, samples)
+        loaded = open_recording(recording, options, progress, max_track_seconds)
     for note in loaded.notes:
         console.say(f"note: {note}")
     execute(Job(loaded, settings, output or Path("results") / loaded.name, _EVIDENCE))

@@ -125,17 +125,16 @@ def convert(
     Raises:
         RecordingError: something is there already, or the target cannot hold the events.
     """
-    there = [output for output in target.outputs(path) if output.exists()]
-    if there and not force:
-        raise RecordingError(f"{there[0]} is there already; --force replaces it")
-    if any(output.is_dir() for output in there):
-        raise RecordingError(f"{there[0]} is a folder; expected a name for {target.title}")
+    outputs = [output for output in target.outputs(path) if output.exists()]
+    whole = target.outputs(path)[-1] in outputs
+    if outputs and not force and (whole or not is_unfinished(target, path)):
+        raise RecordingError(f"{outputs[-1]} is there already; --force replaces it")
+    if any(output.is_dir() for output in outputs):
+        raise RecordingError(f"{outputs[-1]} is a folder; expected a name for {target.title}")
     check_fits(source, target)
-    for output in reversed(there):
-        output.unlink()
-    key = json.dumps(
-        [target.name, source.origin, source.shift_ns, source.step_ns, source.recording.events.size]
-    )
+    stamps = source.recording.events["t_ns"]
+    ends = [stamps.size, *stamps[[0, -1]].tolist()] if stamps.size else []
+    key = json.dumps([target.name, source.origin, source.shift_ns, source.step_ns, ends])
     return target.write(source, path, key, advance, resume)
 
 
@@ -150,8 +149,8 @@ def check_fits(source: Source, target: Target) -> None:
     size = recording.width, recording.height
     if limits.size is not None and size != limits.size:
         raise RecordingError(
-            f"{target.title} holds events of a sensor of {limits.size[0]} x {limits.size[1]}; {recording.name} "
-            f"has {size[0]} x {size[1]}"
+            f"{target.title} holds events of a sensor of {limits.size[0]} x {limits.size[1]}; that of "
+            f"{recording.name} has {size[0]} x {size[1]}"
         )
     if max(size) - 1 > limits.max_pixel:
         raise RecordingError(

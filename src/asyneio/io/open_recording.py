@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 from asyneio.errors import RecordingError
 from asyneio.io.beside import SAMPLE_FILES, first_file
@@ -79,7 +80,7 @@ def find_format(path: Path) -> tuple[Path, Format]:
     if not path.exists():
         raise RecordingError(f"{path} does not exist; expected {_understood()}")
     if path.name.endswith(PART_SUFFIX):
-        raise RecordingError(f"{path} is an unfinished conversion: run `asyneio convert` again with --resume")
+        _refuse_part(path)
     format = format_of(path, b"" if path.is_dir() else _head(path))
     if format is not None:
         return path, format
@@ -88,16 +89,19 @@ def find_format(path: Path) -> tuple[Path, Format]:
     raise RecordingError(f"{path} is {_describe(path)}; expected {_understood()}")
 
 
+def _refuse_part(path: Path) -> NoReturn:
+    raise RecordingError(f"{path} is an unfinished conversion: run `asyneio convert` again with --resume")
+
+
 def _only_event_file(folder: Path) -> tuple[Path, Format]:
     """The one file of events in a folder that has no layout. Raises RecordingError where there is not one."""
     try:
         entries = sorted(entry for entry in folder.iterdir() if entry.is_file())
     except OSError as error:
         raise RecordingError(f"cannot list {folder}: {error.strerror or error}") from error
+    unfinished = [file for file in entries if file.suffix == PART_SUFFIX]
     # Hidden files are temporary ones.
-    files = [file for file in entries if not file.name.startswith(".") and file.suffix != PART_SUFFIX]
-    if len(files) < len(entries) and not files:
-        raise RecordingError(f"{folder} holds but unfinished files ({_listed([e.name for e in entries])})")
+    files = [file for file in entries if not file.name.startswith(".") and file not in unfinished]
     formats = [(file, format_of(file, _head(file))) for file in files]
     found = [(file, format) for file, format in formats if format is not None]
     if len(found) == 1:
@@ -105,6 +109,8 @@ def _only_event_file(folder: Path) -> tuple[Path, Format]:
     if found:
         names = _listed([file.name for file, _ in found])
         raise RecordingError(f"{folder} holds {len(found)} recordings: {names}; name one of them")
+    if unfinished:
+        _refuse_part(unfinished[0])
     inertial = first_file(folder, SAMPLE_FILES)
     if inertial is not None:
         raise RecordingError(

@@ -47,6 +47,8 @@ def target_named(name: str | None, path: Path) -> Target:
 
 def _write_folder(source: Source, folder: Path, key: str, advance: Advance, resume: bool) -> int:
     """Small files first: `events.txt`, by which the folder is known, comes last."""
+    with _in_words(folder):
+        (folder / EVENTS_FILE).unlink(missing_ok=True)
     for name, text in beside_texts(source.rest()).items():
         if text is None:
             (folder / name).unlink(missing_ok=True)
@@ -89,10 +91,17 @@ def _write_hdf5(source: Source, path: Path, key: str, advance: Advance, resume: 
 def _part(path: Path) -> Iterator[Path]:
     """Where to write; it takes the name of `path` at the end. Raises RecordingError: cannot be written."""
     part = part_of(path)
-    try:
+    with _in_words(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         yield part
         part.replace(path)
+
+
+@contextmanager
+def _in_words(path: Path) -> Iterator[None]:
+    """Raises RecordingError where the system refuses."""
+    try:
+        yield
     except OSError as error:
         raise RecordingError(
             f"cannot write {path}: {error.strerror or error}; check the folder's permissions and free space"
