@@ -264,43 +264,41 @@ def test_damaged_part(tmp_path: Path, recording: EventRecording, damage: str, sm
 
 
 SCRIPT = """
-import sys, time
+import sys
 from pathlib import Path
-from asyneio.io import open_recording, resumable, conversion
+from asyneio.io import open_recording, resumable
 from asyneio.io.conversion import Source, convert
 from asyneio.io.targets import target_named
-resumable.PIECE_EVENTS = conversion.PIECE_EVENTS = 1000
-resumable.PIECES_PER_ENTRY = 2
-source, output, resume = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3] == "resume"
-def advance(done):
-    print(done, flush=True)
-    if not resume:
-        time.sleep(0.002)
-recording = open_recording(source)
-reused = convert(Source(recording, 0, 1, "same"), target_named(None, output), output, advance, resume)
-print("reused", reused)
+resumable.PIECE_EVENTS, resumable.PIECES_PER_ENTRY = 1000, 2
+source, output = map(Path, sys.argv[1:])
+advance = lambda done: (print(done, flush=True), sys.stdin.readline())
+convert(Source(open_recording(source)), target_named(None, output), output, advance)
 """
 
 
-def test_killed(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_killed(tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     """A process that is killed without warning; the next one goes on, to the same bytes."""
-    recording = make_event_recording(rng, 100_000)
-    source = source_of(recording, BY_NAME["dat"])
-    plain = replace(source.rest(), events=source.events(0, 100_000))
+    monkeypatch.setattr(resumable, "PIECE_EVENTS", 1000)
+    recording, target = make_event_recording(rng, 20_000), BY_NAME["dat"]
+    source = source_of(recording, target)
+    plain = replace(source.rest(), events=source.events(0, 20_000))
     convert(Source(plain), BY_NAME["hdf5"], tmp_path / "source.h5", nothing)
-    convert(Source(plain), BY_NAME["dat"], tmp_path / "whole.dat", nothing)
+    convert(Source(plain), target, tmp_path / "whole.dat", nothing)
     output = tmp_path / "out.dat"
     command = [sys.executable, "-c", SCRIPT, str(tmp_path / "source.h5"), str(output)]
-    with subprocess.Popen([*command, "fresh"], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdin is not None
         assert process.stdout is not None
-        for line in process.stdout:
-            if int(line) >= 30_000:
-                process.send_signal(signal.SIGKILL)
-                break
+        # It waits for an answer after each piece, and is killed in the middle of the ninth.
+        for done in range(0, 9000, 1000):
+            assert int(process.stdout.readline()) == done
+            if done < 8000:
+                print(file=process.stdin, flush=True)
+        process.send_signal(signal.SIGKILL)
     assert process.returncode == -signal.SIGKILL
     assert not output.exists()
-    done = subprocess.run([*command, "resume"], capture_output=True, text=True, check=True).stdout
-    assert int(done.split()[-1]) >= 20_000
+    loaded = read(tmp_path / "source.h5")
+    assert convert(Source(loaded), target, output, nothing, resume=True) == 8000
     assert output.read_bytes() == (tmp_path / "whole.dat").read_bytes()
 
 
