@@ -58,7 +58,7 @@ def test_version(asyneio: Asyneio) -> None:
     assert asyneio("--version") == (0, f"asyneio {__version__}\n", "")
 
 
-@pytest.mark.parametrize("command", [(), ("run",), ("evaluate",), ("simulate",), ("demo",)])
+@pytest.mark.parametrize("command", [(), ("run",), ("evaluate",), ("simulate",), ("demo",), ("convert",)])
 def test_help_shows_an_example(asyneio: Asyneio, command: tuple[str, ...]) -> None:
     status, out, _ = asyneio(*command, "--help")
     assert status == 0

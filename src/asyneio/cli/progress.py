@@ -55,3 +55,32 @@ def task_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
             bar.update(task, completed=done, rate=f"{rate}, {failed} failed" if failed else rate)
 
         yield advance
+
+
+@contextmanager
+def event_progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A bar on standard error for a count of events, with their rate and the time left.
+
+    Call what is given with the number done; what the first call says took no time.
+    """
+    columns = (
+        TextColumn("{task.description:10}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=total, rate="")
+        reused: list[int] = []
+
+        def advance(done: int) -> None:
+            if not reused:
+                reused.append(done)
+                bar.reset(task, total=total, completed=done)
+            elapsed_s = bar.tasks[0].elapsed or 0.0
+            rate = f"{(done - reused[0]) / elapsed_s / 1e6:.1f} Mev/s" if elapsed_s > 0.5 else ""
+            bar.update(task, completed=done, rate=rate)
+
+        yield advance

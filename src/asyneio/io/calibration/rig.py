@@ -102,11 +102,16 @@ def settle(
     if parts.lens is not None:
         notes += check_lens(parts.lens, source)
     if parts.lens is None or parts.T_b_c is None or noise is None:
-        return Rig(parts.lens, None, (*notes, *_incomplete(parts, noise, rig, preset)))
+        return Rig(parts.lens, None, _once((*notes, *_incomplete(parts, noise, rig, preset))))
     if parts.timeshift_ns is None:
         notes += ("no file tells a time shift: the clocks of camera and IMU are taken to agree",)
     calibration = Calibration(parts.lens, parts.T_b_c, parts.timeshift_ns or 0, noise)
-    return Rig(parts.lens, calibration, notes)
+    return Rig(parts.lens, calibration, _once(notes))
+
+
+def _once(notes: Notes) -> Notes:
+    """Each sentence once: readers that need the calibration for their truth settle the rig themselves."""
+    return tuple(dict.fromkeys(notes))
 
 
 def require_calibration(rig: Rig, where: Path) -> Calibration:
@@ -134,7 +139,7 @@ class _Parts:
 
 
 def select(cameras: tuple[CameraEntry, ...], size: tuple[int, int] | None, name: str | None) -> CameraEntry:
-    """The camera of that name or topic, or the only one that fits the size.
+    """The camera of that name or topic (or part of a topic), or the only one that fits the size.
 
     Raises:
         CalibrationError: there is none, or more than one; the message lists them.
@@ -142,6 +147,7 @@ def select(cameras: tuple[CameraEntry, ...], size: tuple[int, int] | None, name:
     listed = "; ".join(map(str, cameras))
     if name is not None:
         named = [camera for camera in cameras if name in (camera.name, camera.topic)]
+        named = named or [camera for camera in cameras if name and name in camera.topic]
         if len(named) == 1:
             return named[0]
         raise CalibrationError(f"there is no one camera {name!r}; the calibration holds {listed}")
