@@ -47,14 +47,15 @@ def open_recording(
 
     Raises:
         RecordingError: nothing there, nothing understood, or more than one; or as the reader says.
-        CalibrationError: a calibration file is missing, malformed or impossible.
+        CalibrationError: a calibration file is missing, malformed or impossible, or leaves a choice.
+        ConfigError: there is no such preset.
     """
     options = options or ReadOptions()
     if (path / TRACKS_FILE).is_file():
-        return read_tracks_folder(path, options.calibration, options.imu, max_track_seconds)
+        return read_tracks_folder(path, options, max_track_seconds)
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} holds events, not tracks; a longest track cannot be set for it")
-    return assemble(open_contents(path, options), progress, cache_from)
+    return assemble(open_contents(path, options), progress, cache_from, options.wanted)
 
 
 def open_contents(path: Path, options: ReadOptions) -> Contents:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from asyneio.errors import RecordingError
+from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE, find_rig, parse_calibration, rig_of
 from asyneio.io.contents import Contents, ReadOptions, Rig
-from asyneio.io.event_assembly import CAMCHAIN_FILE, IMU_FILE, find_rig
 from asyneio.io.event_text import TextEvents
-from asyneio.io.kalibr import parse_calibration, parse_camera
-from asyneio.io.safe_yaml import parse_mapping
 from asyneio.io.uzh_folder import EVENTS_FILE, uzh_contents
 from asyneio.io.zip_member import ZipMember, open_zip
 
@@ -67,13 +65,12 @@ def _rig_inside(camchain: ZipMember, imu: ZipMember) -> Rig:
     """Kalibr's files in the archive, where it has any."""
     if not camchain.is_file():
         return Rig()
-    camchain_path, imu_path = (file.archive / file.member for file in (camchain, imu))
-    lens = parse_mapping(camchain.read_text(errors="replace"), camchain_path)
-    if not imu.is_file():
-        return Rig(parse_camera(lens, camchain_path))
-    noise = parse_mapping(imu.read_text(errors="replace"), imu_path)
-    calibration, notes = parse_calibration(lens, noise, camchain_path, imu_path)
-    return Rig(calibration.camera, calibration, notes)
+    files = [
+        parse_calibration(file.read_text(errors="replace"), file.archive / file.member)
+        for file in (camchain, imu)
+        if file.is_file()
+    ]
+    return rig_of(files[0], files[1] if len(files) > 1 else None)
 
 
 def _listed(names: list[str]) -> str:
