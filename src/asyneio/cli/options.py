@@ -12,14 +12,6 @@ if TYPE_CHECKING:
     from asyneio.config import Config
 
 
-EventsOption = Annotated[
-    str | None,
-    typer.Option("--events", help="Which events, where there are several: a topic, a stream, a file."),
-]
-SamplesOption = Annotated[
-    str | None,
-    typer.Option("--samples", help="Which inertial samples, where there are several: a topic or a stream."),
-]
 CameraOption = Annotated[
     str | None,
     typer.Option(help="Camera of the calibration, by name or topic.", show_default="the one that fits"),
@@ -29,6 +21,14 @@ PresetOption = Annotated[
     typer.Option(
         help="Model of the camera: its published figures fill in what no file tells (DAVIS240C ...)."
     ),
+]
+EventsOption = Annotated[
+    str | None,
+    typer.Option("--events", help="Which events, where there are several: a topic, a stream, a file."),
+]
+SamplesOption = Annotated[
+    str | None,
+    typer.Option("--samples", help="Which inertial samples, where there are several: a topic or a stream."),
 ]
 
 

@@ -232,5 +232,5 @@ def _parse_lens(located: Located, data: bytes, name: str) -> CameraIntrinsics | 
     coefficients = (radtan if distortion is Distortion.RADTAN else d).tolist()
     if not any(coefficients):
         distortion, coefficients = Distortion.NONE, []
-    size = [located.number(data, side) for side in ("width", "height")]
-    return make_lens([float(k[i]) for i in (0, 4, 2, 5)], size, distortion, coefficients, Path(name))
+    size = tuple(int(located.number(data, side)) for side in ("width", "height"))
+    return make_lens((k[0], k[4], k[2], k[5]), size, distortion, coefficients, Path(name))

@@ -32,8 +32,8 @@ def read_uzh_zip(path: Path, options: ReadOptions) -> Contents:
         return ZipMember(path, f"{folder}/{name}" if folder else name)
 
     rig = find_rig(path.parent, options.calibration, options.imu)
-    if options.calibration is None and rig == Rig():
-        rig = _rig_inside(file(CAMCHAIN_FILE), file(IMU_FILE))
+    if options.calibration is None and (rig.file is None or rig.found):
+        rig = _rig_inside(file(CAMCHAIN_FILE), file(IMU_FILE)) or rig
     events = ZipMember(path, member)
     name = folder.rsplit("/", 1)[-1] or path.resolve().stem
     return uzh_contents(name, lambda: TextEvents(path, events), rig, file, variant=member)
@@ -61,10 +61,10 @@ def _choose(path: Path, wanted: str | None) -> str:
     return found[0]
 
 
-def _rig_inside(camchain: ZipMember, imu: ZipMember) -> Rig:
+def _rig_inside(camchain: ZipMember, imu: ZipMember) -> Rig | None:
     """Kalibr's files in the archive, where it has any."""
     if not camchain.is_file():
-        return Rig()
+        return None
     files = [
         parse_calibration(file.read_text(errors="replace"), file.archive / file.member)
         for file in (camchain, imu)

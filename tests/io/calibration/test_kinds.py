@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from asyneio.errors import CalibrationError
 from asyneio.io import read_calibration
-from asyneio.io.calibration import Wanted, find_rig, open_calibration, settle
-from asyneio.types import Calibration, Distortion
+from asyneio.io.calibration import Wanted, find_rig, open_calibration, read_imu_noise, settle
+from asyneio.types import Calibration, Distortion, ImuNoise
 from tests.io.calibration.rigs import KINDS, RATE_HZ, basalt, kalibr, make_rig, rpg, vins_fusion, vins_mono
 
 SIZE = (240, 180)
@@ -294,3 +294,15 @@ def test_any_value_at_any_place_gives_a_calibration_or_our_error(
     except CalibrationError:
         return
     assert np.isfinite(found.T_b_c).all()
+
+
+def test_real_files(data_dir: Path) -> None:
+    tum, notes = read_calibration(
+        data_dir / "tumvi_calib" / "camchain-imucam.yaml", data_dir / "tumvi_calib" / "imu.yaml"
+    )
+    assert (tum.camera.width, tum.timeshift_ns, tum.noise.rate_hz) == (384, 375_000, 199.4)
+    assert any("T_cam_imu (IMU to camera) and inverted" in note for note in notes)
+    noise = read_imu_noise(data_dir / "euroc_V1_01" / "imu0_sensor.yaml")
+    assert noise == ImuNoise(1.6968e-4, 2e-3, 1.9393e-5, 3e-3, 200.0)
+    with pytest.raises(CalibrationError, match="holds no camera; expected a file with lens and extrinsics"):
+        read_calibration(data_dir / "euroc_V1_01" / "imu0_sensor.yaml")

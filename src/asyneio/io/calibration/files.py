@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration import basalt, kalibr, lists, rpg, vins
+from asyneio.io.calibration import basalt, kalibr, plain_cameras, rpg, vins
 from asyneio.io.calibration.documents import load_mapping, parse_mapping
 from asyneio.io.calibration.rig import Rig, Wanted, require_calibration, settle
 from asyneio.io.calibration.sections import CalibrationFile, NoiseReading
@@ -34,9 +34,9 @@ _KINDS = (
     _Kind("Basalt (value0)", basalt.is_basalt, basalt.parse_basalt),
     _Kind("OpenVINS (relative_config_imucam)", kalibr.is_openvins, kalibr.parse_openvins),
     _Kind("rpg (cameras, T_B_C, imu_params)", rpg.is_rpg, rpg.parse_rpg),
-    _Kind("DSEC (intrinsics of cam0 ...)", lists.is_dsec, lists.parse_dsec),
-    _Kind("EuRoC (sensor_type, T_BS)", lists.is_euroc_camera, lists.parse_euroc_camera),
-    _Kind("ROS camera_info (camera_matrix)", lists.is_camera_info, lists.parse_camera_info),
+    _Kind("DSEC (intrinsics of cam0 ...)", plain_cameras.is_dsec, plain_cameras.parse_dsec),
+    _Kind("EuRoC (sensor_type, T_BS)", plain_cameras.is_euroc_camera, plain_cameras.parse_euroc_camera),
+    _Kind("ROS camera_info (camera_matrix)", plain_cameras.is_camera_info, plain_cameras.parse_camera_info),
     _Kind("Kalibr and OpenVINS cameras (cam0)", kalibr.is_chain, kalibr.parse_chain),
     _Kind("VINS (projection_parameters, body_T_cam0, cam0_calib, acc_n)", vins.is_vins, vins.parse_vins),
     _Kind("Kalibr and OpenVINS IMUs (gyroscope_noise_density)", kalibr.is_imu, kalibr.parse_imu),

@@ -1,4 +1,4 @@
-"""Kinds that hold cameras without a rig: DSEC's `cam_to_cam.yaml`, ROS' camera_info, EuRoC's `sensor.yaml`.
+"""Cameras that come without a rig: DSEC's `cam_to_cam.yaml`, ROS' camera file, EuRoC's `sensor.yaml`.
 
 DSEC (its page on the data format): `intrinsics` of cam0 and cam3, the event cameras, of the frame cameras
 between them, and of all as rectified (camRectN); events are stored as the sensor had them. `T_BS` of EuRoC
