@@ -36,7 +36,9 @@ class SqliteBag:
     def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
         """See Bag. Raises RecordingError: no database of ROS messages, or damaged before the first."""
         count = 0
-        uri = f"{self.path.resolve().as_uri()}?mode=ro&immutable=1"
+        # What a recorder that was killed left in its log is read too; without one, nothing is written beside.
+        log = self.path.with_name(f"{self.path.name}-wal")
+        uri = f"{self.path.resolve().as_uri()}?mode=ro" + ("" if log.is_file() else "&immutable=1")
         try:
             database = sqlite3.connect(uri, uri=True)
         except sqlite3.Error as error:
@@ -99,10 +101,17 @@ class SplitBag:
 
 
 def is_rosbag2_folder(path: Path) -> bool:
-    """True for a folder that says it is a recording of ROS 2, or holds nothing else."""
-    if (path / METADATA_FILE).is_file():
-        return _INFORMATION.encode() in (path / METADATA_FILE).read_bytes()[:4096]
-    return False
+    """True for a folder whose `metadata.yaml` says that it is a recording of ROS 2."""
+    try:
+        with (path / METADATA_FILE).open("rb") as stream:
+            return _INFORMATION.encode() in stream.read(4096)
+    except OSError:
+        return False
+
+
+def is_rosbag2_sqlite(head: bytes) -> bool:
+    """True for the start of a database that has a table of topics."""
+    return head.startswith(SQLITE_MAGIC) and b"serialization_format" in head
 
 
 def open_rosbag2(path: Path) -> Bag:
