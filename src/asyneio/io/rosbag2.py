@@ -37,8 +37,9 @@ class SqliteBag:
         """See Bag. Raises RecordingError: no database of ROS messages, or damaged before the first."""
         count = 0
         # What a recorder that was killed left in its log is read too; without one, nothing is written beside.
-        log = self.path.with_name(f"{self.path.name}-wal")
-        uri = f"{self.path.resolve().as_uri()}?mode=ro" + ("" if log.is_file() else "&immutable=1")
+        logs = [self.path.with_name(f"{self.path.name}{end}") for end in ("-wal", "-journal")]
+        logged = any(log.is_file() for log in logs)
+        uri = f"{self.path.resolve().as_uri()}?mode=ro" + ("" if logged else "&immutable=1")
         try:
             database = sqlite3.connect(uri, uri=True)
         except sqlite3.Error as error:
@@ -58,7 +59,10 @@ class SqliteBag:
                 yield Message(topic, logged_ns, data), min(number / last, 1.0)
         except (sqlite3.Error, UnicodeDecodeError) as error:
             if count == 0:
-                raise RecordingError(f"{self.path} is no readable SQLite file of ROS 2: {error}") from error
+                raise RecordingError(
+                    f"{self.path} is no readable SQLite file of ROS 2: {error}; if it was cut off, try "
+                    f"sqlite3 {self.path.name} .recover | sqlite3 repaired.db3"
+                ) from error
             notes.append(f"{self.path.name} is damaged ({error}): read up to there, {count} message(s)")
         finally:
             database.close()
