@@ -23,15 +23,8 @@ import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import (
-    CAMCHAIN_FILE,
-    IMU_FILE,
-    find_rig,
-    open_calibration,
-    recognise,
-    rig_of,
-    settle,
-)
+from asyneio.io.calibration import IMU_FILE, find_rig, open_calibration, rig_of, settle
+from asyneio.io.calibration.kalibr import parse_chain
 from asyneio.io.calibration.rigid import inverse_rigid
 from asyneio.io.camera_poses import truth_of_camera
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples, no_samples
@@ -66,7 +59,7 @@ def read_m3ed(path: Path, options: ReadOptions) -> Contents:
         event_columns(file, layout.group, path)
         rig = _rig(file, side, path, options)
         samples = _samples(file, path)
-    truth, truth_notes = _truth(path, side, rig)
+    truth, truth_notes = _truth(path, side, settle(rig, SIZE, options.wanted))
     return Contents(
         path.resolve().stem,
         partial(ColumnEvents, path, layout),
@@ -88,14 +81,14 @@ def _rig(file: h5py.File, side: str, path: Path, options: ReadOptions) -> Rig:
     camera = group_at(file, f"prophesee/{side}", path)
     folder = path.parent
     if options.calibration is not None or not holds(camera, "calib"):
-        return settle(find_rig(folder, options.calibration, options.imu), SIZE, options.wanted)
+        return find_rig(folder, options.calibration, options.imu)
     where = path / f"prophesee/{side}/calib"
     camchain = {"cam0": _camera(camera, path) | _extrinsics(file, camera, path)}
+    said = f"{path.name}: lens read from the file (/prophesee/{side}/calib)"
     noise = options.imu or folder / IMU_FILE
-    imu = open_calibration(noise) if options.imu is not None or noise.is_file() else None
-    rig = rig_of(recognise(camchain, where / CAMCHAIN_FILE), imu)
-    said = f"{path.name}: calibration read from the file (/prophesee/{side}/calib)"
-    return settle(replace(rig, notes=(said,)), SIZE, options.wanted)
+    imu = open_calibration(noise) if options.imu or noise.is_file() else None
+    rig = rig_of(parse_chain(camchain, where), imu)
+    return replace(rig, notes=(said, *rig.notes))
 
 
 def _camera(camera: h5py.Group, path: Path) -> dict[str, Any]:

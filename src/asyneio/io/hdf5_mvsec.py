@@ -75,11 +75,11 @@ def read_mvsec(path: Path, options: ReadOptions) -> Contents:
         RecordingError: unreadable, hostile, of another layout, or no such camera.
         CalibrationError: a calibration file is malformed or impossible.
     """
-    rig = settle(find_rig(path.parent, options.calibration, options.imu), SIZE, options.wanted)
+    rig = find_rig(path.parent, options.calibration, options.imu)
     with open_hdf5(path) as file:
         side, notes = choose_side(_sides(file), options.events, path)
         samples = _samples(file, side, path)
-    truth, truth_notes = _truth(path, side, rig)
+    truth, truth_notes = _truth(path, side, settle(rig, SIZE, options.wanted))
     return Contents(
         path.resolve().stem,
         partial(MvsecEvents, path, side),

@@ -22,6 +22,7 @@ TRACKS_FILE = "tracks.csv"
 #: Formats that are recognised only to say what they are.
 _NOT_READ = {
     b"#ROSBAG": "a ROS bag of another version than 2.0",
+    b"SQLite format 3\0": "a SQLite file, but no ROS 2 bag",
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
     b"\x89HDF\r\n\x1a\n": "HDF5 of no known layout",
 }

@@ -7,7 +7,6 @@ from asyneio.io.calibration.files import open_calibration as open_calibration
 from asyneio.io.calibration.files import parse_calibration as parse_calibration
 from asyneio.io.calibration.files import read_calibration as read_calibration
 from asyneio.io.calibration.files import read_imu_noise as read_imu_noise
-from asyneio.io.calibration.files import recognise as recognise
 from asyneio.io.calibration.files import rig_of as rig_of
 from asyneio.io.calibration.rig import Rig as Rig
 from asyneio.io.calibration.rig import Wanted as Wanted

@@ -49,24 +49,12 @@ def open_calibration(path: Path) -> CalibrationFile:
     Raises:
         CalibrationError: it cannot be read, or is of no known kind.
     """
-    return recognise(load_mapping(path), path)
+    return _recognise(load_mapping(path), path)
 
 
 def parse_calibration(text: str, path: Path) -> CalibrationFile:
     """As `open_calibration`, from text that was found at `path`."""
-    return recognise(parse_mapping(text, path), path)
-
-
-def recognise(content: dict[str, Any], path: Path) -> CalibrationFile:
-    """A calibration file by the keys of its content. Raises CalibrationError where their kind is unknown."""
-    for kind in _KINDS:
-        if kind.matches(content):
-            return kind.parse(content, path)
-    keys = ", ".join(content)[:120] or "none"
-    raise CalibrationError(
-        f"{path} is no calibration of a known kind; found the keys {keys}; expected those of "
-        f"{'; '.join(kind.title for kind in _KINDS)}"
-    )
+    return _recognise(parse_mapping(text, path), path)
 
 
 def rig_of(camera: CalibrationFile, imu: CalibrationFile | None, found: bool = False) -> Rig:
@@ -147,6 +135,17 @@ def find_rig(folder: Path, camera: Path | None, imu: Path | None) -> Rig:
         names = ", ".join(file.path.name for file in cameras)
         notes += (f"several calibrations lie beside the recording ({names}): name one with --calibration",)
     return Rig(notes=notes, noise=noise)
+
+
+def _recognise(content: dict[str, Any], path: Path) -> CalibrationFile:
+    for kind in _KINDS:
+        if kind.matches(content):
+            return kind.parse(content, path)
+    keys = ", ".join(content)[:120] or "none"
+    raise CalibrationError(
+        f"{path} is no calibration of a known kind; found the keys {keys}; expected those of "
+        f"{'; '.join(kind.title for kind in _KINDS)}"
+    )
 
 
 def _noise_of(file: CalibrationFile) -> NoiseReading:

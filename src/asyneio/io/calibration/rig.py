@@ -102,16 +102,11 @@ def settle(
     if parts.lens is not None:
         notes += check_lens(parts.lens, source)
     if parts.lens is None or parts.T_b_c is None or noise is None:
-        return Rig(parts.lens, None, _once((*notes, *_incomplete(parts, noise, rig, preset))))
+        return Rig(parts.lens, None, (*notes, *_incomplete(parts, noise, rig, preset)))
     if parts.timeshift_ns is None:
         notes += ("no file tells a time shift: the clocks of camera and IMU are taken to agree",)
     calibration = Calibration(parts.lens, parts.T_b_c, parts.timeshift_ns or 0, noise)
-    return Rig(parts.lens, calibration, _once(notes))
-
-
-def _once(notes: Notes) -> Notes:
-    """Each sentence once: readers that need the calibration for their truth settle the rig themselves."""
-    return tuple(dict.fromkeys(notes))
+    return Rig(parts.lens, calibration, notes)
 
 
 def require_calibration(rig: Rig, where: Path) -> Calibration:
