@@ -15,7 +15,17 @@ from asyneio.errors import CalibrationError
 from asyneio.io import read_calibration
 from asyneio.io.calibration import Wanted, find_rig, open_calibration, read_imu_noise, settle
 from asyneio.types import Calibration, Distortion, ImuNoise
-from tests.io.calibration.rigs import KINDS, RATE_HZ, basalt, kalibr, make_rig, rpg, vins_fusion, vins_mono
+from tests.io.calibration.rigs import (
+    KINDS,
+    RATE_HZ,
+    basalt,
+    kalibr,
+    make_rig,
+    openvins,
+    rpg,
+    vins_fusion,
+    vins_mono,
+)
 
 SIZE = (240, 180)
 
@@ -147,7 +157,10 @@ def test_cameras_are_chosen(tmp_path: Path) -> None:
 def test_a_camera_is_chosen_by_topic(tmp_path: Path) -> None:
     rig = make_rig()
     camera, imu = KINDS["kalibr, second of two"](tmp_path, rig)
-    assert_same(read_calibration(camera, imu, Wanted("/dvs/image_raw"))[0], rig)
+    for name in ("/dvs/image_raw", "dvs"):
+        assert_same(read_calibration(camera, imu, Wanted(name))[0], rig)
+    with pytest.raises(CalibrationError, match="no one camera 'image_raw'"):
+        read_calibration(camera, imu, Wanted("image_raw"))
 
 
 def _replaced(path: Path, old: str, new: str) -> Path:
@@ -235,6 +248,24 @@ def test_corrections_of_the_imu_are_not_hidden(tmp_path: Path) -> None:
     camera.write_text(json.dumps(content))
     _, notes = read_calibration(camera, size=SIZE)
     assert any("up to 0.02; they are not applied" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "  Tw:\n    - [1.0, 0.0, 0.0]\n    - [0.01, 1.0, 0.0]\n    - [0.0, 0.0, 1.0]\n",
+        "  Tg:\n    - [0.0, 1.0e-4, 0.0]\n    - [0.0, 0.0, 0.0]\n    - [0.0, 0.0, 0.0]\n",
+        "  gyroscopes:\n    M: [[1.02, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\n",
+    ],
+)
+def test_corrections_in_an_imu_file_are_not_hidden(tmp_path: Path, text: str) -> None:
+    camera, _ = openvins(tmp_path, make_rig())
+    assert not any("not applied" in note for note in read_calibration(camera)[1])
+    path = tmp_path / "kalibr_imu_chain.yaml"
+    path.write_text(path.read_text() + text)
+    assert any(
+        "correct the IMU's samples; they are not applied" in note for note in read_calibration(camera)[1]
+    )
 
 
 def test_distortion_that_folds(tmp_path: Path) -> None:

@@ -64,6 +64,11 @@ class Wanted:
     camera: str | None = None
     preset: str | None = None
 
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width and height of the preset's sensor [px]. Raises ConfigError where there is no such preset."""
+        return preset_named(self.preset).size if self.preset else None
+
 
 def settle(
     rig: Rig,
