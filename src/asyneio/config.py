@@ -204,3 +204,14 @@ def load_config(path: Path | None) -> Config:
 def dump_config(config: Config) -> str:
     """The resolved configuration as YAML, every key written out."""
     return yaml.safe_dump(config.model_dump(), sort_keys=False)
+
+
+def changed_settings(config: Config) -> tuple[tuple[str, str], ...]:
+    """Settings that differ from the defaults: `section.name`, and `value (default: value)`."""
+    own, usual = config.model_dump(), Config().model_dump()
+    return tuple(
+        (f"{section}.{name}", f"{value} (default: {usual[section][name]})")
+        for section, values in own.items()
+        for name, value in values.items()
+        if value != usual[section][name]
+    )

@@ -16,10 +16,11 @@ from asyneio.io import to_trajectory
 from asyneio.io.atomic import atomic_file, make_folder, write_text
 from asyneio.pipeline import RunResult, run_recording, write_outputs
 from asyneio.types import EventRecording, Recording
-from asyneio.viz import available, render_overview, render_report
+from asyneio.viz import available, render_overview, render_pictures, render_report
 
 REPORT_FILE = "report.html"
 OVERVIEW_FILE = "overview.png"
+FIGURES_FOLDER = "figures"
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Job:
     """What to run and where the results go.
 
     `evidence` tells the reader of the report where the data come from; `known` gives true velocity and biases
-    at chosen times, where a simulation knows them.
+    at chosen times, where a simulation knows them; `png`: also every figure as a file.
     """
 
     recording: Recording | EventRecording
@@ -35,6 +36,7 @@ class Job:
     folder: Path
     evidence: str
     known: KnownStates | None = None
+    png: bool = False
 
 
 def execute(job: Job) -> RunResult:
@@ -78,20 +80,24 @@ def _write_report(
     job: Job, result: RunResult, scores: dict[int, Evaluation], figures: tuple[tuple[str, str], ...]
 ) -> list[Path]:
     report, overview = job.folder / REPORT_FILE, job.folder / OVERVIEW_FILE
-    for stale in (report, overview):
+    figures_folder = job.folder / FIGURES_FOLDER
+    for stale in (report, overview, *figures_folder.glob("*.png")):
         stale.unlink(missing_ok=True)
-    if not result.run.estimates:
-        return []
     if not available():
         console.say("note: no report without matplotlib: pip install 'asyneio[report]'")
         return []
-    data = report_data(result, job.recording, job.config.window.knot_interval_s, scores, job.known)
+    data = report_data(result, job.recording, job.config, scores, job.known)
     write_text(report, render_report(job.recording.name, job.evidence, figures, data, __version__))
-    if data.comparison is None:
-        return [report]
-    with atomic_file(overview) as stream:
-        stream.write(render_overview(data.comparison))
-    return [report, overview]
+    pictures = [(overview, render_overview(data))]
+    if job.png:
+        pictures += [(figures_folder / f"{name}.png", picture) for name, picture in render_pictures(data)]
+    written = [report]
+    for path, picture in pictures:
+        if picture is not None:
+            with atomic_file(path) as stream:
+                stream.write(picture)
+            written.append(path)
+    return written
 
 
 def _advice(result: RunResult) -> str:
