@@ -6,7 +6,6 @@ import base64
 import json
 import os
 import select
-import shutil
 import subprocess
 import time
 from collections.abc import Iterator
@@ -14,13 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _PATIENCE_S = 60.0
-
-
-def find_chromium() -> str | None:
-    """Path of a Chromium, or None."""
-    return next((path for path in map(shutil.which, _NAMES) if path), None)
 
 
 class Browser:
@@ -40,13 +33,21 @@ class Browser:
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
 
-    def open(self, path: Path, width: int, height: int, dark: bool = False, script: bool = True) -> None:
+    def open(
+        self,
+        path: Path,
+        width: int,
+        height: int,
+        dark: bool = False,
+        script: bool = True,
+        media: str = "screen",
+    ) -> None:
         """Load a file into a window of so many CSS pixels."""
         self.errors.clear()
         self.requests.clear()
         self._loaded = False
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
-        self.call("Emulation.setEmulatedMedia", features=scheme)
+        self.call("Emulation.setEmulatedMedia", media=media, features=scheme)
         self.call("Emulation.setScriptExecutionDisabled", value=not script)
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": True}
         self.call("Emulation.setDeviceMetricsOverride", **metrics)
@@ -54,9 +55,8 @@ class Browser:
         end = time.monotonic() + _PATIENCE_S
         while not self._loaded:
             self._take(end)
-        # Two frames later, what waits for a frame has been drawn.
         if script:
-            self.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(0))))")
+            self._settle()
 
     def run(self, expression: str) -> Any:
         """Value of a JavaScript expression on the page; a promise is waited for."""
@@ -68,12 +68,12 @@ class Browser:
         """Press, move and release the mouse."""
         for kind, (x, y) in (("mousePressed", begin), ("mouseMoved", end), ("mouseReleased", end)):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
-        self.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(0))))")
+        self._settle()
 
     def screenshot(self, path: Path) -> None:
         """The whole page as a PNG file."""
         size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-        clip = {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
+        clip = {**size, "x": 0, "y": 0, "scale": 1}
         data = self.call("Page.captureScreenshot", captureBeyondViewport=True, clip=clip)["data"]
         path.write_bytes(base64.b64decode(data))
 
@@ -90,6 +90,10 @@ class Browser:
         assert "error" not in answer, (method, answer["error"])
         result: dict[str, Any] = answer["result"]
         return result
+
+    def _settle(self) -> None:
+        """Two frames later, what waits for a frame has been drawn."""
+        self.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(0))))")
 
     def _take(self, end: float) -> dict[str, Any]:
         while b"\0" not in self._rest:
