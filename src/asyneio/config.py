@@ -13,6 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from asyneio.errors import ConfigError
 
+#: Of a file that is something else altogether, a few mistakes are enough.
+_MOST_ERRORS = 4
+
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -185,11 +188,15 @@ def load_config(path: Path | None) -> Config:
     if path is None:
         return Config()
     try:
-        raw = yaml.safe_load(path.read_text())
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path} is not valid YAML: {error}") from error
+        raise ConfigError(
+            f"cannot read the configuration {path}: {error.strerror}; check the path"
+        ) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            f"{path} is not valid YAML: {error}; expected sections with settings, as in config.yaml of a run"
+        ) from error
     if raw is None:
         return Config()
     if not isinstance(raw, dict):
@@ -198,7 +205,10 @@ def load_config(path: Path | None) -> Config:
         return Config.model_validate(raw)
     except ValidationError as error:
         lines = [f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors()]
-        raise ConfigError(f"{path}: " + "; ".join(lines)) from error
+        more = f"; and {len(lines) - _MOST_ERRORS} more" if len(lines) > _MOST_ERRORS else ""
+        raise ConfigError(
+            f"{path}: {'; '.join(lines[:_MOST_ERRORS])}{more}; expected names and values as in config.yaml"
+        ) from error
 
 
 def dump_config(config: Config) -> str:

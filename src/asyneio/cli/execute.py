@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
 from asyneio import __version__
 from asyneio.cli import console
 from asyneio.cli.figures import run_figures
+from asyneio.cli.progress import share_progress
 from asyneio.cli.reporting import KnownStates, report_data
 from asyneio.config import Config
 from asyneio.errors import EstimationError, EvaluationError
@@ -28,7 +30,8 @@ class Job:
     """What to run and where the results go.
 
     `evidence` tells the reader of the report where the data come from; `known` gives true velocity and biases
-    at chosen times, where a simulation knows them; `png`: also every figure as a file.
+    at chosen times, where a simulation knows them; `png`: also every figure as a file; `as_json`: figures on
+    standard output as JSON instead of a table.
     """
 
     recording: Recording | EventRecording
@@ -37,6 +40,7 @@ class Job:
     evidence: str
     known: KnownStates | None = None
     png: bool = False
+    as_json: bool = False
 
 
 def execute(job: Job) -> RunResult:
@@ -52,8 +56,11 @@ def execute(job: Job) -> RunResult:
     written = write_outputs(result, job.config, job.folder)
     scores = _scores(result, job.recording)
     figures = run_figures(result.summary, scores)
-    console.table(job.recording.name, figures)
+    if not job.as_json:
+        console.table(job.recording.name, figures)
     written += _write_report(job, result, scores, figures)
+    if job.as_json:
+        print(_json(result, scores, written))
     for path in written:
         console.say(f"wrote {path}")
     if result.summary.failure:
@@ -87,10 +94,14 @@ def _write_report(
         console.say("note: no report without matplotlib: pip install 'asyneio[report]'")
         return []
     data = report_data(result, job.recording, job.config, scores, job.known)
-    write_text(report, render_report(job.recording.name, job.evidence, figures, data, __version__))
+    with share_progress("drawing") as advance:
+        name = job.recording.name
+        write_text(report, render_report(name, job.evidence, figures, data, __version__, advance))
     pictures = [(overview, render_overview(data))]
     if job.png:
-        pictures += [(figures_folder / f"{name}.png", picture) for name, picture in render_pictures(data)]
+        with share_progress("drawing") as advance:
+            named = render_pictures(data, advance)
+            pictures += [(figures_folder / f"{name}.png", picture) for name, picture in named]
     written = [report]
     for path, picture in pictures:
         if picture is not None:
@@ -98,6 +109,15 @@ def _write_report(
                 stream.write(picture)
             written.append(path)
     return written
+
+
+def _json(result: RunResult, scores: dict[int, Evaluation], written: list[Path]) -> str:
+    """The summary, the evaluation of each segment that the truth covers, and the files."""
+    more = {
+        "evaluation": [{"segment": number, **score.to_dict()} for number, score in scores.items()],
+        "files": [str(path) for path in written],
+    }
+    return json.dumps(json.loads(result.summary.to_json()) | more, indent=2)
 
 
 def _advice(result: RunResult) -> str:

@@ -60,7 +60,7 @@ def read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}; check the path") from error
 
 
 def bad_lines_note(path: Path, bad: list[int]) -> tuple[str, ...]:

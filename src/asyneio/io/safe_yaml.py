@@ -60,7 +60,9 @@ def _read_capped(path: Path) -> str:
         with path.open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        raise CalibrationError(f"cannot read the calibration {path}: {error.strerror or error}") from error
+        raise CalibrationError(
+            f"cannot read the calibration {path}: {error.strerror or error}; check the path"
+        ) from error
     if len(data) > MAX_BYTES:
         raise CalibrationError(
             f"{path} is larger than {MAX_BYTES // 1024} KiB; that is not a calibration file"

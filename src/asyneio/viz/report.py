@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from html import escape
 from importlib import resources
@@ -14,13 +14,17 @@ from asyneio.viz.figures import ReportFigure, plot_overview, report_figures
 from asyneio.viz.space import space_json
 from asyneio.viz.style import plotting, to_png, to_svg
 
+Advance = Callable[[float], None]
+
 #: Dots an inch of pictures on the page and of picture files.
 _PAGE_DPI, _FILE_DPI = 180, 200
 #: More changes of health than this are left to the file.
 _MOST_CHANGES = 100
 
 
-def render_report(title: str, lead: str, table: Rows, data: ReportData, version: str) -> str:
+def render_report(
+    title: str, lead: str, table: Rows, data: ReportData, version: str, advance: Advance | None = None
+) -> str:
     """The page as text.
 
     Args:
@@ -29,12 +33,13 @@ def render_report(title: str, lead: str, table: Rows, data: ReportData, version:
         table: rows of figures: what, and the value with its unit.
         data: what to plot.
         version: of the package, for the foot of the page.
+        advance: is told the share done, 0 to 1.
 
     Raises:
         VisualizationError: matplotlib is not installed.
     """
     with plotting():
-        figures = {figure.name: _figure(figure) for figure in report_figures(data)}
+        figures = {figure.name: _figure(figure) for figure in _counted(report_figures(data), advance)}
     sections = list(figures.items())
     # The figures of the run come right after the first picture.
     first = [sections.pop(0)[1]] if data.states is not None and sections else []
@@ -67,11 +72,19 @@ def render_overview(data: ReportData) -> bytes | None:
         return None if figure is None else to_png(figure, _FILE_DPI)
 
 
-def render_pictures(data: ReportData) -> Iterator[tuple[str, bytes]]:
-    """Every figure of the report by itself: its name, and a PNG file. Raises as `render_report`."""
+def render_pictures(data: ReportData, advance: Advance | None = None) -> Iterator[tuple[str, bytes]]:
+    """Every figure of the report by itself: its name, and a PNG file. As `render_report`."""
     with plotting():
-        for figure in report_figures(data):
+        for figure in _counted(report_figures(data), advance):
             yield figure.name, to_png(figure.draw(), _FILE_DPI)
+
+
+def _counted(figures: Iterable[ReportFigure], advance: Advance | None) -> Iterator[ReportFigure]:
+    every = list(figures)
+    for index, figure in enumerate(every, start=1):
+        yield figure
+        if advance:
+            advance(index / len(every))
 
 
 @cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import io
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -106,8 +107,10 @@ def shown_instants(t_ns: IntArray) -> list[int]:
     return [begin + span * (k + 1) // (_PANELS + 1) for k in range(_PANELS)]
 
 
-def render_animation(scene: TrackScene) -> bytes:
+def render_animation(scene: TrackScene, advance: Callable[[float], None] | None = None) -> bytes:
     """Four seconds as a GIF file: in real time the middle of a longer recording, slower a shorter one.
+
+    `advance` is told the share done, 0 to 1.
 
     Raises:
         VisualizationError: matplotlib is not installed.
@@ -122,6 +125,8 @@ def render_animation(scene: TrackScene) -> bytes:
         for k in range(_FRAMES):
             frame = Image.fromarray(_frame(scene, first + shown * (k + 1) // _FRAMES))
             frames.append(frame.quantize(_COLORS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE))
+            if advance:
+                advance((k + 1) / _FRAMES)
     buffer = io.BytesIO()
     frames[0].save(
         buffer,
