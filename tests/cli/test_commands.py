@@ -140,6 +140,15 @@ _WRONG = {
         ("events", "--calibration", "absent.yaml"),
         ("events", "-o", "empty.bin/out"),
     ),
+    "convert": (
+        ("absent", "out.h5"),
+        ("noise.bin", "out.h5"),
+        ("tracks", "out.h5"),
+        ("events", "out.xyz"),
+        ("events", "out", "--to", "best"),
+        ("events", "empty.bin/out.h5"),
+        ("events", "events"),
+    ),
     "demo": (
         ("--duration", "0"),
         ("--duration", "-3"),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from asyneio.errors import AsyneioError, RecordingError
-from asyneio.io import event_hdf5, read_events_hdf5, write_events_hdf5
+from asyneio.io import hdf5_columns, open_recording, write_events_hdf5
 from asyneio.types import EventRecording
 from tests.io.event_recordings import assert_same, make_event_recording
 
@@ -28,16 +28,16 @@ def path(tmp_path: Path, recording: EventRecording) -> Path:
 
 
 def test_round_trip(path: Path, recording: EventRecording) -> None:
-    found = read_events_hdf5(path)
+    found = open_recording(path)
     assert_same(found, recording)
     assert found.name == "synthetic"
     assert [entry.name for entry in path.parent.iterdir()] == ["run.h5"]
 
 
 def test_cached(path: Path, recording: EventRecording, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(event_hdf5, "CHUNK_EVENTS", 999)
+    monkeypatch.setattr(hdf5_columns, "BLOCK_EVENTS", 999)
     for _ in range(2):
-        found = read_events_hdf5(path, cache_from=0)
+        found = open_recording(path, cache_from=0)
         assert_same(found, recording)
         assert isinstance(found.events, np.memmap)
 
@@ -48,22 +48,22 @@ def test_only_events(tmp_path: Path, recording: EventRecording) -> None:
         recording, gyroscope=empty, accelerometer=empty, camera=None, calibration=None, ground_truth=None
     )
     write_events_hdf5(bare, tmp_path / "run")
-    assert_same(read_events_hdf5(tmp_path / "run"), bare)
+    assert_same(open_recording(tmp_path / "run"), bare)
     with_lens = replace(bare, camera=recording.camera)
     write_events_hdf5(with_lens, tmp_path / "run")
-    assert_same(read_events_hdf5(tmp_path / "run"), with_lens)
+    assert_same(open_recording(tmp_path / "run"), with_lens)
 
 
 def test_sensors_with_times_of_their_own(tmp_path: Path, recording: EventRecording) -> None:
     odd = replace(recording, gyroscope=recording.gyroscope[::2])
     write_events_hdf5(odd, tmp_path / "run")
-    assert_same(read_events_hdf5(tmp_path / "run"), odd)
+    assert_same(open_recording(tmp_path / "run"), odd)
 
 
 def test_stream_of_pieces(tmp_path: Path, recording: EventRecording) -> None:
     pieces = (piece for piece in np.array_split(recording.events, 7))
     write_events_hdf5(replace(recording, events=recording.events[:0]), tmp_path / "run", pieces)
-    assert_same(read_events_hdf5(tmp_path / "run"), recording)
+    assert_same(open_recording(tmp_path / "run"), recording)
 
 
 def test_failure_of_the_stream_leaves_nothing(tmp_path: Path, recording: EventRecording) -> None:
@@ -81,11 +81,11 @@ def test_polarity_of_another_kind(path: Path, recording: EventRecording) -> None
         p = file["events/p"][:].astype(np.int8) * 2 - 1
         del file["events/p"]
         file["events/p"] = p
-    assert_same(read_events_hdf5(path), recording)
+    assert_same(open_recording(path), recording)
     with h5py.File(path, "r+") as file:
         file["events/p"][0] = 0
     with pytest.raises(RecordingError, match="polarity goes from -1 to 1"):
-        read_events_hdf5(path)
+        open_recording(path)
 
 
 def external_link(file: h5py.File, other: Path) -> None:
@@ -170,7 +170,7 @@ def test_refused(path: Path, change: Callable[[h5py.File, Path], None]) -> None:
     with h5py.File(path, "r+") as file:
         change(file, other)
     with pytest.raises(RecordingError):
-        read_events_hdf5(path)
+        open_recording(path)
 
 
 @pytest.mark.parametrize("name", ["gyroscope", "ground_truth"])
@@ -179,7 +179,7 @@ def test_links_beside_the_events_are_refused(path: Path, name: str) -> None:
         del file[name]
         file[name] = h5py.ExternalLink("other.h5", "/")
     with pytest.raises(RecordingError, match="link"):
-        read_events_hdf5(path)
+        open_recording(path)
 
 
 def test_damage(path: Path, rng: np.random.Generator) -> None:
@@ -187,13 +187,13 @@ def test_damage(path: Path, rng: np.random.Generator) -> None:
     for share in (0.0, 0.01, 0.3, 0.9):
         path.write_bytes(data[: int(share * len(data))])
         with pytest.raises(RecordingError):
-            read_events_hdf5(path)
+            open_recording(path)
     for _ in range(100):
         changed = bytearray(data)
         for position in rng.integers(0, 6000, 4):
             changed[position] = rng.integers(0, 256)
         path.write_bytes(changed)
         try:
-            read_events_hdf5(path)
+            open_recording(path)
         except AsyneioError:
             continue

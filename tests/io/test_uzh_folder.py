@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
-from asyneio.io import event_cache, read_uzh_folder, write_uzh_folder
+from asyneio.io import ReadOptions, event_cache, open_recording, write_uzh_folder
 from asyneio.types import EVENT_DTYPE, NS_PER_S, CameraIntrinsics, Distortion, EventRecording
 from tests.io.event_recordings import assert_same, make_event_recording, make_events
 
@@ -21,7 +21,7 @@ def recording(rng: np.random.Generator) -> EventRecording:
 
 @pytest.mark.parametrize("name", ["shapes_rotation", "dynamic_translation", "boxes_translation"])
 def test_real_excerpts(data_dir: Path, name: str) -> None:
-    found = read_uzh_folder(data_dir / "ecd_excerpts" / name)
+    found = open_recording(data_dir / "ecd_excerpts" / name)
     table = np.loadtxt(data_dir / "ecd_excerpts" / name / "events.txt")
     assert found.events.size == 30_000
     # Relative times of these files are short enough for a float to hold their nanoseconds.
@@ -38,7 +38,7 @@ def test_real_excerpts(data_dir: Path, name: str) -> None:
 
 
 def test_real_slider(data_dir: Path) -> None:
-    found = read_uzh_folder(data_dir / "slider_depth")
+    found = open_recording(data_dir / "slider_depth")
     assert found.events.size == 50_000
     assert found.ground_truth is not None
     assert found.ground_truth.t_ns.size == 339
@@ -46,7 +46,7 @@ def test_real_slider(data_dir: Path) -> None:
 
 def test_round_trip(tmp_path: Path, recording: EventRecording) -> None:
     write_uzh_folder(recording, tmp_path)
-    assert_same(read_uzh_folder(tmp_path), recording)
+    assert_same(open_recording(tmp_path), recording)
     first = (tmp_path / "events.txt").read_text().split("\n", 1)[0]
     event = recording.events[0]
     assert (
@@ -63,7 +63,7 @@ def test_round_trip_without_calibration(tmp_path: Path, recording: EventRecordin
     )
     bare = replace(recording, camera=lens, width=600, height=400, calibration=None, ground_truth=None)
     write_uzh_folder(bare, tmp_path)
-    assert_same(read_uzh_folder(tmp_path), bare)
+    assert_same(open_recording(tmp_path), bare)
     assert not (tmp_path / "calib.txt").exists()
 
 
@@ -75,13 +75,13 @@ def test_times_before_zero_and_far_apart(tmp_path: Path, recording: EventRecordi
     short = replace(recording, events=events, gyroscope=empty, accelerometer=empty)
     write_uzh_folder(short, tmp_path)
     assert (tmp_path / "events.txt").read_text().startswith("-10.000000001 0 0 0\n-0.000000001 9 0 0\n0.")
-    assert_same(read_uzh_folder(tmp_path), short)
+    assert_same(open_recording(tmp_path), short)
 
 
 def test_stream_of_pieces(tmp_path: Path, recording: EventRecording) -> None:
     pieces = (piece for piece in np.array_split(recording.events, 7))
     write_uzh_folder(replace(recording, events=recording.events[:0]), tmp_path, pieces)
-    assert_same(read_uzh_folder(tmp_path), recording)
+    assert_same(open_recording(tmp_path), recording)
 
 
 def test_cache(tmp_path: Path, recording: EventRecording, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,20 +92,20 @@ def test_cache(tmp_path: Path, recording: EventRecording, monkeypatch: pytest.Mo
     disordered[[later, later + 1]] = disordered[[later + 1, later]]
     write_uzh_folder(replace(recording, events=disordered), folder)
     done: list[float] = []
-    first = read_uzh_folder(folder, progress=done.append, cache_from=0)
+    first = open_recording(folder, progress=done.append, cache_from=0)
     assert_same(first, recording)
     assert isinstance(first.events, np.memmap)
     assert not first.events.flags.writeable
     assert first.events.dtype == EVENT_DTYPE
     assert done == sorted(done)
     assert done[-1] == 1.0
-    again = read_uzh_folder(folder, progress=done.clear, cache_from=0)  # type: ignore[arg-type]
+    again = open_recording(folder, progress=done.clear, cache_from=0)  # type: ignore[arg-type]
     assert_same(again, recording)
     assert again.notes == first.notes
     assert done, "a cached conversion was made again"
     # Another content is another conversion, and the old one goes.
     write_uzh_folder(replace(recording, events=recording.events[:100]), folder)
-    assert read_uzh_folder(folder, cache_from=0).events.size == 100
+    assert open_recording(folder, cache_from=0).events.size == 100
     assert len(list((tmp_path / "cache").glob("*.json"))) == 1
 
 
@@ -114,10 +114,10 @@ def test_damaged_cache_is_made_again(
 ) -> None:
     monkeypatch.setenv("ASYNEIO_CACHE", str(tmp_path / "cache"))
     write_uzh_folder(recording, tmp_path / "run")
-    read_uzh_folder(tmp_path / "run", cache_from=0)
+    open_recording(tmp_path / "run", cache_from=0)
     for pattern, content in (("*.events.npy", b"\x93NUMPY"), ("*.json", b"{"), ("*.samples.npy", b"")):
         next((tmp_path / "cache").glob(pattern)).write_bytes(content)
-        assert_same(read_uzh_folder(tmp_path / "run", cache_from=0), recording)
+        assert_same(open_recording(tmp_path / "run", cache_from=0), recording)
 
 
 def test_cache_that_cannot_be_written(
@@ -126,7 +126,7 @@ def test_cache_that_cannot_be_written(
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("ASYNEIO_CACHE", str(tmp_path / "file"))
     write_uzh_folder(recording, tmp_path / "run")
-    found = read_uzh_folder(tmp_path / "run", cache_from=0)
+    found = open_recording(tmp_path / "run", cache_from=0)
     assert_same(found, recording)
     assert "was not kept" in found.notes[-1]
 
@@ -142,7 +142,7 @@ def test_cache_folder(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_exchanged_sensors(tmp_path: Path, recording: EventRecording) -> None:
     swapped = replace(recording, gyroscope=recording.accelerometer, accelerometer=recording.gyroscope)
     write_uzh_folder(swapped, tmp_path)
-    found = read_uzh_folder(tmp_path)
+    found = open_recording(tmp_path)
     np.testing.assert_array_equal(found.accelerometer, recording.accelerometer)
     assert any("swapped back" in note for note in found.notes)
 
@@ -152,7 +152,7 @@ def test_no_gravity(tmp_path: Path, recording: EventRecording) -> None:
     still["xyz"] *= 0.01
     write_uzh_folder(replace(recording, accelerometer=still), tmp_path)
     with pytest.raises(RecordingError, match="gravity"):
-        read_uzh_folder(tmp_path)
+        open_recording(tmp_path)
 
 
 def test_clocks_apart(tmp_path: Path, recording: EventRecording) -> None:
@@ -160,7 +160,7 @@ def test_clocks_apart(tmp_path: Path, recording: EventRecording) -> None:
     moved["t_ns"] -= 100 * NS_PER_S
     write_uzh_folder(replace(recording, events=moved), tmp_path)
     with pytest.raises(RecordingError, match=r"do not overlap.*100\.\d+ s apart"):
-        read_uzh_folder(tmp_path)
+        open_recording(tmp_path)
 
 
 def test_microseconds_for_seconds(tmp_path: Path, recording: EventRecording) -> None:
@@ -169,7 +169,7 @@ def test_microseconds_for_seconds(tmp_path: Path, recording: EventRecording) -> 
     empty = recording.gyroscope[:0]
     write_uzh_folder(replace(recording, events=scaled, gyroscope=empty, accelerometer=empty), tmp_path)
     with pytest.raises(RecordingError, match="likely factor 1000000"):
-        read_uzh_folder(tmp_path)
+        open_recording(tmp_path)
 
 
 def test_larger_sensor_is_recognised(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -177,7 +177,7 @@ def test_larger_sensor_is_recognised(tmp_path: Path, rng: np.random.Generator) -
     events["x"] = rng.integers(0, 640, 2000)
     bare = replace(make_event_recording(rng), events=events, camera=None, calibration=None)
     write_uzh_folder(bare, tmp_path)
-    found = read_uzh_folder(tmp_path)
+    found = open_recording(tmp_path)
     assert (found.width, found.height) == (640, 480)
     assert any("640 x 480" in note for note in found.notes)
 
@@ -189,9 +189,9 @@ def test_guess_is_remembered(
     events["x"] = rng.integers(0, 346, 2000)
     bare = replace(make_event_recording(rng), events=events, camera=None, calibration=None)
     write_uzh_folder(bare, tmp_path)
-    first = read_uzh_folder(tmp_path, cache_from=0)
+    first = open_recording(tmp_path, cache_from=0)
     monkeypatch.setattr(event_cache, "_convert", None)
-    again = read_uzh_folder(tmp_path, cache_from=0)
+    again = open_recording(tmp_path, cache_from=0)
     assert (again.width, again.height, again.notes) == (346, 260, first.notes)
     assert_same(again, first)
 
@@ -201,7 +201,7 @@ def test_wrong_resolution_in_the_calibration(tmp_path: Path, recording: EventRec
     path = tmp_path / "camchain-imucam.yaml"
     path.write_text(path.read_text().replace("[240, 180]", "[180, 240]"))
     with pytest.raises(RecordingError, match="wrong resolution"):
-        read_uzh_folder(tmp_path)
+        open_recording(tmp_path)
 
 
 def test_different_times_cannot_share_a_file(tmp_path: Path, recording: EventRecording) -> None:
@@ -214,7 +214,7 @@ def test_lens_that_is_none(tmp_path: Path, rng: np.random.Generator, text: str) 
     write_uzh_folder(replace(make_event_recording(rng, 50), camera=None, calibration=None), tmp_path)
     (tmp_path / "calib.txt").write_text(text)
     with pytest.raises(CalibrationError):
-        read_uzh_folder(tmp_path)
+        open_recording(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["imu.txt", "groundtruth.txt"])
@@ -223,12 +223,12 @@ def test_bad_neighbours(tmp_path: Path, recording: EventRecording, name: str, te
     write_uzh_folder(recording, tmp_path)
     (tmp_path / name).write_text(text)
     with pytest.raises(AsyneioError):
-        read_uzh_folder(tmp_path)
+        open_recording(tmp_path)
 
 
 def test_imu_noise_without_a_camera(tmp_path: Path, recording: EventRecording) -> None:
     write_uzh_folder(recording, tmp_path)
     (tmp_path / "camchain-imucam.yaml").unlink()
-    assert read_uzh_folder(tmp_path).calibration is None
+    assert open_recording(tmp_path).calibration is None
     with pytest.raises(CalibrationError, match="no camera file"):
-        read_uzh_folder(tmp_path, imu=tmp_path / "imu.yaml")
+        open_recording(tmp_path, ReadOptions(imu=tmp_path / "imu.yaml"))

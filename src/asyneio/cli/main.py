@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from asyneio import __version__
+from asyneio.cli.convert import convert
 from asyneio.cli.demo import demo
 from asyneio.cli.evaluate import evaluate
 from asyneio.cli.run import run
@@ -40,6 +41,7 @@ app.command(epilog="Example: asyneio simulate moderate -o recordings/simulated -
     simulate
 )
 app.command(epilog="Example: asyneio track recordings/slider_depth -o results/slider --animation")(track)
+app.command(epilog="Example: asyneio convert recordings/desk.bag recordings/desk.h5 --resume")(convert)
 app.command(epilog="Example: asyneio demo -o results/demo")(demo)
 app.command(epilog="Example: asyneio study expressiveness -o results/expressiveness --quick")(study)
 

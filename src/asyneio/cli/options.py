@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 if TYPE_CHECKING:
     from asyneio.config import Config
+
+
+EventsOption = Annotated[
+    str | None,
+    typer.Option("--events", help="Which events, where there are several: a topic, a stream, a file."),
+]
+SamplesOption = Annotated[
+    str | None,
+    typer.Option("--samples", help="Which inertial samples, where there are several: a topic or a stream."),
+]
 
 
 class TrackerName(StrEnum):

@@ -7,7 +7,14 @@ from typing import Annotated
 
 import typer
 
-from asyneio.cli.options import SchemeName, TrackerName, with_scheme, with_tracker
+from asyneio.cli.options import (
+    EventsOption,
+    SamplesOption,
+    SchemeName,
+    TrackerName,
+    with_scheme,
+    with_tracker,
+)
 
 _EVIDENCE = (
     "A recording, processed causally: each estimate uses only what was measured before it; observations of "
@@ -17,7 +24,8 @@ _EVIDENCE = (
 
 def run(
     recording: Annotated[
-        Path, typer.Argument(help="Events with an IMU (UZH folder, HDF5, AEDAT), or a tracks folder.")
+        Path,
+        typer.Argument(help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT), or a tracks folder."),
     ],
     output: Annotated[
         Path | None,
@@ -28,6 +36,8 @@ def run(
         typer.Option(help="Kalibr camera file.", show_default="beside the data"),
     ] = None,
     imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
+    events: EventsOption = None,
+    samples: SamplesOption = None,
     config: Annotated[
         Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
     ] = None,
@@ -59,11 +69,12 @@ def run(
     from asyneio.cli.execute import Job, execute
     from asyneio.cli.progress import reading_progress
     from asyneio.config import load_config
-    from asyneio.io import open_recording
+    from asyneio.io import ReadOptions, open_recording
 
     settings = with_scheme(with_tracker(load_config(config), tracker), scheme)
     with reading_progress(recording) as progress:
-        loaded = open_recording(recording, calibration, imu, progress, max_track_seconds)
+        options = ReadOptions(calibration, imu, events, samples)
+        loaded = open_recording(recording, options, progress, max_track_seconds)
     for note in loaded.notes:
         console.say(f"note: {note}")
     folder = output or Path("results") / loaded.name

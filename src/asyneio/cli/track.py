@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from asyneio.cli.options import TrackerName, with_tracker
+from asyneio.cli.options import EventsOption, SamplesOption, TrackerName, with_tracker
 
 if TYPE_CHECKING:
     from asyneio.cli.track_run import TrackRun
+    from asyneio.io import ReadOptions
     from asyneio.types import EventRecording, RecordArray
 
 TRACKS_FILE, SUMMARY_FILE = "tracks.csv", "tracks_summary.json"
@@ -19,7 +20,7 @@ PICTURE_FILE, ANIMATION_FILE = "tracks.png", "tracks.gif"
 
 def track(
     recording: Annotated[
-        Path, typer.Argument(help="Events: a folder or a file (UZH text, AEDAT-2.0, AEDAT4, HDF5).")
+        Path, typer.Argument(help="Events: a folder or a file (UZH text or zip, ROS bag, AEDAT, HDF5).")
     ],
     output: Annotated[
         Path | None,
@@ -36,6 +37,8 @@ def track(
         Path | None, typer.Option(help="Kalibr camera file.", show_default="beside the data")
     ] = None,
     imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
+    events: EventsOption = None,
+    samples: SamplesOption = None,
     gyroscope: Annotated[
         bool, typer.Option("--gyroscope/--no-gyroscope", help="Turn patches along with the camera's roll.")
     ] = True,
@@ -55,10 +58,11 @@ def track(
     from asyneio.cli.track_run import summarize_tracks, track_recording
     from asyneio.config import load_config
     from asyneio.errors import RecordingError
+    from asyneio.io import ReadOptions
     from asyneio.io.atomic import make_folder, write_text
 
     settings = with_tracker(load_config(config), tracker).frontend
-    loaded = _open(recording, calibration, imu)
+    loaded = _open(recording, ReadOptions(calibration, imu, events, samples))
     folder = output or Path("results") / f"{loaded.name}-tracks"
     make_folder(folder)
     with share_progress("tracking", loaded.events.size / 1e6, "Mev") as advance:
@@ -83,7 +87,7 @@ def track(
         )
 
 
-def _open(path: Path, calibration: Path | None, imu: Path | None) -> EventRecording:
+def _open(path: Path, options: ReadOptions) -> EventRecording:
     """Read a recording of events.
 
     Raises:
@@ -96,7 +100,7 @@ def _open(path: Path, calibration: Path | None, imu: Path | None) -> EventRecord
     from asyneio.types import Recording
 
     with reading_progress(path) as advance:
-        loaded = open_recording(path, calibration, imu, advance)
+        loaded = open_recording(path, options, advance)
     for note in loaded.notes:
         console.say(f"note: {note}")
     if isinstance(loaded, Recording):

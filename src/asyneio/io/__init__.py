@@ -1,29 +1,25 @@
 """Files in and out: tracks folders, event recordings, Kalibr calibrations, TUM trajectories, estimates."""
 
-from asyneio.io.aedat2 import read_aedat2
-from asyneio.io.aedat4 import read_aedat4
+from asyneio.io.contents import ReadOptions
 from asyneio.io.estimates_file import read_estimates, to_trajectory, write_estimates
-from asyneio.io.event_hdf5 import read_events_hdf5
 from asyneio.io.event_hdf5_writer import write_events_hdf5
+from asyneio.io.inertial_text import read_inertial_file
 from asyneio.io.kalibr import read_calibration
 from asyneio.io.kalibr_writer import write_camchain, write_imu_noise
 from asyneio.io.open_recording import open_recording
 from asyneio.io.tracks_folder import read_tracks_folder
 from asyneio.io.tracks_writer import write_tracks_folder
 from asyneio.io.tum import read_tum, write_tum
-from asyneio.io.uzh_folder import read_uzh_folder
 from asyneio.io.uzh_writer import write_uzh_folder
 
 __all__ = [
+    "ReadOptions",
     "open_recording",
-    "read_aedat2",
-    "read_aedat4",
     "read_calibration",
     "read_estimates",
-    "read_events_hdf5",
+    "read_inertial_file",
     "read_tracks_folder",
     "read_tum",
-    "read_uzh_folder",
     "to_trajectory",
     "write_camchain",
     "write_estimates",

@@ -16,12 +16,12 @@ from typing import IO, Any
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.event_assembly import assemble, find_rig, prepare_samples
-from asyneio.io.event_cache import load_events
+from asyneio.io.contents import Contents, ReadOptions
+from asyneio.io.event_assembly import find_rig
 from asyneio.io.event_checks import MAX_STAMP_NS
-from asyneio.io.event_source import SAMPLE_DTYPE, Progress, pack_events
+from asyneio.io.event_source import SAMPLE_DTYPE, pack_events
 from asyneio.io.inertial_files import STANDARD_GRAVITY
-from asyneio.types import EventRecording, RecordArray
+from asyneio.types import RecordArray
 
 MAGIC = b"#!AER-DAT4"
 
@@ -155,26 +155,15 @@ class Aedat4Events:
                 worker.stdout.close()
 
 
-def read_aedat4(
-    path: Path,
-    calibration: Path | None = None,
-    imu: Path | None = None,
-    progress: Progress | None = None,
-    cache_from: int | None = None,
-) -> EventRecording:
-    """Read and validate an AEDAT4 file; arguments as for `read_uzh_folder`.
+def read_aedat4(path: Path, options: ReadOptions) -> Contents:
+    """An AEDAT4 file.
 
     Raises:
-        RecordingError: unreadable, without events, or damaged beyond salvage.
-        CalibrationError: a calibration file is malformed or impossible, or for another sensor size.
+        RecordingError: unreadable, or without events.
+        CalibrationError: a calibration file is malformed or impossible.
     """
-    rig = find_rig(path.parent, calibration, imu)
-    source = Aedat4Events(path)
-    size = source.size()
-    table = load_events(source, *size, progress, cache_from)
-    declared_hz = rig.calibration.noise.rate_hz if rig.calibration else None
-    inertial = prepare_samples(table.samples, declared_hz, f"the IMU of {path.name}")
-    return assemble(path.resolve().stem, table, size, rig, inertial)
+    rig = find_rig(path.parent, options.calibration, options.imu)
+    return Contents(path.resolve().stem, lambda: Aedat4Events(path), Aedat4Events(path).size(), rig)
 
 
 def _to_si(rows: RecordArray) -> RecordArray:

@@ -1,37 +1,27 @@
-"""What all readers of events share: the calibration beside them, inertial samples, the recording."""
+"""From what a reader found to a recording: events checked, samples in SI units, one clock, one sensor."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from asyneio.errors import CalibrationError
-from asyneio.io.event_cache import EventTable
+from asyneio.errors import CalibrationError, RecordingError
+from asyneio.io.contents import Contents, Rig, Samples, split_samples
+from asyneio.io.event_cache import EventTable, load_events
+from asyneio.io.event_checks import SensorSizeError
+from asyneio.io.event_source import Progress
 from asyneio.io.inertial_files import InertialStreams, check_units
 from asyneio.io.kalibr import parse_camera, read_calibration
 from asyneio.io.safe_yaml import load_mapping
 from asyneio.io.stamps import check_overlap, check_rate, drop_equal_stamps, sort_in_time
-from asyneio.types import (
-    INERTIAL_DTYPE,
-    Calibration,
-    CameraIntrinsics,
-    EventRecording,
-    PoseTrajectory,
-    RecordArray,
-)
+from asyneio.types import EventRecording, RecordArray
 
 CAMCHAIN_FILE, IMU_FILE = "camchain-imucam.yaml", "imu.yaml"
 
-
-@dataclass(frozen=True)
-class Rig:
-    """What is known of the sensors: the lens, or lens, extrinsics and noise together, or nothing."""
-
-    camera: CameraIntrinsics | None = None
-    calibration: Calibration | None = None
-    notes: tuple[str, ...] = ()
+#: Sensors tried in this order where no file tells the size: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
+USUAL_SIZES = ((240, 180), (320, 240), (346, 260), (640, 480), (1280, 720))
 
 
 def find_rig(folder: Path, calibration_path: Path | None, imu_path: Path | None) -> Rig:
@@ -54,70 +44,116 @@ def find_rig(folder: Path, calibration_path: Path | None, imu_path: Path | None)
     return Rig(calibration.camera, calibration, notes)
 
 
-def prepare_samples(samples: RecordArray, declared_hz: float | None, what: str) -> InertialStreams:
-    """Samples (SAMPLE_DTYPE, as they stand in the file) as two checked streams in SI units.
-
-    Raises:
-        RecordingError: time or units that cannot be explained.
-    """
-    if samples.size < 2:
-        empty = np.empty(0, dtype=INERTIAL_DTYPE)
-        notes = (f"{what} holds a single inertial sample: left out",) if samples.size else ()
-        return InertialStreams(empty, empty.copy(), notes)
-    finite = np.isfinite(samples["gyroscope"]).all(axis=1) & np.isfinite(samples["accelerometer"]).all(axis=1)
-    bad = int(samples.size - finite.sum())
-    notes = (f"{what}: dropped {bad} sample(s) that are not finite",) if bad else ()
-    samples, sorted_note = sort_in_time(samples[finite], what)
-    samples, dropped_note = drop_equal_stamps(samples, what)
-    rate_note = check_rate(samples["t_ns"], declared_hz, what)
-    gyroscope, accelerometer = (np.empty(samples.size, dtype=INERTIAL_DTYPE) for _ in range(2))
-    for stream, sensor in ((gyroscope, "gyroscope"), (accelerometer, "accelerometer")):
-        stream["t_ns"] = samples["t_ns"]
-        stream["xyz"] = samples[sensor]
-    return check_units(gyroscope, accelerometer, notes + sorted_note + dropped_note + rate_note)
-
-
 def assemble(
-    name: str,
-    table: EventTable,
-    size: tuple[int, int],
-    rig: Rig,
-    inertial: InertialStreams,
-    truth: PoseTrajectory | None = None,
-    notes: tuple[str, ...] = (),
+    contents: Contents, progress: Progress | None = None, cache_from: int | None = None
 ) -> EventRecording:
-    """The finished recording, after a check that events and inertial samples share one clock.
+    """Decode and check what a reader found.
+
+    Args:
+        contents: what it found.
+        progress: is told the fraction of the events converted.
+        cache_from: see `load_events`.
 
     Raises:
-        RecordingError: the two do not overlap, or differ by a power of a thousand.
+        RecordingError: events or samples that cannot be read or explained, or that do not share one clock.
         CalibrationError: the calibration speaks of another sensor size.
     """
-    width, height = size
+    rig = contents.rig
+    declared_hz = rig.calibration.noise.rate_hz if rig.calibration else None
+    # Files of samples are small: what is wrong with them is said before the events are converted.
+    inertial = prepare_samples(contents.samples, declared_hz) if contents.samples else None
+    table, size, notes = _load(contents, progress, cache_from)
+    if inertial is None:
+        samples = split_samples(table.samples, f"the IMU of {contents.name}")
+        inertial = prepare_samples(samples, declared_hz)
+    if rig.camera is None and contents.lens is not None:
+        rig = replace(rig, camera=contents.lens(*size))
     if rig.camera is not None and (rig.camera.width, rig.camera.height) != size:
         raise CalibrationError(
-            f"the calibration is for {rig.camera.width} x {rig.camera.height} pixels, but {name} was "
-            f"recorded with {width} x {height}; use the calibration of this camera"
+            f"the calibration is for {rig.camera.width} x {rig.camera.height} pixels, but {contents.name} "
+            f"was recorded with {size[0]} x {size[1]}; use the calibration of this camera"
         )
     timeshift_ns = rig.calibration.timeshift_ns if rig.calibration else 0
     # Two events, not the whole: they may be larger than memory.
     ends_ns = table.events["t_ns"][[0, -1]] + timeshift_ns
     if inertial.gyroscope.size:
         # Both sensors of one sample have the same time.
-        check_overlap(ends_ns, inertial.gyroscope["t_ns"], f"the events of {name}", "the IMU")
+        check_overlap(ends_ns, inertial.gyroscope["t_ns"], f"the events of {contents.name}", "the IMU")
     return EventRecording(
-        name=name,
+        name=contents.name,
         events=table.events,
-        width=width,
-        height=height,
+        width=size[0],
+        height=size[1],
         gyroscope=inertial.gyroscope,
         accelerometer=inertial.accelerometer,
         camera=rig.camera,
         calibration=rig.calibration,
-        ground_truth=truth,
-        notes=rig.notes + table.notes + inertial.notes + notes,
+        ground_truth=contents.truth,
+        notes=rig.notes + table.notes + notes + inertial.notes + contents.notes,
     )
 
 
-def with_camera(rig: Rig, camera: CameraIntrinsics) -> Rig:
-    """The rig with a lens read elsewhere."""
-    return replace(rig, camera=camera)
+def prepare_samples(samples: Samples, declared_hz: float | None) -> InertialStreams:
+    """Samples as they stand in a file as two checked streams in SI units.
+
+    Raises:
+        RecordingError: time or units that cannot be explained.
+    """
+    gyroscope, accelerometer, name = samples.gyroscope, samples.accelerometer, samples.name
+    notes = samples.notes
+    if min(gyroscope.size, accelerometer.size) < 2:
+        if gyroscope.size or accelerometer.size:
+            counts = f"{gyroscope.size} sample(s) of the gyroscope, {accelerometer.size} of the accelerometer"
+            notes += (f"{name} holds {counts}: too few, left out",)
+        return InertialStreams(gyroscope[:0], accelerometer[:0], notes)
+    if np.array_equal(gyroscope["t_ns"], accelerometer["t_ns"]):
+        # One sensor with six axes: what is wrong with one half concerns the other.
+        good = _finite(gyroscope) & _finite(accelerometer)
+        gyroscope, said = _in_order(gyroscope, good, declared_hz, name)
+        accelerometer, _ = _in_order(accelerometer, good, None, name)
+        notes += said
+    else:
+        gyroscope, said = _in_order(gyroscope, _finite(gyroscope), declared_hz, f"{name}, gyroscope")
+        notes += said
+        good = _finite(accelerometer)
+        accelerometer, said = _in_order(accelerometer, good, None, f"{name}, accelerometer")
+        notes += said
+    return check_units(gyroscope, accelerometer, notes)
+
+
+def _finite(stream: RecordArray) -> np.ndarray:
+    return np.asarray(np.isfinite(stream["xyz"]).all(axis=1))
+
+
+def _in_order(
+    stream: RecordArray, good: np.ndarray, declared_hz: float | None, name: str
+) -> tuple[RecordArray, tuple[str, ...]]:
+    notes: tuple[str, ...] = ()
+    if not good.all():
+        notes = (f"{name}: dropped {int(stream.size - good.sum())} sample(s) that are not finite",)
+    stream, sorted_note = sort_in_time(stream[good], name)
+    stream, dropped_note = drop_equal_stamps(stream, name)
+    return stream, notes + sorted_note + dropped_note + check_rate(stream["t_ns"], declared_hz, name)
+
+
+def _load(
+    contents: Contents, progress: Progress | None, cache_from: int | None
+) -> tuple[EventTable, tuple[int, int], tuple[str, ...]]:
+    """Events, the size of the sensor, and a sentence where it was guessed."""
+    size = contents.size
+    if size is None and contents.rig.camera is not None:
+        size = contents.rig.camera.width, contents.rig.camera.height
+    if size is not None:
+        table = load_events(contents.decode(), *size, progress, cache_from, contents.variant)
+        return table, size, ()
+    for usual in USUAL_SIZES:
+        try:
+            table = load_events(contents.decode(), *usual, progress, cache_from, contents.variant)
+        except SensorSizeError:
+            continue
+        text = f"no file tells the sensor's size: taken to be {usual[0]} x {usual[1]}, which holds the events"
+        return table, usual, (text,)
+    raise RecordingError(
+        f"the events of {contents.name} fit no usual sensor (up to {usual[0]} x {usual[1]}); give "
+        f"the size as the resolution in {CAMCHAIN_FILE}"
+    )

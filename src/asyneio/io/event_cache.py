@@ -49,6 +49,7 @@ def load_events(
     height: int,
     progress: Progress | None = None,
     cache_from: int | None = None,
+    variant: str = "",
 ) -> EventTable:
     """Decode, check and keep the events of a source.
 
@@ -57,6 +58,7 @@ def load_events(
         width, height: of the sensor [px].
         progress: is told the fraction converted.
         cache_from: bytes of the source from which on the conversion is cached; None: CACHE_FROM_BYTES.
+        variant: tells apart what different options make of one file.
 
     Raises:
         SensorSizeError: more events outside the sensor than chance explains.
@@ -66,7 +68,7 @@ def load_events(
     if status.st_size < (CACHE_FROM_BYTES if cache_from is None else cache_from):
         return _in_memory(source, width, height, progress)
     source_key = _digest(str(source.path.resolve()))
-    content_key = _digest(f"{status.st_size} {status.st_mtime_ns} {READER_VERSION}")
+    content_key = _digest(f"{status.st_size} {status.st_mtime_ns} {READER_VERSION} {variant}")
     folder = cache_folder()
     stem = folder / f"{source_key}-{content_key}-{width}x{height}"
     found = _reopen(stem)

@@ -1,0 +1,94 @@
+"""The formats of recordings of events: how each is recognised by its content, and its reader."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from asyneio.io.aedat2 import MAGIC as AEDAT2_MAGIC
+from asyneio.io.aedat2 import read_aedat2
+from asyneio.io.aedat4 import MAGIC as AEDAT4_MAGIC
+from asyneio.io.aedat4 import read_aedat4
+from asyneio.io.contents import Contents, ReadOptions
+from asyneio.io.event_hdf5 import MAGIC as HDF5_MAGIC
+from asyneio.io.event_hdf5 import is_asyneio_hdf5, read_events_hdf5
+from asyneio.io.event_text import is_event_text
+from asyneio.io.hdf5_dsec import is_event_columns, is_sides_folder, read_event_columns, read_sides_folder
+from asyneio.io.hdf5_m3ed import is_m3ed, read_m3ed
+from asyneio.io.hdf5_mvsec import is_mvsec, read_mvsec
+from asyneio.io.hdf5_prophesee import is_prophesee_hdf5, read_prophesee_hdf5
+from asyneio.io.mcap import MAGIC as MCAP_MAGIC
+from asyneio.io.prophesee import read_prophesee
+from asyneio.io.prophesee_header import MAGIC as PROPHESEE_MAGIC
+from asyneio.io.ros_recording import read_rosbag1, read_rosbag2
+from asyneio.io.rosbag1 import MAGIC as ROSBAG_MAGIC
+from asyneio.io.rosbag2 import SQLITE_MAGIC, is_rosbag2_folder
+from asyneio.io.uzh_folder import EVENTS_FILE, read_uzh_folder
+from asyneio.io.uzh_zip import read_uzh_zip
+from asyneio.io.zip_member import MAGIC as ZIP_MAGIC
+
+
+@dataclass(frozen=True)
+class Format:
+    """A layout of recordings.
+
+    `matches(path, head)` says whether a file that begins with the bytes `head`, or a folder (`head` is then
+    empty), has this layout; `read` finds out what is in it, decoding nothing yet.
+    """
+
+    name: str
+    title: str
+    matches: Callable[[Path, bytes], bool]
+    read: Callable[[Path, ReadOptions], Contents]
+
+
+def _hdf5(
+    name: str,
+    title: str,
+    matches: Callable[[Path], bool],
+    read: Callable[[Path, ReadOptions], Contents],
+) -> Format:
+    """A layout of HDF5 files."""
+    return Format(name, title, lambda path, head: head.startswith(HDF5_MAGIC) and matches(path), read)
+
+
+#: In this order; the first that matches reads.
+FORMATS = (
+    Format(
+        "uzh",
+        "a UZH folder (events.txt)",
+        lambda path, _: path.is_dir() and (path / EVENTS_FILE).is_file(),
+        read_uzh_folder,
+    ),
+    _hdf5("hdf5", "asyneio's HDF5", is_asyneio_hdf5, read_events_hdf5),
+    Format(
+        "sides",
+        "a folder of DSEC, VECtor or TUM-VIE",
+        lambda path, _: is_sides_folder(path),
+        read_sides_folder,
+    ),
+    _hdf5("mvsec", "MVSEC's HDF5", is_mvsec, read_mvsec),
+    _hdf5("m3ed", "M3ED's HDF5", is_m3ed, read_m3ed),
+    _hdf5("prophesee-hdf5", "Prophesee's HDF5", is_prophesee_hdf5, read_prophesee_hdf5),
+    _hdf5("columns", "HDF5 as of DSEC (events/x, y, t, p)", is_event_columns, read_event_columns),
+    Format(
+        "prophesee",
+        "Prophesee's RAW (EVT 2.0, 3.0) or DAT",
+        lambda _, head: head.startswith(PROPHESEE_MAGIC),
+        read_prophesee,
+    ),
+    Format("aedat2", "AEDAT-2.0 of a DAVIS240", lambda _, head: head.startswith(AEDAT2_MAGIC), read_aedat2),
+    Format("aedat4", "AEDAT4", lambda _, head: head.startswith(AEDAT4_MAGIC), read_aedat4),
+    Format("zip", "a UZH zip", lambda _, head: head.startswith(ZIP_MAGIC), read_uzh_zip),
+    Format("rosbag1", "a ROS 1 bag", lambda _, head: head.startswith(ROSBAG_MAGIC), read_rosbag1),
+    Format("rosbag2", "a ROS 2 bag (folder)", lambda path, _: is_rosbag2_folder(path), read_rosbag2),
+    Format("mcap", "MCAP", lambda _, head: head.startswith(MCAP_MAGIC), read_rosbag2),
+    Format("sqlite", "SQLite of ROS 2", lambda _, head: head.startswith(SQLITE_MAGIC), read_rosbag2),
+    Format("text", "events as text (t[s] x y p)", lambda _, head: is_event_text(head), read_uzh_folder),
+)
+
+
+def format_of(path: Path, head: bytes) -> Format | None:
+    """The format of a file that begins with `head`, or of a folder (`head` empty); None where unknown."""
+    return next((format for format in FORMATS if format.matches(path, head)), None)
