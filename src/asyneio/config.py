@@ -15,6 +15,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from asyneio.errors import ConfigError
 
+#: Of a file that is something else altogether, a few mistakes are enough.
+_MOST_ERRORS = 4
+
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -197,7 +200,11 @@ def load_config(path: Path | None, base: Mapping[str, Mapping[str, Any]] | None 
         return Config.model_validate(merged)
     except ValidationError as error:
         lines = [_explained(tuple(map(str, e["loc"])), e["type"], e["msg"]) for e in error.errors()]
-        raise ConfigError(f"{path or 'the settings'}: " + "; ".join(lines)) from error
+        more = f"; and {len(lines) - _MOST_ERRORS} more" if len(lines) > _MOST_ERRORS else ""
+        raise ConfigError(
+            f"{path or 'the settings'}: {'; '.join(lines[:_MOST_ERRORS])}{more}; "
+            "expected names and values as `asyneio config show` prints them"
+        ) from error
 
 
 def dump_config(config: Config) -> str:
@@ -209,10 +216,15 @@ def _read(path: Path) -> dict[Any, Any]:
     try:
         raw = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
+        raise ConfigError(
+            f"cannot read the configuration {path}: {error.strerror}; check the path"
+        ) from error
     except Exception as error:
         # PyYAML's constructors let IndexError, ValueError, RecursionError and others out.
-        raise ConfigError(f"{path} is not valid YAML: {' '.join(str(error).split())[:200]}") from error
+        raise ConfigError(
+            f"{path} is not valid YAML: {' '.join(str(error).split())[:200]}; "
+            "expected sections with settings, as in config.yaml of a run"
+        ) from error
     if raw is None:
         return {}
     if not isinstance(raw, dict):
@@ -231,3 +243,13 @@ def _explained(location: tuple[str, ...], kind: str, message: str) -> str:
     close = elsewhere or difflib.get_close_matches(location[-1], known, n=1, cutoff=0.5)
     meant = f"did you mean {close[0]}?" if close else f"expected one of {', '.join(known)}"
     return f"{where} is no setting; {meant}"
+
+
+def differences(first: Config, second: Config) -> dict[str, tuple[Any, Any]]:
+    """Settings that differ: `section.name`, and both values."""
+    return {
+        f"{name}.{key}": (value, getattr(getattr(second, name), key))
+        for name, section in first
+        for key, value in section
+        if value != getattr(getattr(second, name), key)
+    }

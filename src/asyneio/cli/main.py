@@ -33,7 +33,6 @@ app = typer.Typer(
     help="Asynchronous event-inertial odometry with Gaussian-process regression.",
     epilog="Example: asyneio demo",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 app.command(epilog="Example: asyneio run recordings/desk -o results/desk --max-track-seconds 1")(run)

@@ -60,23 +60,28 @@ def run(
         float | None,
         typer.Option(help="Of a tracks folder: cut tracks into pieces shorter than this, with new ids."),
     ] = None,
+    png: Annotated[
+        bool, typer.Option("--png", help="Also every figure of the report as a file, in figures.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Estimate the trajectory of a recording.
 
     Writes trajectory.tum, estimates.npz (velocity, biases, covariance), health.csv, config.yaml, summary.json
-    and, with matplotlib, report.html. Where the estimator lost track and began again, trajectory_1.tum, ...
-    follow, each in a world of its own; where attitude was known but no pose, attitude.csv. The exit status is
-    not 0 when the trajectory is missing or incomplete.
+    and, with matplotlib, report.html and overview.png. Where the estimator lost track and began again,
+    trajectory_1.tum, ... follow, each in a world of its own; where attitude was known but no pose,
+    attitude.csv. The exit status is not 0 when the trajectory is missing or incomplete.
     """
     from asyneio.cli import console
     from asyneio.cli.execute import Job, execute
-    from asyneio.cli.progress import share_progress
+    from asyneio.cli.progress import reading_progress
     from asyneio.io import ReadOptions, open_recording
 
     settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
     options = ReadOptions(calibration, imu, events, samples, camera, preset)
-    with share_progress("reading") as progress:
+    with reading_progress(recording) as progress:
         loaded = open_recording(recording, options, progress, max_track_seconds)
     for note in loaded.notes:
         console.say(f"note: {note}")
-    execute(Job(loaded, settings, output or Path("results") / loaded.name, _EVIDENCE))
+    folder = output or Path("results") / loaded.name
+    execute(Job(loaded, settings, folder, _EVIDENCE, png=png, as_json=as_json))

@@ -77,7 +77,7 @@ def track(
     loaded = _open(recording, ReadOptions(calibration, imu, events, samples, camera, preset))
     folder = output or Path("results") / f"{loaded.name}-tracks"
     make_folder(folder)
-    with share_progress("tracking") as advance:
+    with share_progress("tracking", loaded.events.size / 1e6, "Mev") as advance:
         run = track_recording(loaded, settings, gyroscope, advance)
     summary = summarize_tracks(loaded, run)
     for stale in (TRACKS_FILE, PICTURE_FILE, ANIMATION_FILE):
@@ -106,12 +106,12 @@ def _open(path: Path, options: ReadOptions) -> EventRecording:
         RecordingError: it cannot be read, has tracks instead of events, or no event.
     """
     from asyneio.cli import console
-    from asyneio.cli.progress import share_progress
+    from asyneio.cli.progress import reading_progress
     from asyneio.errors import RecordingError
     from asyneio.io import open_recording
     from asyneio.types import Recording
 
-    with share_progress("reading") as advance:
+    with reading_progress(path) as advance:
         loaded = open_recording(path, options, advance)
     for note in loaded.notes:
         console.say(f"note: {note}")
@@ -141,6 +141,7 @@ def _write_tracks(recording: EventRecording, observations: RecordArray, folder: 
 
 def _draw(recording: EventRecording, run: TrackRun, folder: Path, animation: bool) -> list[Path]:
     from asyneio.cli import console
+    from asyneio.cli.progress import share_progress
     from asyneio.io.atomic import atomic_file
     from asyneio.viz import available
     from asyneio.viz.tracks import TrackScene, render_animation, render_tracks
@@ -154,8 +155,8 @@ def _draw(recording: EventRecording, run: TrackRun, folder: Path, animation: boo
         stream.write(render_tracks(scene, recording.name))
     if animation:
         drawn.append(folder / ANIMATION_FILE)
-        with atomic_file(drawn[1]) as stream:
-            stream.write(render_animation(scene))
+        with share_progress("drawing") as advance, atomic_file(drawn[1]) as stream:
+            stream.write(render_animation(scene, advance))
     return drawn
 
 

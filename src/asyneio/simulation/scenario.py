@@ -81,10 +81,11 @@ class RigScenario:
     pause_s: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if self.duration_s <= 0.0 or self.ground_truth_rate_hz <= 0.0:
+        # Not a number is neither positive nor too long.
+        if not (0.0 < self.duration_s <= _LONGEST_S and self.ground_truth_rate_hz > 0.0):
             raise SimulationError(
                 f"duration_s = {self.duration_s}, ground_truth_rate_hz = {self.ground_truth_rate_hz}; "
-                "expected both positive"
+                f"expected both positive, and at most {_LONGEST_S:g} s (a day)"
             )
 
     @property
@@ -108,6 +109,9 @@ class RigScenario:
             self.noise.accelerometer_walk,
             self.initial_accelerometer_bias_sigma,
         )
+
+
+_LONGEST_S = 86_400.0
 
 
 @dataclass(frozen=True)

@@ -124,5 +124,7 @@ def _read_capped(path: Path) -> str:
         with path.open("rb") as stream:
             data = stream.read(MAX_JSON_BYTES + 1)
     except OSError as error:
-        raise CalibrationError(f"cannot read the calibration {path}: {error.strerror or error}") from error
+        raise CalibrationError(
+            f"cannot read the calibration {path}: {error.strerror or error}; check the path"
+        ) from error
     return data.decode("utf-8", errors="replace")
