@@ -327,6 +327,46 @@ def test_any_value_at_any_place_gives_a_calibration_or_our_error(
     assert np.isfinite(found.T_b_c).all()
 
 
+_HOSTILE = (
+    "", "[]", "{}", "null", "true", "x", "-1", "0", "1e999", ".nan", "0x1" + "0" * 5000, "[[1]]",
+    "!!opencv-matrix [1]", "!!opencv-matrix {rows: 1}", "&a [*a]", "!!binary x", "2001-01-01", "'",
+    "../x.yaml",
+    "{rows: [1], cols: {}, data: 3}", "[1, 2, 3, x]", "!!python/object/apply:os.system [exit]",
+)  # fmt: skip
+
+
+@settings(max_examples=150)
+@given(
+    kind=st.sampled_from(sorted(set(KINDS) - {"basalt"})),
+    line=st.integers(0, 200),
+    value=st.sampled_from(_HOSTILE),
+    whole=st.booleans(),
+)
+def test_any_line_may_be_hostile(
+    tmp_path_factory: pytest.TempPathFactory, kind: str, line: int, value: str, whole: bool
+) -> None:
+    """A line's value, or the line with all that is below it, replaced in any of the files."""
+    folder = tmp_path_factory.mktemp("fuzz")
+    camera, imu = KINDS[kind](folder, make_rig())
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    path = files[line % len(files)]
+    lines = path.read_text().splitlines()
+    index = line % len(lines)
+    key = lines[index].split(":", 1)[0]
+    below = index + 1
+    while whole and below < len(lines) and lines[below].startswith(" " * (len(key) - len(key.lstrip()) + 1)):
+        below += 1
+    lines[index:below] = [f"{key}: {value}"]
+    path.write_text("\n".join(lines) + "\n")
+    try:
+        found, _ = read_calibration(camera, imu, size=SIZE)
+    except CalibrationError:
+        return
+    assert np.isfinite(found.T_b_c).all()
+    np.testing.assert_allclose(found.T_b_c[:3, :3] @ found.T_b_c[:3, :3].T, np.eye(3), atol=1e-6)
+    assert min(found.noise.gyroscope_density, found.noise.accelerometer_walk) > 0.0
+
+
 def test_real_files(data_dir: Path) -> None:
     tum, notes = read_calibration(
         data_dir / "tumvi_calib" / "camchain-imucam.yaml", data_dir / "tumvi_calib" / "imu.yaml"
