@@ -184,6 +184,7 @@ def _replaced(path: Path, old: str, new: str) -> Path:
         ),
         ("rpg", "image_width: 240", "image_width: wide", "image_width holds 'wide'; expected a number"),
         ("rpg", "- camera:", "- lens:", "entry 0 of cameras holds no 'camera'"),
+        ("rpg", "image_height: 180", "image_height: 0x1" + 5000 * "0", "expected a finite number"),
         ("vins-mono", "PINHOLE", "MEI", "model_type is 'MEI'; understood are PINHOLE and KANNALA_BRANDT"),
         ("vins-mono", "estimate_extrinsic: 0", "estimate_extrinsic: 2", "the extrinsics are not known"),
         ("vins-mono", "!!opencv-matrix", "!!opencv-matrix [1]\nx:", "not valid YAML"),
