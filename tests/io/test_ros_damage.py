@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 import struct
 from collections.abc import Callable
@@ -19,11 +20,11 @@ from asyneio.io import ReadOptions, open_recording
 from asyneio.io.bag import MAX_UNPACKED, Message, Topic, unpack
 from asyneio.io.event_arrays import EventArrayDecoder, event_fields
 from asyneio.io.ros1_writer import write_rosbag
-from asyneio.io.ros_schema import locate, parse_schema
+from asyneio.io.ros_schema import Locator, locate, parse_schema
 from asyneio.io.ros_tables import NumberTable
 from asyneio.types import Distortion, EventRecording
 from tests.io.event_recordings import make_event_recording
-from tests.io.ros_bags import Record, camera_record, recording_records, write_bag
+from tests.io.ros_bags import Record, camera_record, header, recording_records, write_bag
 
 K = [200.0, 0, 120, 0, 201, 90, 0, 0, 1]
 
@@ -64,6 +65,28 @@ def test_no_events(tmp_path: Path, records: list[Record]) -> None:
     path = write_bag(tmp_path / "run", 2, [record for record in records if record.topic != "/dvs/events"])
     with pytest.raises(RecordingError, match=r"no topic of events; .*/dvs/imu \(sensor_msgs/msg/Imu"):
         open_recording(path)
+
+
+def test_packed_as_a_whole(tmp_path: Path, records: list[Record]) -> None:
+    path = write_bag(tmp_path / "run", 2, records, "file", "sqlite3")
+    with pytest.raises(RecordingError, match=r"packed as a whole \(zstd\); unpack them first"):
+        open_recording(path)
+
+
+def test_samples_without_stamps(tmp_path: Path, recording: EventRecording, records: list[Record]) -> None:
+    """Then the times of recording count; and stamps that run twice as fast are told."""
+    for factor, said in ((0, "have no stamps; the times of recording"), (2, "go by 2.0[0-9]* times as fast")):
+        changed = []
+        start = records[0].logged_ns
+        for record in records:
+            if record.topic == "/dvs/imu":
+                t_ns = start + factor * (record.logged_ns - start) if factor else 0
+                record = replace(record, values=record.values | {"header": header(t_ns)})
+            changed.append(record)
+        found = open_recording(write_bag(tmp_path / f"run{factor}", 1, changed))
+        assert re.search(said, " ".join(found.notes))
+        if factor == 0:
+            np.testing.assert_array_equal(found.gyroscope, recording.gyroscope)
 
 
 def test_several_truths(tmp_path: Path, records: list[Record]) -> None:
@@ -244,6 +267,25 @@ def test_any_message(data: bytes, cdr: bool) -> None:
     except ValueError:
         return
     assert 13 * found.events.size <= len(data)
+
+
+@given(st.booleans(), st.lists(st.tuples(st.integers(0, 9), st.binary(max_size=30)), max_size=12))
+def test_places_are_those_of_the_message(cdr: bool, changes: list[tuple[int, bytes]]) -> None:
+    """Messages that resemble the one before, and others: never another answer than a fresh look gives."""
+    schema = parse_schema("p/A", "string a\nfloat64 b\nuint16[] c\nstring d\nuint32[] e\n")
+    locator = Locator(schema, cdr)
+    plain = (
+        (b"\0\1\0\0" if cdr else b"") + bytes([3, 0, 0, 0]) + b"ab\0" + bytes(9) + bytes([1, 0, 0, 0]) * 12
+    )
+    for position, content in changes:
+        data = plain[: 4 * position] + content + plain[4 * position :] if position % 3 else plain + content
+        try:
+            wanted = locate(schema, data, cdr)
+        except ValueError:
+            with pytest.raises(ValueError, match=r"."):
+                locator.locate(data)
+            continue
+        assert locator.locate(data) == wanted
 
 
 def test_absurd_count() -> None:

@@ -18,6 +18,8 @@ MAGIC = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 3, 4, 5, 6, 15
 _HEAD = struct.Struct("<BQ")
 _MAX_TOPICS = 2**16
+#: Stamps are unsigned there.
+_LATEST_NS = 2**63 - 1
 _ENCODINGS = {"cdr": True, "ros1": False}
 
 
@@ -93,7 +95,7 @@ class McapFile:
                     raise _CutError("a message of an unknown channel")
                 topic = self._channels[number]
                 if topic is not None:
-                    yield Message(topic, logged_ns, content[22:])
+                    yield Message(topic, min(logged_ns, _LATEST_NS), content[22:])
         except struct.error:
             raise _CutError("a record is too short") from None
 

@@ -128,15 +128,12 @@ def _check_encoding(known: EventTopic, topic: Topic) -> None:
 
 def _clock(known: EventTopic, topic: Topic) -> tuple[int, SensorClock]:
     """What a step of the events' time is [ns], and the clock that maps it to the host's."""
-    host_ns = np.array(known.host_ns, dtype=np.int64)
+    host_ns, steps = (np.array(times, dtype=np.int64) for times in (known.host_ns, known.sensor_ns))
     if known.decoder is None:
-        sensor_ns = np.array(known.sensor_ns, dtype=np.int64)
-        if "evt3" in known.encodings:
-            sensor_ns = unwrap_first_times(sensor_ns, host_ns)
+        sensor_ns = unwrap_first_times(steps, host_ns) if "evt3" in known.encodings else steps
         return 1, fit_clock(sensor_ns, host_ns, topic.name)
-    if not known.sensor_ns:
+    if not steps.size:
         return 1, SensorClock()
-    steps = np.array(known.sensor_ns, dtype=np.int64)
     lengths = int(host_ns[-1] - host_ns[0]), int(steps[-1] - steps[0])
     ratio = lengths[0] / lengths[1] if min(lengths) > 0 else host_ns[0] / max(int(steps[0]), 1)
     unit_ns = min(_UNITS_NS, key=lambda unit: abs(np.log(max(ratio, 1e-9) / unit)))

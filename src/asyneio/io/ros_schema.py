@@ -76,11 +76,15 @@ class Place:
 
 @dataclass(frozen=True)
 class Located:
-    """The places of a message's fields by dotted name; `lengths` are the offsets of all length words."""
+    """The places of a message's fields by dotted name; `lengths` are the offsets of all length words.
+
+    `open_end` names the field that the message ends with, if it may hold any number of values.
+    """
 
     places: dict[str, Place]
     lengths: tuple[int, ...]
     order: str
+    open_end: str = ""
 
     def place(self, name: str) -> Place:
         """Where a field of numbers stands. Raises ValueError: the message has no such field."""
@@ -190,6 +194,7 @@ class _Walk:
     at: int
     places: dict[str, Place] = field(default_factory=dict)
     lengths: list[int] = field(default_factory=list)
+    open_end: str = ""
     #: Set where a sequence of items ends the walk: what comes after it is not needed.
     ended: bool = False
 
@@ -216,6 +221,7 @@ class _Walk:
             raise ValueError("the message has too many fields")
         self.places[name] = Place(self.at, dtype, count)
         self.at += count * size
+        self.open_end = ""
 
     def walk(self, kind: str, prefix: str, within: str, depth: int) -> None:
         if depth > _MAX_DEPTH:
@@ -227,10 +233,12 @@ class _Walk:
             if part.count is not None and part.kind not in PRIMITIVES:
                 count = self.length() if part.count < 0 else part.count
                 self.places[name] = Place(self.at, "", count, _full_name(self.types, part.kind, kind))
+                self.open_end = name if part.count < 0 else ""
                 self.ended = True
             elif part.kind in PRIMITIVES:
                 count = 1 if part.count is None else self.length() if part.count < 0 else part.count
                 self.put(name, PRIMITIVES[part.kind], count)
+                self.open_end = name if part.count == -1 else ""
             elif part.kind in _TIMES:
                 self.put(f"{name}.sec", "u4", 1)
                 self.put(f"{name}.nanosec", "u4", 1)
@@ -259,7 +267,49 @@ def locate(schema: Schema, data: bytes | memoryview, cdr: bool) -> Located:
         order = found
     walk = _Walk(schema.types, data, cdr, order, 4 if cdr else 0)
     walk.walk(schema.root, "", schema.root, 0)
-    return Located(walk.places, tuple(walk.lengths), order)
+    return Located(walk.places, tuple(walk.lengths), order, walk.open_end)
+
+
+class Locator:
+    """`locate` for many messages of a type: most have their fields where the one before had them."""
+
+    def __init__(self, schema: Schema, cdr: bool) -> None:
+        self._schema, self._cdr = schema, cdr
+        self._known: Located | None = None
+        #: The bytes of all length words but that of the open end, by offset.
+        self._same: tuple[tuple[int, bytes], ...] = ()
+        self._bytes = 0
+
+    def locate(self, data: bytes | memoryview) -> Located:
+        """See the function. Raises ValueError as it does."""
+        known = self._known
+        if known is None or any(data[at : at + 4] != value for at, value in self._same):
+            return self._afresh(data)
+        if not known.open_end:
+            return known if len(data) >= self._bytes else self._afresh(data)
+        place, at = known.places[known.open_end], known.lengths[-1]
+        count = int.from_bytes(data[at : at + 4], "little" if known.order == "<" else "big")
+        if not 0 < count * self._bytes <= len(data) - place.offset:
+            return self._afresh(data)
+        places = {**known.places, known.open_end: Place(place.offset, place.dtype, count, place.kind)}
+        return Located(places, known.lengths, known.order, known.open_end)
+
+    def _afresh(self, data: bytes | memoryview) -> Located:
+        found = locate(self._schema, data, self._cdr)
+        end = found.places.get(found.open_end)
+        sized = all(place.dtype for name, place in found.places.items() if name != found.open_end)
+        # An empty sequence does not tell where one with items would begin.
+        self._known = found if sized and found.places and (end is None or end.count) else None
+        lengths = found.lengths[:-1] if end else found.lengths
+        self._same = tuple((at, bytes(data[at : at + 4])) for at in lengths)
+        if self._cdr:
+            self._same = ((0, bytes(data[:4])), *self._same)
+        # What the open end needs for each item, or the whole message where there is no open end.
+        ends = [
+            place.offset + place.count * int(place.dtype[1]) for place in found.places.values() if place.dtype
+        ]
+        self._bytes = int(end.dtype[1]) if end and end.dtype else 1 if end else max(ends, default=0)
+        return found
 
 
 def item_places(schema: Schema, kind: str, cdr: bool, start: int, items: int) -> list[dict[str, Place]]:
