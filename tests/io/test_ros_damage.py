@@ -17,10 +17,11 @@ from rosbags.rosbag1 import Writer
 
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.io import ReadOptions, open_recording
-from asyneio.io.bag import MAX_UNPACKED, Message, Topic, unpack
+from asyneio.io.bag import MAX_UNPACKED, CutError, Message, Topic, unpack
 from asyneio.io.event_arrays import EventArrayDecoder, event_fields
 from asyneio.io.ros1_writer import write_rosbag
-from asyneio.io.ros_schema import Locator, locate, parse_schema
+from asyneio.io.ros_places import Locator, locate
+from asyneio.io.ros_schema import parse_schema
 from asyneio.io.ros_tables import NumberTable
 from asyneio.types import Distortion, EventRecording
 from tests.io.event_recordings import make_event_recording
@@ -173,6 +174,29 @@ def test_cut_off(
             assert any("cut off at byte" in note for note in found.notes)
     assert sizes == sorted(sizes)
     assert 0 < sizes[0] < sizes[-1] == 3000
+
+
+@pytest.mark.parametrize("packing", ["", "lz4", "bz2"])
+def test_damaged_in_the_middle(
+    tmp_path: Path,
+    recording: EventRecording,
+    records: list[Record],
+    packing: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A chunk is spoilt; those before and after it are read."""
+    monkeypatch.setattr(Writer, "__init__", small_chunks(Writer.__init__))
+    path = write_bag(tmp_path / "run.bag", 1, records, packing)
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    # Where nothing is packed, the length of a message's header is what tells.
+    at = middle if packing else data.index(b"op=\2", middle) - 12
+    data[at : at + 12] = b"\xff" * 12
+    path.write_bytes(data)
+    found = open_recording(path)
+    assert 2500 + 250 < found.events.size + found.gyroscope.size < 3000 + recording.gyroscope.size
+    assert found.events["t_ns"][-1] == recording.events["t_ns"][-1]
+    assert any("damaged record(s), the first at byte" in note for note in found.notes)
 
 
 def small_chunks(make: Callable[..., None]) -> Callable[..., None]:
@@ -332,9 +356,9 @@ def test_definitions_that_are_none() -> None:
 
 
 def test_unpack_is_bounded() -> None:
-    with pytest.raises(RecordingError, match="claims to hold"):
+    with pytest.raises(CutError, match="claims to hold"):
         unpack(b"", "lz4", MAX_UNPACKED + 1)
-    with pytest.raises(RecordingError, match="'gzip'"):
+    with pytest.raises(CutError, match="'gzip'"):
         unpack(b"", "gzip", 10)
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.io.event_source import FAR_OUTSIDE
-from asyneio.io.ros_schema import Locator, Place, Schema, item_places
+from asyneio.io.ros_places import Locator, Place, item_places
+from asyneio.io.ros_schema import Schema
 from asyneio.io.ros_tables import stamp_of
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 

@@ -14,7 +14,7 @@ from asyneio.io.event_packets import ENCODINGS, TRIGGER, unwrap_first_times
 from asyneio.io.event_source import SAMPLE_DTYPE
 from asyneio.io.kalibr import parse_intrinsics
 from asyneio.io.ros_events import RosEvents
-from asyneio.io.ros_schema import Located
+from asyneio.io.ros_places import Located
 from asyneio.io.ros_survey import EventTopic, Survey, survey
 from asyneio.io.rosbag1 import Rosbag1
 from asyneio.io.rosbag2 import open_rosbag2

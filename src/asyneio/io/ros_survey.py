@@ -15,7 +15,8 @@ from asyneio.io.bag import Bag, Message, Topic
 from asyneio.io.event_arrays import EventArrayDecoder, EventFields, event_fields
 from asyneio.io.event_packets import Packet, first_time
 from asyneio.io.ros_definitions import schema_of
-from asyneio.io.ros_schema import Located, Locator, Schema, locate
+from asyneio.io.ros_places import Located, Locator, locate
+from asyneio.io.ros_schema import Schema
 from asyneio.io.ros_tables import STAMP, NumberTable, stamp_of
 
 _XYZ, _XYZW = "xyz", "xyzw"
