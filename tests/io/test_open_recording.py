@@ -63,8 +63,6 @@ def test_real_files(data_dir: Path) -> None:
         assert isinstance(open_recording(data_dir / name), EventRecording)
     with pytest.raises(RecordingError, match=r"2 recordings: IMU_rotDisk.aedat, IMU_translBoxes.aedat"):
         open_recording(data_dir / "davis240_imu")
-    with pytest.raises(RecordingError, match="Prophesee file"):
-        open_recording(data_dir / "formats" / "gen3.evt2.raw")
 
 
 def test_calibration_from_elsewhere(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -102,7 +100,8 @@ def test_not_understood(tmp_path: Path, content: bytes, message: str) -> None:
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=message):
         open_recording(path)
-    with pytest.raises(RecordingError, match=r"thing \(.*expected a tracks folder"):
+    # In a folder it is the only file, and its reader speaks; without a reader the folder's content is listed.
+    with pytest.raises(RecordingError, match=rf"{message}|thing \(.*expected a tracks folder"):
         open_recording(tmp_path)
 
 

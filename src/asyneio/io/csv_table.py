@@ -75,7 +75,7 @@ def read_text(path: TextFile) -> str:
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}; check the path") from error
 
 
 def bad_lines_note(path: TextFile, bad: list[int]) -> tuple[str, ...]:

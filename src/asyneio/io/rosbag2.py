@@ -8,9 +8,9 @@ from pathlib import Path
 
 from asyneio.errors import RecordingError
 from asyneio.io.bag import MAX_UNPACKED, Bag, Message, Topic, unpack
+from asyneio.io.calibration.documents import load_mapping
 from asyneio.io.mcap import MAGIC as MCAP_MAGIC
 from asyneio.io.mcap import McapFile
-from asyneio.io.safe_yaml import load_mapping
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 METADATA_FILE = "metadata.yaml"
