@@ -20,6 +20,7 @@ from asyneio.io.rosbag1 import Rosbag1
 from asyneio.io.rosbag2 import open_rosbag2
 from asyneio.io.sensor_clock import SensorClock, fit_clock
 from asyneio.io.stamps import drop_equal_stamps, sort_in_time
+from asyneio.io.tum import MAX_NORM_ERROR, POSE_DTYPE, poses_of
 from asyneio.types import CameraIntrinsics, Distortion, PoseTrajectory
 
 _MAX_LISTED = 20
@@ -30,7 +31,6 @@ _DISTORTIONS = {
 }  # fmt: skip
 #: Steps of an event's time, where it is one number: ns, us, ms, s.
 _UNITS_NS = (1, 1000, 1_000_000, 1_000_000_000)
-_POSE_DTYPE = np.dtype([("t_ns", "<i8"), ("p", "<f8", (3,)), ("q", "<f8", (4,))])
 
 
 def read_rosbag1(path: Path, options: ReadOptions) -> Contents:
@@ -173,20 +173,18 @@ def _truth(found: Survey) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
         text = f"several topics of poses, none taken as truth: {_listed(found, topics)}"
         return None, (text,) if topics else ()
     stamps, _, values = found.poses[topics[0]].columns()
-    rows = np.empty(stamps.size, dtype=_POSE_DTYPE)
+    rows = np.empty(stamps.size, dtype=POSE_DTYPE)
     rows["t_ns"], rows["p"], rows["q"] = stamps, values[:, :3], values[:, 3:]
-    norm = np.linalg.norm(rows["q"], axis=1)
-    good = (np.abs(norm - 1.0) < 1e-2) & np.isfinite(rows["p"]).all(axis=1)
+    good = np.asarray(np.isfinite(values).all(axis=1))
+    good[good] = np.abs(np.linalg.norm(rows["q"][good], axis=1) - 1.0) < MAX_NORM_ERROR
     name = topics[0].name
     if not good.any():
         return None, (f"{name}: no pose is usable as truth",)
     dropped = f"{name}: dropped {good.size - good.sum()} pose(s) that are none"
     rows, sorted_note = sort_in_time(rows[good], name)
     rows, repeated_note = drop_equal_stamps(rows, name)
-    quaternion = rows["q"] / np.linalg.norm(rows["q"], axis=1, keepdims=True)
-    truth = PoseTrajectory(rows["t_ns"].copy(), rows["p"].copy(), quaternion)
     notes = (f"the poses of {name} were taken as truth",) + (() if good.all() else (dropped,))
-    return truth, notes + sorted_note + repeated_note
+    return poses_of(rows), notes + sorted_note + repeated_note
 
 
 def _lens(
