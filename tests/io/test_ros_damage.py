@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from rosbags.rosbag1 import Writer
 
 from asyneio.errors import AsyneioError, RecordingError
-from asyneio.io import ReadOptions, open_recording
+from asyneio.io import ReadOptions, open_recording, write_uzh_folder
 from asyneio.io.bag import MAX_UNPACKED, CutError, Message, Topic, unpack
 from asyneio.io.event_arrays import EventArrayDecoder, event_fields
 from asyneio.io.ros1_writer import write_rosbag
@@ -88,6 +88,22 @@ def test_samples_without_stamps(tmp_path: Path, recording: EventRecording, recor
         assert re.search(said, " ".join(found.notes))
         if factor == 0:
             np.testing.assert_array_equal(found.gyroscope, recording.gyroscope)
+
+
+def test_files_beside(tmp_path: Path, recording: EventRecording, records: list[Record]) -> None:
+    """What the bag lacks may stand in files: samples and true poses."""
+    only = [record for record in records if record.topic == "/dvs/events"]
+    write_uzh_folder(recording, tmp_path / "files")
+    path = write_bag(tmp_path / "run.bag", 1, only)
+    assert open_recording(path).gyroscope.size == 0
+    found = open_recording(path, ReadOptions(samples=str(tmp_path / "files" / "imu.txt")))
+    np.testing.assert_array_equal(found.gyroscope, recording.gyroscope)
+    path.rename(tmp_path / "files" / "run.bag")
+    (tmp_path / "files" / "events.txt").unlink()
+    found = open_recording(tmp_path / "files" / "run.bag")
+    np.testing.assert_array_equal(found.accelerometer, recording.accelerometer)
+    assert found.ground_truth is not None
+    assert found.calibration is not None
 
 
 def test_several_truths(tmp_path: Path, records: list[Record]) -> None:
