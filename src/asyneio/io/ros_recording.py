@@ -181,7 +181,10 @@ def _truth(found: Survey, folder: Path) -> tuple[PoseTrajectory | None, tuple[st
     if not good.any():
         return None, (f"{name}: no pose is usable as truth",)
     dropped = f"{name}: dropped {good.size - good.sum()} pose(s) that are none"
-    rows, sorted_note = sort_in_time(rows[good], name)
+    try:
+        rows, sorted_note = sort_in_time(rows[good], name)
+    except RecordingError as error:
+        return None, (f"not taken as truth: {error}",)
     rows, repeated_note = drop_equal_stamps(rows, name)
     notes = (f"the poses of {name} were taken as truth",) + (() if good.all() else (dropped,))
     return poses_of(rows), notes + sorted_note + repeated_note
