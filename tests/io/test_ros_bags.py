@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Reader
 
 from asyneio.io import open_recording
 from asyneio.io.ros1_writer import write_rosbag
-from asyneio.types import EventRecording
+from asyneio.types import NS_PER_S, EventRecording
 from tests.io.event_recordings import make_event_recording
-from tests.io.ros_bags import recording_records, write_bag
+from tests.io.ros_bags import recording_records, typestore, write_bag
 
 BAGS = [
     (1, "", ""), (1, "lz4", ""), (1, "bz2", ""),
@@ -67,3 +69,49 @@ def test_own_writer(tmp_path: Path, recording: EventRecording) -> None:
     found = open_recording(path)
     assert_found(found, recording)
     assert found.camera == recording.camera
+
+
+def test_written_bags_are_read_by_others(tmp_path: Path, recording: EventRecording) -> None:
+    """The rosbags package finds the index, and deserialises what was written."""
+    path = tmp_path / "run.bag"
+    write_rosbag(recording, path)
+    store = typestore(1)
+    found: dict[str, list[Any]] = {}
+    logged = []
+    with Reader(path) as reader:
+        for connection, logged_ns, data in reader.messages():
+            found.setdefault(connection.topic, []).append(store.deserialize_ros1(data, connection.msgtype))
+            logged.append(logged_ns)
+    assert logged == sorted(logged)
+    assert {topic: len(messages) for topic, messages in found.items() if topic != "/dvs/events"} == {
+        "/dvs/imu": recording.gyroscope.size,
+        "/optitrack/davis": len(recording.ground_truth.t_ns) if recording.ground_truth else 0,
+        "/dvs/camera_info": 2,
+    }
+    events = [event for message in found["/dvs/events"] for event in message.events]
+    assert [
+        (event.ts.sec * NS_PER_S + event.ts.nanosec, event.x, event.y, int(event.polarity))
+        for event in events
+    ] == recording.events.tolist()
+    # A message covers 10 ms at most, and is stamped with its last event.
+    for message in found["/dvs/events"]:
+        span = message.events[-1].ts.sec - message.events[0].ts.sec
+        span = span * NS_PER_S + message.events[-1].ts.nanosec - message.events[0].ts.nanosec
+        assert 0 <= span < NS_PER_S // 100
+        assert (message.header.stamp.nanosec, message.width, message.height) == (
+            message.events[-1].ts.nanosec,
+            240,
+            180,
+        )
+    for message, rate, force in zip(
+        found["/dvs/imu"], recording.gyroscope, recording.accelerometer, strict=True
+    ):
+        assert message.header.stamp.sec * NS_PER_S + message.header.stamp.nanosec == rate["t_ns"]
+        assert [getattr(message.angular_velocity, axis) for axis in "xyz"] == rate["xyz"].tolist()
+        assert [getattr(message.linear_acceleration, axis) for axis in "xyz"] == force["xyz"].tolist()
+        assert message.orientation_covariance[0] == -1.0
+    camera, lens = recording.camera, found["/dvs/camera_info"][0]
+    assert camera is not None
+    assert (lens.K[0], lens.K[4], lens.K[2], lens.K[5]) == (camera.fx, camera.fy, camera.cx, camera.cy)
+    assert (lens.distortion_model, tuple(lens.D)) == ("plumb_bob", (*camera.coefficients, 0.0))
+    assert (lens.P[0], lens.P[2], lens.P[10]) == (camera.fx, camera.cx, 1.0)

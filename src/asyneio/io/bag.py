@@ -117,7 +117,7 @@ def unpack(data: bytes | memoryview, method: str, size: int) -> bytes:
         CutError: an unknown method, or a size beyond reason.
     """
     if method in ("", "none"):
-        return bytes(data)
+        return data if isinstance(data, bytes) else bytes(data)
     if size > MAX_UNPACKED:
         raise CutError(f"a chunk claims to hold {size} bytes; up to {MAX_UNPACKED} are read")
     try:
