@@ -23,6 +23,8 @@ TRACKS_FILE = "tracks.csv"
 _NOT_READ = {
     b"#ROSBAG": "a ROS bag of another version than 2.0",
     b"SQLite format 3\0": "a SQLite file, but no ROS 2 bag",
+    b"\x28\xb5\x2f\xfd": "packed with zstd (unpack it: zstd -d FILE)",
+    b"\x1f\x8b": "packed with gzip (unpack it first)",
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
     b"\x89HDF\r\n\x1a\n": "HDF5 of no known layout",
 }
