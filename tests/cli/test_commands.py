@@ -4,52 +4,20 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import typer
-from typer.main import get_command
 
 from asyneio.cli.main import app
 from asyneio.io import write_tracks_folder, write_uzh_folder
 from tests.cli.conftest import Asyneio
+from tests.cli.walk import COMMANDS, UsageError, parse
 from tests.io.event_recordings import make_event_recording
 from tests.io.recordings import make_recording
-
-#: Typer may bring a copy of click of its own: both are reached by what Typer exports.
-UsageError = typer.BadParameter.__mro__[1]
-
-
-def commands(command: Any = None, name: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Every command by the words that call it, groups and their commands alike."""
-    command = command or get_command(app)
-    yield name, command
-    for word, below in getattr(command, "commands", {}).items():
-        yield from commands(below, (*name, word))
-
-
-COMMANDS = dict(commands())
-
-
-def parse(line: str) -> None:
-    """Parse a command line as it would be run, without running it. Raises UsageError."""
-    program, *arguments = shlex.split(line)
-    assert program == "asyneio"
-    command, context = COMMANDS[()], None
-    while getattr(command, "commands", None) and arguments and not arguments[0].startswith("-"):
-        word = arguments.pop(0)
-        if word not in command.commands:
-            raise UsageError(f"no command {word}")
-        context = typer.Context(command, parent=context, info_name=word)
-        command = command.commands[word]
-    command.make_context(command.name or "asyneio", arguments, parent=context)
-
 
 LEAVES = [name for name, command in COMMANDS.items() if not (name and hasattr(command, "commands"))]
 
