@@ -101,7 +101,8 @@ def calibration_of(recording: Recording | EventRecording) -> Calibration:
     """
     if recording.calibration is None:
         raise RecordingError(
-            f"{recording.name} comes without extrinsics and IMU noise; expected camchain-imucam.yaml and "
-            "imu.yaml (Kalibr) beside it, or given with --calibration and --imu"
+            f"{recording.name} comes without a whole calibration (lens, extrinsics, IMU noise); expected "
+            "camchain-imucam.yaml and imu.yaml (Kalibr, or another usual kind) beside it, or given with "
+            "--calibration and --imu; --preset fills in what is published of a camera"
         )
     return recording.calibration

@@ -87,7 +87,7 @@ def test_run_writes_everything_and_shows_a_table(asyneio: Asyneio, folder: Path,
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == files
     for wanted in ("tracking", "times real time", "knots", "position error, RMSE", "mean life"):
         assert wanted in out
-    assert "note: camchain-imucam.yaml: extrinsics read from T_imu_cam" in err
+    assert "note: camchain-imucam.yaml: extrinsics of cam0 read from T_imu_cam" in err
     assert all(f"wrote {tmp_path / 'out' / name}" in err for name in files)
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["mean_track_life_s"] < 1.0
 

@@ -24,7 +24,7 @@ _TEXTS = [*_PAGES, _REPOSITORY / "README.md", _REPOSITORY / "CONTRIBUTING.md"]
 _ENDINGS = ("py", "json", "csv")
 
 #: Documented before they are there; each goes when it comes.
-COMING = {"doctor", "config", "bench", "--preset", "--camera"}
+COMING = {"doctor"}
 
 
 def prose(path: Path) -> str:

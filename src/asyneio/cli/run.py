@@ -8,10 +8,13 @@ from typing import Annotated
 import typer
 
 from asyneio.cli.options import (
+    CameraOption,
     EventsOption,
+    PresetOption,
     SamplesOption,
     SchemeName,
     TrackerName,
+    settings_of,
     with_scheme,
     with_tracker,
 )
@@ -33,9 +36,13 @@ def run(
     ] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Kalibr camera file.", show_default="beside the data"),
+        typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
     ] = None,
-    imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
+    imu: Annotated[
+        Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
+    ] = None,
+    camera: CameraOption = None,
+    preset: PresetOption = None,
     events: EventsOption = None,
     samples: SamplesOption = None,
     config: Annotated[
@@ -68,12 +75,11 @@ def run(
     from asyneio.cli import console
     from asyneio.cli.execute import Job, execute
     from asyneio.cli.progress import reading_progress
-    from asyneio.config import load_config
     from asyneio.io import ReadOptions, open_recording
 
-    settings = with_scheme(with_tracker(load_config(config), tracker), scheme)
+    settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
+    options = ReadOptions(calibration, imu, events, samples, camera, preset)
     with reading_progress(recording) as progress:
-        options = ReadOptions(calibration, imu, events, samples)
         loaded = open_recording(recording, options, progress, max_track_seconds)
     for note in loaded.notes:
         console.say(f"note: {note}")

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from asyneio.cli.options import EventsOption, SamplesOption, TrackerName, with_tracker
+from asyneio.cli.options import (
+    CameraOption,
+    EventsOption,
+    PresetOption,
+    SamplesOption,
+    TrackerName,
+    settings_of,
+    with_tracker,
+)
 
 if TYPE_CHECKING:
     from asyneio.cli.track_run import TrackRun
@@ -34,9 +42,14 @@ def track(
         Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Kalibr camera file.", show_default="beside the data")
+        Path | None,
+        typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
     ] = None,
-    imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
+    imu: Annotated[
+        Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
+    ] = None,
+    camera: CameraOption = None,
+    preset: PresetOption = None,
     events: EventsOption = None,
     samples: SamplesOption = None,
     gyroscope: Annotated[
@@ -56,13 +69,12 @@ def track(
     from asyneio.cli import console
     from asyneio.cli.progress import share_progress
     from asyneio.cli.track_run import summarize_tracks, track_recording
-    from asyneio.config import load_config
     from asyneio.errors import RecordingError
     from asyneio.io import ReadOptions
     from asyneio.io.atomic import make_folder, write_text
 
-    settings = with_tracker(load_config(config), tracker).frontend
-    loaded = _open(recording, ReadOptions(calibration, imu, events, samples))
+    settings = with_tracker(settings_of(config, preset), tracker).frontend
+    loaded = _open(recording, ReadOptions(calibration, imu, events, samples, camera, preset))
     folder = output or Path("results") / f"{loaded.name}-tracks"
     make_folder(folder)
     with share_progress("tracking", loaded.events.size / 1e6, "Mev") as advance:

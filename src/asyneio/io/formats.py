@@ -23,7 +23,7 @@ from asyneio.io.prophesee import read_prophesee
 from asyneio.io.prophesee_header import MAGIC as PROPHESEE_MAGIC
 from asyneio.io.ros_recording import read_rosbag1, read_rosbag2
 from asyneio.io.rosbag1 import MAGIC as ROSBAG_MAGIC
-from asyneio.io.rosbag2 import SQLITE_MAGIC, is_rosbag2_folder
+from asyneio.io.rosbag2 import is_rosbag2_folder, is_rosbag2_sqlite
 from asyneio.io.uzh_folder import EVENTS_FILE, read_uzh_folder
 from asyneio.io.uzh_zip import read_uzh_zip
 from asyneio.io.zip_member import MAGIC as ZIP_MAGIC
@@ -84,7 +84,7 @@ FORMATS = (
     Format("rosbag1", "a ROS 1 bag", lambda _, head: head.startswith(ROSBAG_MAGIC), read_rosbag1),
     Format("rosbag2", "a ROS 2 bag (folder)", lambda path, _: is_rosbag2_folder(path), read_rosbag2),
     Format("mcap", "MCAP", lambda _, head: head.startswith(MCAP_MAGIC), read_rosbag2),
-    Format("sqlite", "SQLite of ROS 2", lambda _, head: head.startswith(SQLITE_MAGIC), read_rosbag2),
+    Format("sqlite", "SQLite of ROS 2", lambda _, head: is_rosbag2_sqlite(head), read_rosbag2),
     Format("text", "events as text (t[s] x y p)", lambda _, head: is_event_text(head), read_uzh_folder),
 )
 

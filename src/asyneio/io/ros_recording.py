@@ -8,11 +8,11 @@ import numpy as np
 
 from asyneio.errors import CalibrationError, RecordingError
 from asyneio.io.bag import Bag, Topic
+from asyneio.io.calibration import find_rig
+from asyneio.io.calibration.lens import make_lens
 from asyneio.io.contents import Contents, ReadOptions, Samples, no_samples, split_samples
-from asyneio.io.event_assembly import find_rig
 from asyneio.io.event_packets import ENCODINGS, TRIGGER, unwrap_first_times
 from asyneio.io.event_source import SAMPLE_DTYPE
-from asyneio.io.kalibr import parse_intrinsics
 from asyneio.io.ros_events import RosEvents
 from asyneio.io.ros_schema import Located
 from asyneio.io.ros_survey import EventTopic, Survey, survey
@@ -232,10 +232,5 @@ def _parse_lens(located: Located, data: bytes, name: str) -> CameraIntrinsics | 
     coefficients = (radtan if distortion is Distortion.RADTAN else d).tolist()
     if not any(coefficients):
         distortion, coefficients = Distortion.NONE, []
-    section = {
-        "intrinsics": [float(k[0]), float(k[4]), float(k[2]), float(k[5])],
-        "resolution": [located.number(data, side) for side in ("width", "height")],
-        "distortion_model": str(distortion),
-        "distortion_coeffs": coefficients,
-    }
-    return parse_intrinsics(section, Path(name))
+    size = tuple(int(located.number(data, side)) for side in ("width", "height"))
+    return make_lens((k[0], k[4], k[2], k[5]), size, distortion, coefficients, Path(name))

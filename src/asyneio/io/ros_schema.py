@@ -82,17 +82,26 @@ class Located:
     lengths: tuple[int, ...]
     order: str
 
+    def place(self, name: str) -> Place:
+        """Where a field of numbers stands. Raises ValueError: the message has no such field."""
+        place = self.places.get(name)
+        if place is None or not place.dtype:
+            raise ValueError(f"the message lacks the field {name}")
+        return place
+
     def values(self, data: bytes | memoryview, name: str) -> np.ndarray:
-        """The values of a field of numbers, as an array."""
-        place = self.places[name]
+        """The values of a field of numbers, as an array. Raises ValueError: the message has no such field."""
+        place = self.place(name)
         return np.frombuffer(data, dtype=self.order + place.dtype, count=place.count, offset=place.offset)
 
     def number(self, data: bytes | memoryview, name: str) -> int:
-        """The value of a whole number."""
+        """The value of a whole number. Raises ValueError as above."""
+        if not self.place(name).count:
+            raise ValueError(f"the field {name} is empty")
         return int(self.values(data, name)[0])
 
     def text(self, data: bytes | memoryview, name: str) -> str:
-        """The value of a string."""
+        """The value of a string. Raises ValueError as above."""
         return bytes(self.values(data, name)).rstrip(b"\0").decode("utf-8", errors="replace")
 
 

@@ -86,7 +86,9 @@ def _same_form(table: np.ndarray, located: Located, cdr: bool) -> np.ndarray:
 
 
 def _column(table: np.ndarray, located: Located, name: str) -> np.ndarray:
-    place = located.places[name]
+    place = located.place(name)
+    if not place.count:
+        raise ValueError(f"the field {name} is empty")
     width = int(place.dtype[1])
     content = np.ascontiguousarray(table[:, place.offset : place.offset + width])
     return content.view(located.order + place.dtype)[:, 0]

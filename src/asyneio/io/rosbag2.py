@@ -8,9 +8,9 @@ from pathlib import Path
 
 from asyneio.errors import RecordingError
 from asyneio.io.bag import MAX_UNPACKED, Bag, Message, Topic, unpack
+from asyneio.io.calibration.documents import load_mapping
 from asyneio.io.mcap import MAGIC as MCAP_MAGIC
 from asyneio.io.mcap import McapFile
-from asyneio.io.safe_yaml import load_mapping
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 METADATA_FILE = "metadata.yaml"
@@ -36,7 +36,10 @@ class SqliteBag:
     def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
         """See Bag. Raises RecordingError: no database of ROS messages, or damaged before the first."""
         count = 0
-        uri = f"{self.path.resolve().as_uri()}?mode=ro&immutable=1"
+        # What a recorder that was killed left in its log is read too; without one, nothing is written beside.
+        logs = [self.path.with_name(f"{self.path.name}{end}") for end in ("-wal", "-journal")]
+        logged = any(log.is_file() for log in logs)
+        uri = f"{self.path.resolve().as_uri()}?mode=ro" + ("" if logged else "&immutable=1")
         try:
             database = sqlite3.connect(uri, uri=True)
         except sqlite3.Error as error:
@@ -56,7 +59,10 @@ class SqliteBag:
                 yield Message(topic, logged_ns, data), min(number / last, 1.0)
         except (sqlite3.Error, UnicodeDecodeError) as error:
             if count == 0:
-                raise RecordingError(f"{self.path} is no readable SQLite file of ROS 2: {error}") from error
+                raise RecordingError(
+                    f"{self.path} is no readable SQLite file of ROS 2: {error}; if it was cut off, try "
+                    f"sqlite3 {self.path.name} .recover | sqlite3 repaired.db3"
+                ) from error
             notes.append(f"{self.path.name} is damaged ({error}): read up to there, {count} message(s)")
         finally:
             database.close()
@@ -99,10 +105,17 @@ class SplitBag:
 
 
 def is_rosbag2_folder(path: Path) -> bool:
-    """True for a folder that says it is a recording of ROS 2, or holds nothing else."""
-    if (path / METADATA_FILE).is_file():
-        return _INFORMATION.encode() in (path / METADATA_FILE).read_bytes()[:4096]
-    return False
+    """True for a folder whose `metadata.yaml` says that it is a recording of ROS 2."""
+    try:
+        with (path / METADATA_FILE).open("rb") as stream:
+            return _INFORMATION.encode() in stream.read(4096)
+    except OSError:
+        return False
+
+
+def is_rosbag2_sqlite(head: bytes) -> bool:
+    """True for the start of a database that has a table of topics."""
+    return head.startswith(SQLITE_MAGIC) and b"serialization_format" in head
 
 
 def open_rosbag2(path: Path) -> Bag:

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.errors import CalibrationError
+from asyneio.io.calibration import find_rig
+from asyneio.io.calibration.lens import make_lens
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples, no_samples, split_samples
 from asyneio.io.csv_table import TextFile, bad_lines_note, read_text
-from asyneio.io.event_assembly import find_rig
 from asyneio.io.event_source import SAMPLE_DTYPE, EventSource
 from asyneio.io.event_text import TextEvents
-from asyneio.io.kalibr import parse_intrinsics
 from asyneio.io.seconds_table import read_rows
 from asyneio.io.tum import read_tum
 from asyneio.types import CameraIntrinsics, Distortion, PoseTrajectory
@@ -85,13 +85,7 @@ def read_lens(path: TextFile, width: int, height: int) -> CameraIntrinsics:
         values = []
     if len(values) not in (8, 9):
         raise CalibrationError(f"{path} holds no lens; expected nine numbers: fx fy cx cy k1 k2 p1 p2 k3")
-    section = {
-        "intrinsics": values[:4],
-        "resolution": [width, height],
-        "distortion_model": str(Distortion.RADTAN),
-        "distortion_coeffs": values[4:],
-    }
-    return parse_intrinsics(section, Path(str(path)))
+    return make_lens(values[:4], (width, height), Distortion.RADTAN, values[4:], Path(str(path)))
 
 
 def _read_samples(path: TextFile) -> Samples:

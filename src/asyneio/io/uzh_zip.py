@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from asyneio.errors import RecordingError
+from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE, find_rig, parse_calibration, rig_of
 from asyneio.io.contents import Contents, ReadOptions, Rig
-from asyneio.io.event_assembly import CAMCHAIN_FILE, IMU_FILE, find_rig
 from asyneio.io.event_text import TextEvents
-from asyneio.io.kalibr import parse_calibration, parse_camera
-from asyneio.io.safe_yaml import parse_mapping
 from asyneio.io.uzh_folder import EVENTS_FILE, uzh_contents
 from asyneio.io.zip_member import ZipMember, open_zip
 
@@ -34,8 +32,8 @@ def read_uzh_zip(path: Path, options: ReadOptions) -> Contents:
         return ZipMember(path, f"{folder}/{name}" if folder else name)
 
     rig = find_rig(path.parent, options.calibration, options.imu)
-    if options.calibration is None and rig == Rig():
-        rig = _rig_inside(file(CAMCHAIN_FILE), file(IMU_FILE))
+    if options.calibration is None and (rig.file is None or rig.found):
+        rig = _rig_inside(file(CAMCHAIN_FILE), file(IMU_FILE)) or rig
     events = ZipMember(path, member)
     name = folder.rsplit("/", 1)[-1] or path.resolve().stem
     return uzh_contents(name, lambda: TextEvents(path, events), rig, file, variant=member)
@@ -63,17 +61,16 @@ def _choose(path: Path, wanted: str | None) -> str:
     return found[0]
 
 
-def _rig_inside(camchain: ZipMember, imu: ZipMember) -> Rig:
+def _rig_inside(camchain: ZipMember, imu: ZipMember) -> Rig | None:
     """Kalibr's files in the archive, where it has any."""
     if not camchain.is_file():
-        return Rig()
-    camchain_path, imu_path = (file.archive / file.member for file in (camchain, imu))
-    lens = parse_mapping(camchain.read_text(errors="replace"), camchain_path)
-    if not imu.is_file():
-        return Rig(parse_camera(lens, camchain_path))
-    noise = parse_mapping(imu.read_text(errors="replace"), imu_path)
-    calibration, notes = parse_calibration(lens, noise, camchain_path, imu_path)
-    return Rig(calibration.camera, calibration, notes)
+        return None
+    files = [
+        parse_calibration(file.read_text(errors="replace"), file.archive / file.member)
+        for file in (camchain, imu)
+        if file.is_file()
+    ]
+    return rig_of(files[0], files[1] if len(files) > 1 else None)
 
 
 def _listed(names: list[str]) -> str:

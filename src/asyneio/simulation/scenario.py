@@ -31,15 +31,6 @@ MEMS_NOISE = ImuNoise(
     accelerometer_walk=5e-4,
 )
 
-#: Noise of the IMU in a DAVIS240C, an MPU-6150. Densities of its data sheet, 0.005 deg/s/sqrt(Hz) and 400
-#: ug/sqrt(Hz); walks, of which that says nothing, as a published system for this camera has them (PA-EVIO).
-MPU6150_NOISE = ImuNoise(
-    gyroscope_density=8.7e-5,
-    accelerometer_density=3.9e-3,
-    gyroscope_walk=2.9e-5,
-    accelerometer_walk=8e-4,
-)
-
 _DEFAULT_TRACKS = TrackSpec()
 
 #: An IMU without noise.
