@@ -110,10 +110,19 @@ def new_figure(rows: int, height: float, left: float = 0.66) -> tuple[Figure, li
 
 
 def to_png(figure: Figure, dpi: int = 110) -> bytes:
-    """The figure as a PNG file on white, so many dots an inch."""
+    """The figure as a PNG file on white, so many dots an inch.
+
+    Its colours are put into a table of 256: plots have few, and the file becomes three times smaller.
+    """
+    from PIL import Image
+
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
-    return buffer.getvalue()
+    with Image.open(buffer) as picture:
+        table = picture.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    smaller = io.BytesIO()
+    table.save(smaller, format="PNG", optimize=True)
+    return smaller.getvalue()
 
 
 def to_svg(figure: Figure) -> str:
