@@ -93,7 +93,7 @@ def plotting() -> Iterator[None]:
         yield
 
 
-def new_figure(rows: int, height: float, left: float = 0.66) -> tuple[Figure, list[Axes]]:
+def new_figure(rows: int, height: float, left: float = 0.74) -> tuple[Figure, list[Axes]]:
     """A figure with panels one above the other on a common time axis, `left` inches from the edge.
 
     No display is needed. Placed by hand: a layout engine would take most of the time of a page.
@@ -105,7 +105,7 @@ def new_figure(rows: int, height: float, left: float = 0.66) -> tuple[Figure, li
     right, bottom, top = 1.0 - 0.08 / WIDTH, 0.42 / height, 1.0 - 0.24 / height
     figure.subplots_adjust(left / WIDTH, bottom, right, top, hspace=0.2)
     for axes in panels:
-        axes.yaxis.set_label_coords(-0.52 / (right * WIDTH - left), 0.5)
+        axes.yaxis.set_label_coords(-0.58 / (right * WIDTH - left), 0.5)
     return figure, panels
 
 
