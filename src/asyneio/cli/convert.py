@@ -81,12 +81,12 @@ def _open(path: Path, options: ReadOptions, target: Target) -> EventRecording:
         RecordingError: it cannot be read, or holds tracks instead of events.
     """
     from asyneio.cli import console
-    from asyneio.cli.progress import share_progress
+    from asyneio.cli.progress import reading_progress
     from asyneio.errors import RecordingError
     from asyneio.io import open_recording
     from asyneio.types import Recording
 
-    with share_progress("reading") as advance:
+    with reading_progress(path) as advance:
         loaded = open_recording(path, options, advance)
     if isinstance(loaded, Recording):
         raise RecordingError(f"{path} is a tracks folder; expected events")

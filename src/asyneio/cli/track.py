@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from asyneio.cli.options import EventsOption, SamplesOption, TrackerName, with_tracker
+from asyneio.cli.options import (
+    CameraOption,
+    EventsOption,
+    PresetOption,
+    SamplesOption,
+    TrackerName,
+    settings_of,
+    with_tracker,
+)
 
 if TYPE_CHECKING:
     from asyneio.cli.track_run import TrackRun
@@ -34,9 +42,14 @@ def track(
         Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Kalibr camera file.", show_default="beside the data")
+        Path | None,
+        typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
     ] = None,
-    imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
+    imu: Annotated[
+        Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
+    ] = None,
+    camera: CameraOption = None,
+    preset: PresetOption = None,
     events: EventsOption = None,
     samples: SamplesOption = None,
     gyroscope: Annotated[
@@ -56,16 +69,15 @@ def track(
     from asyneio.cli import console
     from asyneio.cli.progress import share_progress
     from asyneio.cli.track_run import summarize_tracks, track_recording
-    from asyneio.config import load_config
     from asyneio.errors import RecordingError
     from asyneio.io import ReadOptions
     from asyneio.io.atomic import make_folder, write_text
 
-    settings = with_tracker(load_config(config), tracker).frontend
-    loaded = _open(recording, ReadOptions(calibration, imu, events, samples))
+    settings = with_tracker(settings_of(config, preset), tracker).frontend
+    loaded = _open(recording, ReadOptions(calibration, imu, events, samples, camera, preset))
     folder = output or Path("results") / f"{loaded.name}-tracks"
     make_folder(folder)
-    with share_progress("tracking") as advance:
+    with share_progress("tracking", loaded.events.size / 1e6, "Mev") as advance:
         run = track_recording(loaded, settings, gyroscope, advance)
     summary = summarize_tracks(loaded, run)
     for stale in (TRACKS_FILE, PICTURE_FILE, ANIMATION_FILE):
@@ -94,12 +106,12 @@ def _open(path: Path, options: ReadOptions) -> EventRecording:
         RecordingError: it cannot be read, has tracks instead of events, or no event.
     """
     from asyneio.cli import console
-    from asyneio.cli.progress import share_progress
+    from asyneio.cli.progress import reading_progress
     from asyneio.errors import RecordingError
     from asyneio.io import open_recording
     from asyneio.types import Recording
 
-    with share_progress("reading") as advance:
+    with reading_progress(path) as advance:
         loaded = open_recording(path, options, advance)
     for note in loaded.notes:
         console.say(f"note: {note}")
@@ -129,6 +141,7 @@ def _write_tracks(recording: EventRecording, observations: RecordArray, folder: 
 
 def _draw(recording: EventRecording, run: TrackRun, folder: Path, animation: bool) -> list[Path]:
     from asyneio.cli import console
+    from asyneio.cli.progress import share_progress
     from asyneio.io.atomic import atomic_file
     from asyneio.viz import available
     from asyneio.viz.tracks import TrackScene, render_animation, render_tracks
@@ -142,8 +155,8 @@ def _draw(recording: EventRecording, run: TrackRun, folder: Path, animation: boo
         stream.write(render_tracks(scene, recording.name))
     if animation:
         drawn.append(folder / ANIMATION_FILE)
-        with atomic_file(drawn[1]) as stream:
-            stream.write(render_animation(scene))
+        with share_progress("drawing") as advance, atomic_file(drawn[1]) as stream:
+            stream.write(render_animation(scene, advance))
     return drawn
 
 

@@ -21,8 +21,8 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import RecordingError
+from asyneio.io.calibration import find_rig
 from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_assembly import find_rig
 from asyneio.io.event_source import FAR_OUTSIDE, SAMPLE_DTYPE
 from asyneio.io.inertial_files import STANDARD_GRAVITY
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray

@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import RecordingError
+from asyneio.io.calibration import find_rig
 from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_assembly import find_rig
 from asyneio.io.event_checks import MAX_STAMP_NS
 from asyneio.io.event_source import SAMPLE_DTYPE
 from asyneio.io.inertial_files import STANDARD_GRAVITY

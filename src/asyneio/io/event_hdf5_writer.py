@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 
 from asyneio.io.atomic import atomic_path
+from asyneio.io.calibration.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.io.event_hdf5 import FORMAT, VERSION
 from asyneio.io.hdf5_columns import BLOCK_EVENTS
-from asyneio.io.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
 
 _COLUMNS = {"t": "t_ns", "x": "x", "y": "y", "p": "p"}

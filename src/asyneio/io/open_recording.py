@@ -21,10 +21,8 @@ TRACKS_FILE = "tracks.csv"
 
 #: Formats that are recognised only to say what they are.
 _NOT_READ = {
-    b"#ROSBAG": "a ROS 1 bag",
-    b"\x89MCAP": "an MCAP file (ROS 2)",
-    b"SQLite format 3": "a SQLite file (ROS 2 bag?)",
-    b"PK\x03\x04": "a zip archive: unpack it first",
+    b"#ROSBAG": "a ROS bag of another version than 2.0",
+    b"SQLite format 3\0": "a SQLite file, but no ROS 2 bag",
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
     b"\x89HDF\r\n\x1a\n": "HDF5 of no known layout",
 }
@@ -50,14 +48,15 @@ def open_recording(
 
     Raises:
         RecordingError: nothing there, nothing understood, or more than one; or as the reader says.
-        CalibrationError: a calibration file is missing, malformed or impossible.
+        CalibrationError: a calibration file is missing, malformed or impossible, or leaves a choice.
+        ConfigError: there is no such preset.
     """
     options = options or ReadOptions()
     if (path / TRACKS_FILE).is_file():
-        return read_tracks_folder(path, options.calibration, options.imu, max_track_seconds)
+        return read_tracks_folder(path, options, max_track_seconds)
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} holds events, not tracks; a longest track cannot be set for it")
-    return assemble(open_contents(path, options), progress, cache_from)
+    return assemble(open_contents(path, options), progress, cache_from, options.wanted)
 
 
 def open_contents(path: Path, options: ReadOptions) -> Contents:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.io.atomic import write_text
-from asyneio.io.csv_table import bad_lines_note
+from asyneio.io.csv_table import TextFile, bad_lines_note
 from asyneio.io.seconds_table import format_seconds, read_rows
 from asyneio.io.stamps import drop_equal_stamps, sort_in_time
 from asyneio.types import PoseTrajectory, RecordArray
@@ -22,7 +22,7 @@ _MAX_NORM_ERROR = 1e-2
 _EXACT_NORM_ERROR = 1e-6
 
 
-def read_tum(path: Path) -> tuple[PoseTrajectory, tuple[str, ...]]:
+def read_tum(path: TextFile) -> tuple[PoseTrajectory, tuple[str, ...]]:
     """Read a trajectory; the second value is sentences on what was skipped or sorted.
 
     Values may be separated by blanks or commas; `#` starts a comment. Quaternions are x y z w.

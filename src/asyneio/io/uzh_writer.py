@@ -10,9 +10,9 @@ from numba import njit
 
 from asyneio.errors import RecordingError
 from asyneio.io.atomic import atomic_file, write_text
-from asyneio.io.event_assembly import CAMCHAIN_FILE, IMU_FILE
+from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
+from asyneio.io.calibration.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.io.event_hdf5_writer import pieces_of
-from asyneio.io.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.io.seconds_table import format_seconds
 from asyneio.io.tum import tum_text
 from asyneio.io.uzh_folder import EVENTS_FILE, LENS_FILE, SAMPLES_FILE, TRUTH_FILE
