@@ -326,6 +326,16 @@ def test_missing_codec_names_the_extra(
         read(tmp_path / "x.h5")
 
 
+def test_no_events(tmp_path: Path, rng: np.random.Generator) -> None:
+    for name in ("t", "x", "y", "p"):
+        with h5py.File(tmp_path / "x.h5", "a") as file:
+            file[f"events/{name}"] = np.zeros(0, dtype="<u4")
+    write_mvsec(tmp_path / "y.hdf5", make_events(rng, 10)[:0])
+    for path in ("x.h5", "y.hdf5"):
+        with pytest.raises(RecordingError, match="holds no event"):
+            read(tmp_path / path)
+
+
 def test_blocks_do_not_matter(
     tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
