@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -282,6 +283,7 @@ def test_damaged_part(tmp_path: Path, recording: EventRecording, damage: str, sm
 
 SCRIPT = """
 import sys
+import tracemalloc
 from pathlib import Path
 from asyneio.io import open_recording, resumable
 from asyneio.io.conversion import Source, convert
@@ -359,6 +361,22 @@ def test_words_of_pieces(rng: np.random.Generator) -> None:
     for cut in (1, 77, 499):
         parts = evt2_words(events[:cut], None) + evt2_words(events[cut:], int(events["t_ns"][cut - 1]))
         assert parts == whole
+
+
+def test_memory_is_bounded(tmp_path: Path) -> None:
+    """Two million events that are a file, as those of a large recording are: written piece by piece."""
+    events = np.lib.format.open_memmap(tmp_path / "events.npy", "w+", EVENT_DTYPE, (2_000_000,))
+    events["t_ns"] = np.arange(events.size) * 1000
+    empty = make_event_recording(np.random.default_rng(0), 1).gyroscope[:0]
+    recording = EventRecording("large", events, 240, 180, empty, empty)
+    for name in ("dat", "evt2", "hdf5"):
+        target, path = BY_NAME[name], tmp_path / f"x{ENDINGS[name]}"
+        convert(Source(replace(recording, events=events[:1000])), target, path, nothing)
+        tracemalloc.start()
+        convert(Source(recording), target, path, nothing, force=True)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 24 * 2**20, name
 
 
 def test_disk_that_refuses(tmp_path: Path, recording: EventRecording) -> None:
