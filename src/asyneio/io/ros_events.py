@@ -88,8 +88,9 @@ class RosEvents:
             self._turns_ns = round(behind / TURN_NS) * TURN_NS
         limit = 2**62 // self._unit_ns
         if self._unit_ns > 1:
-            if (np.abs(events["t_ns"]) > limit).any():
+            if events["t_ns"].max() > limit or events["t_ns"].min() < -limit:
                 raise RecordingError(f"{self._topic.name}: a stamp lies beyond any range")
             events["t_ns"] *= self._unit_ns
-        events["t_ns"] = self._clock.to_host(events["t_ns"] + self._turns_ns)
+        if self._turns_ns or self._clock.offset_ns or self._clock.drift:
+            events["t_ns"] = self._clock.to_host(events["t_ns"] + self._turns_ns)
         return events
