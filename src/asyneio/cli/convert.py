@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from asyneio.cli.options import EventsOption, SamplesOption
+from asyneio.cli.options import CameraOption, EventsOption, PresetOption, SamplesOption
 
 if TYPE_CHECKING:
     from asyneio.io import ReadOptions
@@ -32,6 +32,8 @@ def convert(
     imu: Annotated[
         Path | None, typer.Option(help="File of the IMU's noise.", show_default="beside the data")
     ] = None,
+    camera: CameraOption = None,
+    preset: PresetOption = None,
     events: EventsOption = None,
     samples: SamplesOption = None,
     round_stamps: Annotated[
@@ -59,7 +61,7 @@ def convert(
     target = target_named(to, output)
     if output.resolve() == recording.resolve():
         raise RecordingError(f"{output} is the recording itself; name another output")
-    options = ReadOptions(calibration, imu, events, samples)
+    options = ReadOptions(calibration, imu, events, samples, camera, preset)
     loaded = _open(recording, options, target)
     if is_unfinished(target, output) and not resume:
         console.say(f"note: an unfinished {output} is written over; --resume would go on with it")
