@@ -26,7 +26,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
 
 
 def test_share_with_a_rate(shown: io.StringIO) -> None:
-    with progress.share_progress("tracking", 100.0, "Mev") as advance:
+    with progress.share_progress("tracking", 100.0, "Mev/s") as advance:
         for k in range(5):
             advance(k / 4)
             time.sleep(0.12)

@@ -21,7 +21,9 @@ def convert(
     to: Annotated[
         str | None,
         typer.Option(
-            "--to", help="uzh, uzh-zip, hdf5, dat, evt2 or aedat2.", show_default="by OUTPUT's ending"
+            "--to",
+            help="uzh, uzh-zip, rosbag, hdf5, dat, evt2 or aedat2.",
+            show_default="by OUTPUT's ending",
         ),
     ] = None,
     calibration: Annotated[
@@ -43,8 +45,8 @@ def convert(
 ) -> None:
     """Convert a recording of events.
 
-    Events are written bit by bit as they are read: in order, inside the sensor. What the format cannot hold
-    is said. Until all is written the output is called OUTPUT.part, which no command reads.
+    Events are written exactly as they were read: put in order, inside the sensor. What the format cannot
+    hold is said. Until all is written the output is called OUTPUT.part, which no command reads.
     """
     from asyneio.cli import console
     from asyneio.cli.progress import event_progress

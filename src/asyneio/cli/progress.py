@@ -22,14 +22,14 @@ from rich.progress import (
 def share_progress(what: str, amount: float = 0.0, unit: str = "") -> Iterator[Callable[[float], None]]:
     """A bar on standard error, gone when done; call what is given with the share done, 0 to 1.
 
-    Where the whole is so large an `amount` of a `unit` (MB, s, ...), it also shows the rate.
+    Where the whole is a known `amount`, it also shows the rate, in a `unit` such as MB/s.
     """
     with _bar(TaskProgressColumn()) as bar:
         task = bar.add_task(what, total=1.0, rate="")
 
         def advance(share: float) -> None:
             elapsed_s = bar.tasks[0].elapsed or 0.0
-            rate = f"{share * amount / elapsed_s:.3g} {unit}/s" if amount and elapsed_s > 0.5 else ""
+            rate = f"{share * amount / elapsed_s:.3g} {unit}" if amount and elapsed_s > 0.5 else ""
             bar.update(task, completed=share, rate=rate)
 
         yield advance
@@ -43,7 +43,7 @@ def reading_progress(path: Path) -> Iterator[Callable[[float], None]]:
     for file in files:
         with suppress(OSError):
             size += file.stat().st_size
-    with share_progress("reading", size / 1e6, "MB") as advance:
+    with share_progress("reading", size / 1e6, "MB/s") as advance:
         yield advance
 
 

@@ -115,7 +115,7 @@ def write_simulated_events(
 
     simulation = simulate_events(scenario, np.empty(0, dtype=EVENT_DTYPE))
     count = 0
-    with share_progress("simulating", scenario.duration_s, "s") as advance:
+    with share_progress("simulating", scenario.duration_s, "x real time") as advance:
 
         def pieces() -> Iterator[RecordArray]:
             nonlocal count

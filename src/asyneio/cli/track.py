@@ -77,7 +77,7 @@ def track(
     loaded = _open(recording, ReadOptions(calibration, imu, events, samples, camera, preset))
     folder = output or Path("results") / f"{loaded.name}-tracks"
     make_folder(folder)
-    with share_progress("tracking", loaded.events.size / 1e6, "Mev") as advance:
+    with share_progress("tracking", loaded.events.size / 1e6, "Mev/s") as advance:
         run = track_recording(loaded, settings, gyroscope, advance)
     summary = summarize_tracks(loaded, run)
     for stale in (TRACKS_FILE, PICTURE_FILE, ANIMATION_FILE):

@@ -112,7 +112,8 @@ def _only_event_file(folder: Path) -> tuple[Path, Format]:
         raise RecordingError(f"{folder} holds {len(found)} recordings: {names}; name one of them")
     if unfinished:
         _refuse_part(unfinished[0])
-    inertial = first_file(folder, SAMPLE_FILES)
+    named = [file for file in files if "imu" in file.name.lower() and file.suffix in (".csv", ".txt")]
+    inertial = first_file(folder, SAMPLE_FILES) or (named[0] if named else None)
     if inertial is not None:
         raise RecordingError(
             f"{folder} holds inertial samples ({inertial.relative_to(folder)}) but no events; expected "

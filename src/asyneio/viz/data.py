@@ -24,6 +24,11 @@ class Series:
     sigma: FloatArray
     truth: FloatArray | None = None
 
+    def scaled(self, factor: float) -> Series:
+        """The same in a unit that is smaller by a factor."""
+        truth = None if self.truth is None else factor * self.truth
+        return Series(self.t_s, factor * self.value, factor * self.sigma, truth)
+
 
 @dataclass(frozen=True)
 class Comparison:

@@ -10,7 +10,7 @@ import numpy as np
 
 from asyneio.types import FloatArray
 from asyneio.viz import paths, plots
-from asyneio.viz.data import Comparison, ReportData, Series, States, finite_rows
+from asyneio.viz.data import Comparison, ReportData, States, finite_rows
 from asyneio.viz.space import Space, plot_space, space_of
 from asyneio.viz.style import ESTIMATE, WIDTH
 from asyneio.viz.tracks import draw_tracks, plot_tracks, shown_instants
@@ -87,9 +87,7 @@ def plot_overview(data: ReportData) -> Figure | None:
     right.legend(ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     panels = list(lower.subplots(3, 1, sharex=True))
     if truth:
-        error = truth.position_error
-        series = Series(error.t_s, 100.0 * error.value, 100.0 * error.sigma)
-        plots.draw_errors(panels, series, "cm")
+        plots.draw_errors(panels, truth.position_error.scaled(100.0), "cm")
         panels[0].set_title("position error and 3 sigma", fontweight="normal", fontsize=9)
     else:
         plots.draw_vector(panels, data.states.velocity, "m/s")
@@ -153,7 +151,7 @@ def _states(states: States) -> Iterator[ReportFigure]:
         "gyroscope_bias",
         "Gyroscope bias",
         "Body axes.",
-        lambda: plots.plot_vector(states.bias_gyroscope, "rad/s"),
+        lambda: plots.plot_vector(states.bias_gyroscope.scaled(1e3), "mrad/s"),
     )
     yield ReportFigure(
         "accelerometer_bias",
