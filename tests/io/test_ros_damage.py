@@ -260,6 +260,15 @@ def test_database_without_definitions(
     np.testing.assert_array_equal(open_recording(path).events, recording.events)
 
 
+def test_no_message_can_be_decoded(tmp_path: Path, records: list[Record]) -> None:
+    """The definition in the bag promises more than the messages hold."""
+    path = write_bag(tmp_path / "run.bag", 1, records)
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"uint16 x\n", b"uint64 x\n"))
+    with pytest.raises(RecordingError, match=r"none of 6 message.* can be decoded: .*claims"):
+        open_recording(path)
+
+
 @pytest.mark.parametrize("kind", ["bag", "bz2", "lz4", "mcap", "zstd", "db3"])
 @given(st.integers(0, 10**6), st.binary(min_size=1, max_size=6))
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

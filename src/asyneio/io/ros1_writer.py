@@ -53,9 +53,8 @@ def write_rosbag(recording: EventRecording, path: Path, progress: Progress | Non
         with atomic_path(path) as temporary:
             temporary.unlink()
             with Writer(temporary) as writer:
-                connections = {
-                    name: writer.add_connection(name, TYPES[name], typestore=store) for name in TYPES
-                }
+                add = writer.add_connection
+                connections = {name: add(name, kind, typestore=store) for name, kind in TYPES.items()}
                 for logged_ns, topic, data in records:
                     # Time 0 is no time in ROS.
                     writer.write(connections[topic], max(logged_ns, 1), data)

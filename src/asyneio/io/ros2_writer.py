@@ -72,9 +72,8 @@ def write_rosbag2(recording: EventRecording, folder: Path, progress: Progress | 
             # The file in it is named after the folder.
             path = Path(temporary) / folder.name
             with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-                connections = {
-                    name: writer.add_connection(name, TYPES[name], typestore=store) for name in TYPES
-                }
+                add = writer.add_connection
+                connections = {name: add(name, kind, typestore=store) for name, kind in TYPES.items()}
                 for logged_ns, topic, data in records:
                     writer.write(connections[topic], logged_ns, data)
             path.rename(folder)

@@ -65,8 +65,9 @@ def read_bag(bag: Bag, name: str, options: ReadOptions) -> Contents:
     truth, truth_notes = _truth(found, bag.path.parent)
     size = known.size if min(known.size) > 0 else None
     lens, lens_notes = lens_of(found, topic, size)
-    if found.broken:
-        notes += (f"{bag.path.name}: {found.broken} message(s) are damaged",)
+    broken = found.broken + sum(table.broken for table in (*found.imus.values(), *found.poses.values()))
+    if broken:
+        notes += (f"{bag.path.name}: left out {broken} message(s) that are damaged",)
     return Contents(
         name=name,
         decode=lambda: RosEvents(bag, topic, known, unit_ns, clock),
@@ -111,8 +112,9 @@ def _check_encoding(known: EventTopic, topic: Topic) -> None:
         return
     encodings = [encoding for encoding in known.encodings if encoding != TRIGGER]
     if len(encodings) != 1 or encodings[0] not in ENCODINGS:
+        found = [repr(encoding[:20]) for encoding in list(known.encodings)[:8]]
         raise RecordingError(
-            f"{topic.name} has packets encoded as {', '.join(map(repr, known.encodings)) or 'nothing'}; "
+            f"{topic.name} has packets encoded as {', '.join(found) or 'nothing readable'}; "
             f"expected one of {', '.join(ENCODINGS)}"
         )
     if known.big_endian:

@@ -86,7 +86,7 @@ class EventTopic:
 class Survey:
     """What is in a bag: the count of messages of each topic, and what was read of those that matter.
 
-    `broken` counts messages that end early; `cameras` are the first CameraInfo of each topic.
+    `broken` counts messages of lenses that end early; `cameras` are the first CameraInfo of each topic.
     """
 
     counts: dict[Topic, int] = field(default_factory=dict)
@@ -118,7 +118,8 @@ def survey(bag: Bag) -> Survey:
                 data = bytes(message.data)
                 found.cameras[topic] = locate(role, data, topic.cdr), data
         except ValueError:
-            found.broken += 1
+            # Of messages with events it is said when they are decoded.
+            found.broken += not isinstance(role, EventTopic)
     for topic in bag.topics():
         found.counts.setdefault(topic, 0)
     return found
