@@ -363,6 +363,20 @@ def test_words_of_pieces(rng: np.random.Generator) -> None:
         assert parts == whole
 
 
+def test_from_the_cache(tmp_path: Path, recording: EventRecording) -> None:
+    """Events of large recordings are a memory map that cannot be written to."""
+    source = source_of(recording, BY_NAME["dat"])
+    plain = replace(source.rest(), events=source.events(0, recording.events.size))
+    convert(Source(plain), BY_NAME["hdf5"], tmp_path / "source.h5", nothing)
+    cached = open_recording(tmp_path / "source.h5", cache_from=0)
+    assert isinstance(cached, EventRecording)
+    assert isinstance(cached.events, np.memmap)
+    for target in TARGETS:
+        path = tmp_path / f"x{target.name}{''.join(target.suffixes[:1])}"
+        convert(Source(cached), target, path, nothing)
+        assert_events(read(path).events, plain.events)
+
+
 def test_memory_is_bounded(tmp_path: Path) -> None:
     """Two million events that are a file, as those of a large recording are: written piece by piece."""
     events = np.lib.format.open_memmap(tmp_path / "events.npy", "w+", EVENT_DTYPE, (2_000_000,))
