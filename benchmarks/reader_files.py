@@ -49,10 +49,13 @@ def make_files(folder: Path, count: int, real: Path | None) -> list[BenchmarkFil
         ("Prophesee DAT", "x.dat", ("expelliarmus DAT", "faery")),
         ("Prophesee EVT 2.0", "evt2.raw", ("expelliarmus EVT2", "faery", "evlib")),
         ("HDF5, ours", "x.h5", ("h5py columns",)),
+        ("ROS 1 bag, EventArray", "x.bag", ("rosbags",)),
+        ("ROS 2 MCAP, EventArray", "ros2", ("rosbags",)),
     ]
     for title, name, libraries in converted:
         output = folder if name == "events.txt" else folder / name
-        target = target_named("uzh" if output == folder else None, output)
+        named = "uzh" if output == folder else "rosbag2" if name == "ros2" else None
+        target = target_named(named, output)
         convert(Source(recording), target, output, lambda done: None, force=True)
         files.append(BenchmarkFile(title, folder / name, libraries))
     written: list[tuple[str, str, Callable[[Path, RecordArray], None], tuple[str, ...]]] = [

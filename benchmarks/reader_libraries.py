@@ -112,6 +112,19 @@ def h5py_mvsec(path: Path) -> Summary:
         return _of(file["davis/left/events"][:][:, 2] * 1e6)
 
 
+def rosbags(path: Path) -> Summary:
+    """Every message deserialised into objects, with the definitions in the bag."""
+    from rosbags.highlevel import AnyReader
+
+    times: list[float] = []
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            if connection.msgtype == "dvs_msgs/msg/EventArray":
+                message: Any = reader.deserialize(data, connection.msgtype)
+                times += [event.ts.sec * 1e6 + event.ts.nanosec / 1e3 for event in message.events]
+    return _of(np.array(times))
+
+
 LIBRARIES: dict[str, Callable[[Path], Summary]] = {
     "asyneio": ours,
     "numpy loadtxt": numpy_loadtxt,
@@ -127,4 +140,5 @@ LIBRARIES: dict[str, Callable[[Path], Summary]] = {
     "h5py columns": _h5py("events"),
     "h5py M3ED": _h5py("prophesee/left"),
     "h5py MVSEC": h5py_mvsec,
+    "rosbags": rosbags,
 }

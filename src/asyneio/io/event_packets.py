@@ -81,6 +81,8 @@ class PacketDecoder:
 
     def finish(self) -> RecordArray:
         """Events that waited for what follows."""
+        if self._last is None or self._last.encoding != "evt3":
+            return np.empty(0, dtype=EVENT_DTYPE)
         return self._feed(last=True)
 
     def notes(self, name: str) -> tuple[str, ...]:
