@@ -201,9 +201,9 @@ def load_config(path: Path | None, base: Mapping[str, Mapping[str, Any]] | None 
     except ValidationError as error:
         lines = [_explained(tuple(map(str, e["loc"])), e["type"], e["msg"]) for e in error.errors()]
         more = f"; and {len(lines) - _MOST_ERRORS} more" if len(lines) > _MOST_ERRORS else ""
-        said = "; ".join(lines[:_MOST_ERRORS]) + more
         raise ConfigError(
-            f"{path or 'the settings'}: {said}; `asyneio config show` prints all that can be set"
+            f"{path or 'the settings'}: {'; '.join(lines[:_MOST_ERRORS])}{more}; "
+            "expected names and values as `asyneio config show` prints them"
         ) from error
 
 
@@ -222,8 +222,8 @@ def _read(path: Path) -> dict[Any, Any]:
     except Exception as error:
         # PyYAML's constructors let IndexError, ValueError, RecursionError and others out.
         raise ConfigError(
-            f"{path} is not valid YAML: {' '.join(str(error).split())[:200]}; expected sections with "
-            "settings, as `asyneio config show` prints them"
+            f"{path} is not valid YAML: {' '.join(str(error).split())[:200]}; "
+            "expected sections with settings, as in config.yaml of a run"
         ) from error
     if raw is None:
         return {}
@@ -243,3 +243,13 @@ def _explained(location: tuple[str, ...], kind: str, message: str) -> str:
     close = elsewhere or difflib.get_close_matches(location[-1], known, n=1, cutoff=0.5)
     meant = f"did you mean {close[0]}?" if close else f"expected one of {', '.join(known)}"
     return f"{where} is no setting; {meant}"
+
+
+def differences(first: Config, second: Config) -> dict[str, tuple[Any, Any]]:
+    """Settings that differ: `section.name`, and both values."""
+    return {
+        f"{name}.{key}": (value, getattr(getattr(second, name), key))
+        for name, section in first
+        for key, value in section
+        if value != getattr(getattr(second, name), key)
+    }

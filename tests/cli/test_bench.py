@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from asyneio import pipeline
 from asyneio.config import Config
-from asyneio.errors import RecordingError, StudyError
+from asyneio.errors import StudyError
 from asyneio.io import write_uzh_folder
-from asyneio.io.open_recording import find_format
+from asyneio.io.ros1_writer import write_rosbag
 from asyneio.presets import PRESETS
 from asyneio.studies import uzh
 from asyneio.studies.published import COMPARED, PUBLISHED
@@ -172,20 +172,37 @@ def test_a_sequence_that_fails_is_listed(
     assert "the estimator never started" in out
 
 
-def test_archives(asyneio: Asyneio, tmp_path: Path, recording: EventRecording) -> None:
-    folder = write_sequence(recording, tmp_path / "unpacked" / "poster_6dof")
-    (tmp_path / "data").mkdir()
-    archive = tmp_path / "data" / "poster_6dof.zip"
-    with zipfile.ZipFile(archive, "w") as packed:
-        for path in folder.iterdir():
-            packed.write(path, path.name)
-    try:
-        find_format(archive)
-    except RecordingError:
-        pytest.skip("archives are not read yet")
-    status, out, err = asyneio("bench", "uzh", "--data", tmp_path / "data", "-o", tmp_path / "out")
-    assert status == 0, err
-    assert "| poster_6dof | 3.9" in out
+def _zipped(recording: EventRecording, path: Path) -> None:
+    folder = write_sequence(recording, path.parent / "unpacked" / "in" / path.stem)
+    with zipfile.ZipFile(path.with_suffix(".zip"), "w") as packed:
+        for file in folder.iterdir():
+            packed.write(file, file.name)
+
+
+def _bagged(recording: EventRecording, path: Path) -> None:
+    write_rosbag(recording, path.with_suffix(".bag"))
+
+
+@pytest.mark.parametrize("write", [_zipped, _bagged])
+def test_archives_and_bags(
+    asyneio: Asyneio,
+    tmp_path: Path,
+    recording: EventRecording,
+    write: Callable[[EventRecording, Path], None],
+) -> None:
+    write_sequence(recording, tmp_path / "folders" / "poster_6dof")
+    (tmp_path / "packed").mkdir()
+    write(recording, tmp_path / "packed" / "poster_6dof")
+    figures = []
+    for data in ("folders", "packed"):
+        status, out, err = asyneio(
+            "bench", "uzh", "--data", tmp_path / data, "-o", tmp_path / "out", "--json"
+        )
+        assert status == 0, err
+        figures.append(json.loads(out)["sequences"]["poster_6dof"])
+        for name in ("processing_s", "real_time_factor"):
+            del figures[-1][name]
+    assert figures[0] == pytest.approx(figures[1])
 
 
 def test_what_is_found(tmp_path: Path) -> None:

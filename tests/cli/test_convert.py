@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from asyneio.io import open_recording, resumable, write_events_hdf5, write_uzh_folder
+from asyneio.presets import PRESETS
 from asyneio.types import EventRecording
 from tests.cli.conftest import Asyneio
 from tests.io.event_recordings import assert_same, make_event_recording
@@ -33,6 +34,17 @@ def test_there_and_back(asyneio: Asyneio, tmp_path: Path, folder: Path, recordin
     found = open_recording(tmp_path / "again")
     assert isinstance(found, EventRecording)
     assert_same(found, recording)
+
+
+def test_a_preset_goes_into_the_output(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:
+    for name in ("camchain-imucam.yaml", "imu.yaml"):
+        (folder / name).unlink()
+    status, _, err = asyneio("convert", folder, tmp_path / "x.h5", "--preset", "DAVIS240C")
+    assert status == 0
+    assert "note: extrinsics of the preset DAVIS240C" in err
+    found = open_recording(tmp_path / "x.h5")
+    assert found.calibration is not None
+    assert found.calibration.noise == PRESETS["DAVIS240C"].noise
 
 
 def test_what_cannot_be_held_is_said(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:

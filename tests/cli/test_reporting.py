@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.cli.report_streams import count_features, event_rate, track_scene
 from asyneio.cli.reporting import report_data
-from asyneio.config import Config
+from asyneio.config import Config, differences
 from asyneio.errors import RecordingError
 from asyneio.evaluation import evaluate, protocol_named
 from asyneio.io import to_trajectory
@@ -242,6 +242,11 @@ def test_scene_keeps_what_is_shown(rng: np.random.Generator) -> None:
     assert track_scene(recording, observations[:0]) is None
 
 
+def test_settings_that_differ() -> None:
+    assert differences(Config(), Config()) == {}
+    assert differences(CONFIG, Config()) == {"window.knot_interval_s": (0.05, 0.1)}
+
+
 def test_a_run_without_estimates_has_its_reasons(recording: Recording) -> None:
     report = StepReport(START_NS + 10**8, Health.INITIALIZING, "no motion")
     summary = replace(
@@ -250,5 +255,4 @@ def test_a_run_without_estimates_has_its_reasons(recording: Recording) -> None:
     data = report_data(RunResult(Run([], [report]), summary, recording.observations), recording, CONFIG, {})
     assert data.states is None
     assert data.failure == "never started"
-    assert data.settings == (("window.knot_interval_s", "0.05 (default: 0.1)"),)
     assert [change.reason for change in data.health.changes] == ["no motion"]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import sys
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import h5py
+import hdf5plugin
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -16,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.io import ReadOptions, hdf5_columns, open_recording, write_camchain, write_imu_noise
-from asyneio.types import NS_PER_S, EventRecording, RecordArray
+from asyneio.io.open_recording import open_contents
+from asyneio.types import EVENT_DTYPE, NS_PER_S, EventRecording, RecordArray
 from tests.io.event_recordings import make_events
 from tests.io.recordings import START_NS, make_calibration
 
@@ -54,7 +56,7 @@ def write_columns(
         t_us = events["t_ns"] // 1000
         columns = {"t": t_us.astype("<u4"), "x": events["x"], "y": events["y"], "p": events["p"]}
         for name, values in columns.items():
-            file.create_dataset(f"{group}/{name}", data=values, chunks=(min(500, events.size),), **options)
+            file.create_dataset(f"{group}/{name}", data=values, chunks=(min(50_000, events.size),), **options)
         file["ms_to_idx"] = np.searchsorted(t_us, np.arange(0, t_us[-1] // 1000) * 1000).astype("<u8")
         if offset_us is not None:
             file["t_offset"] = np.int64(offset_us)
@@ -308,9 +310,8 @@ def test_codec_of_prophesee_is_named(tmp_path: Path) -> None:
 
 def test_blosc(tmp_path: Path, rng: np.random.Generator) -> None:
     """As DSEC publishes its files; the codecs come with the extra `h5`."""
-    plugin = pytest.importorskip("hdf5plugin")
     events = whole_us(rng)
-    for codec in (plugin.Blosc(cname="zstd"), plugin.Zstd()):
+    for codec in (hdf5plugin.Blosc(cname="zstd"), hdf5plugin.Zstd()):
         write_columns(tmp_path / "x.h5", events, 0, **codec)
         assert_events(read(tmp_path / "x.h5"), events)
 
@@ -318,12 +319,34 @@ def test_blosc(tmp_path: Path, rng: np.random.Generator) -> None:
 def test_missing_codec_names_the_extra(
     tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plugin = pytest.importorskip("hdf5plugin")
-    write_columns(tmp_path / "x.h5", whole_us(rng), 0, **plugin.Blosc())
+    write_columns(tmp_path / "x.h5", whole_us(rng), 0, **hdf5plugin.Blosc())
     monkeypatch.setattr(h5py.h5z, "filter_avail", lambda number: number < 32000)
-    monkeypatch.setitem(sys.modules, "hdf5plugin", plugin)
     with pytest.raises(RecordingError, match=r"compressed by Blosc.*pip install 'asyneio\[h5\]'"):
         read(tmp_path / "x.h5")
+
+
+def test_memory_is_bounded(tmp_path: Path) -> None:
+    """Three million events, 48 MB decoded: a few blocks of them are in memory at a time."""
+    events = np.zeros(3_000_000, dtype=EVENT_DTYPE)
+    events["t_ns"] = np.arange(events.size) * 1000
+    write_columns(tmp_path / "x.h5", events, 5)
+    source = open_contents(tmp_path / "x.h5", ReadOptions()).decode()
+    tracemalloc.start()
+    count = sum(piece.size for piece, _ in source.chunks())
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert count == events.size
+    assert peak < 16 * 2**20
+
+
+def test_no_events(tmp_path: Path, rng: np.random.Generator) -> None:
+    for name in ("t", "x", "y", "p"):
+        with h5py.File(tmp_path / "x.h5", "a") as file:
+            file[f"events/{name}"] = np.zeros(0, dtype="<u4")
+    write_mvsec(tmp_path / "y.hdf5", make_events(rng, 10)[:0])
+    for path in ("x.h5", "y.hdf5"):
+        with pytest.raises(RecordingError, match="holds no event"):
+            read(tmp_path / path)
 
 
 def test_blocks_do_not_matter(

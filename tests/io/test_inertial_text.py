@@ -151,6 +151,12 @@ def test_folder_of_euroc_without_events(tmp_path: Path) -> None:
             open_recording(folder)
 
 
+def test_real_folder_without_events(data_dir: Path) -> None:
+    """Neither its samples nor the matrix in its YAML are events."""
+    with pytest.raises(RecordingError, match=r"inertial samples \(imu0_data.csv\) but no events"):
+        open_recording(data_dir / "euroc_V1_01")
+
+
 @pytest.mark.parametrize(
     ("text", "w_first", "unit"),
     [

@@ -89,6 +89,7 @@ def test_calibration_from_elsewhere(tmp_path: Path, rng: np.random.Generator) ->
         (b"", "is empty"),
         (b"#ROSBAG V1.2\n", "a ROS bag of another version than 2.0, which is not read"),
         (b"SQLite format 3\0", "a SQLite file, but no ROS 2 bag"),
+        (b"\x28\xb5\x2f\xfd", "packed with zstd .unpack it: zstd -d FILE., which is not read"),
         (b"#!AER-DAT3.1\r\n", "another version"),
         (b"t x y p\nnone\n", "of no known format"),
         (b"1.0 2 3 4 5 6 7\n", "of no known format"),

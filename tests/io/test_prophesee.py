@@ -135,6 +135,13 @@ def test_wrong_bit_of_the_clock(tmp_path: Path) -> None:
     assert [row[0] for row in rows(found)] == [1_000_000, pause * 1000, (pause + 64) * 1000]
 
 
+def test_first_time_is_wrong(tmp_path: Path) -> None:
+    found = read(write(tmp_path, both(1000 | 1 << 32), both(1064), both(1128)))
+    assert [row[0] for row in rows(found)] == [1_064_000, 1_128_000]
+    assert any("1 high time(s)" in note for note in found.notes)
+    assert any("1 event(s) before the first time" in note for note in found.notes)
+
+
 def test_clock_set_back(tmp_path: Path) -> None:
     words = [both(5_000_000 + 64 * k) for k in range(2000)] + [both(64 * k) for k in range(2000)]
     with pytest.raises(RecordingError, match="jumps backwards"):

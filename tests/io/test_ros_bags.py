@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag2 import Reader as Reader2
 
+from asyneio.errors import RecordingError
 from asyneio.io import open_recording
 from asyneio.io.ros1_writer import write_rosbag
-from asyneio.types import EventRecording
+from asyneio.io.ros2_writer import write_rosbag2
+from asyneio.types import NS_PER_S, EventRecording
 from tests.io.event_recordings import make_event_recording
-from tests.io.ros_bags import recording_records, write_bag
+from tests.io.ros_bags import recording_records, typestore, write_bag
 
 BAGS = [
     (1, "", ""), (1, "lz4", ""), (1, "bz2", ""),
@@ -22,6 +27,10 @@ BAGS = [
 @pytest.fixture(scope="module")
 def recording() -> EventRecording:
     return make_event_recording(np.random.default_rng(5), 4000)
+
+
+def ns(time: Any) -> int:
+    return int(time.sec * NS_PER_S + time.nanosec)
 
 
 def assert_found(found: EventRecording, wanted: EventRecording, step_ns: int = 1) -> None:
@@ -61,9 +70,68 @@ def test_time_as_one_number(tmp_path: Path, recording: EventRecording) -> None:
     assert_found(open_recording(path), recording, 1000)
 
 
-def test_own_writer(tmp_path: Path, recording: EventRecording) -> None:
-    path = tmp_path / "run.bag"
-    write_rosbag(recording, path)
+WRITERS = {1: write_rosbag, 2: write_rosbag2}
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_own_writers(tmp_path: Path, recording: EventRecording, ros: int) -> None:
+    path = tmp_path / "run"
+    done: list[float] = []
+    WRITERS[ros](recording, path, done.append)
+    assert done == sorted(done)
+    assert done[-1] == 1.0
     found = open_recording(path)
     assert_found(found, recording)
     assert found.camera == recording.camera
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_written_bags_are_read_by_others(tmp_path: Path, recording: EventRecording, ros: int) -> None:
+    """The rosbags package finds the index, and deserialises what was written."""
+    path = tmp_path / "run"
+    WRITERS[ros](recording, path)
+    store = typestore(ros)
+    found: dict[str, list[Any]] = {}
+    logged = []
+    with Reader1(path) if ros == 1 else Reader2(path) as reader:
+        for connection, logged_ns, data in reader.messages():
+            deserialize = store.deserialize_ros1 if ros == 1 else store.deserialize_cdr
+            found.setdefault(connection.topic, []).append(deserialize(data, connection.msgtype))
+            logged.append(logged_ns)
+    assert logged == sorted(logged)
+    assert {topic: len(messages) for topic, messages in found.items() if topic != "/dvs/events"} == {
+        "/dvs/imu": recording.gyroscope.size,
+        "/optitrack/davis": len(recording.ground_truth.t_ns) if recording.ground_truth else 0,
+        "/dvs/camera_info": 2,
+    }
+    events = [event for message in found["/dvs/events"] for event in message.events]
+    assert [
+        (event.ts.sec * NS_PER_S + event.ts.nanosec, event.x, event.y, int(event.polarity))
+        for event in events
+    ] == recording.events.tolist()
+    # A message covers 10 ms at most, and is stamped with its last event.
+    for message in found["/dvs/events"]:
+        assert 0 <= ns(message.events[-1].ts) - ns(message.events[0].ts) < NS_PER_S // 100
+        assert (message.header.stamp.nanosec, message.width, message.height) == (
+            message.events[-1].ts.nanosec,
+            240,
+            180,
+        )
+    for message, rate, force in zip(
+        found["/dvs/imu"], recording.gyroscope, recording.accelerometer, strict=True
+    ):
+        assert ns(message.header.stamp) == rate["t_ns"]
+        assert [getattr(message.angular_velocity, axis) for axis in "xyz"] == rate["xyz"].tolist()
+        assert [getattr(message.linear_acceleration, axis) for axis in "xyz"] == force["xyz"].tolist()
+        assert message.orientation_covariance[0] == -1.0
+    camera, lens = recording.camera, found["/dvs/camera_info"][0]
+    assert camera is not None
+    k, d, p = (getattr(lens, name if ros == 1 else name.lower()) for name in "KDP")
+    assert (k[0], k[4], k[2], k[5]) == (camera.fx, camera.fy, camera.cx, camera.cy)
+    assert (lens.distortion_model, tuple(d)) == ("plumb_bob", (*camera.coefficients, 0.0))
+    assert (p[0], p[2], p[10]) == (camera.fx, camera.cx, 1.0)
+
+
+def test_a_folder_is_not_overwritten(tmp_path: Path, recording: EventRecording) -> None:
+    with pytest.raises(RecordingError, match="exists already"):
+        write_rosbag2(recording, tmp_path)

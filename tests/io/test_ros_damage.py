@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 import struct
 from collections.abc import Callable
@@ -15,15 +16,16 @@ from hypothesis import strategies as st
 from rosbags.rosbag1 import Writer
 
 from asyneio.errors import AsyneioError, RecordingError
-from asyneio.io import ReadOptions, open_recording
-from asyneio.io.bag import MAX_UNPACKED, Message, Topic, unpack
+from asyneio.io import ReadOptions, open_recording, write_uzh_folder
+from asyneio.io.bag import MAX_UNPACKED, CutError, Message, Topic, unpack
 from asyneio.io.event_arrays import EventArrayDecoder, event_fields
 from asyneio.io.ros1_writer import write_rosbag
-from asyneio.io.ros_schema import locate, parse_schema
+from asyneio.io.ros_places import Locator, locate
+from asyneio.io.ros_schema import parse_schema
 from asyneio.io.ros_tables import NumberTable
 from asyneio.types import Distortion, EventRecording
 from tests.io.event_recordings import make_event_recording
-from tests.io.ros_bags import Record, camera_record, recording_records, write_bag
+from tests.io.ros_bags import Record, camera_record, header, recording_records, write_bag
 
 K = [200.0, 0, 120, 0, 201, 90, 0, 0, 1]
 
@@ -64,6 +66,44 @@ def test_no_events(tmp_path: Path, records: list[Record]) -> None:
     path = write_bag(tmp_path / "run", 2, [record for record in records if record.topic != "/dvs/events"])
     with pytest.raises(RecordingError, match=r"no topic of events; .*/dvs/imu \(sensor_msgs/msg/Imu"):
         open_recording(path)
+
+
+def test_packed_as_a_whole(tmp_path: Path, records: list[Record]) -> None:
+    path = write_bag(tmp_path / "run", 2, records, "file", "sqlite3")
+    with pytest.raises(RecordingError, match=r"packed as a whole \(zstd\); unpack them first"):
+        open_recording(path)
+
+
+def test_samples_without_stamps(tmp_path: Path, recording: EventRecording, records: list[Record]) -> None:
+    """Then the times of recording count; and stamps that run twice as fast are told."""
+    for factor, said in ((0, "have no stamps; the times of recording"), (2, "go by 2.0[0-9]* times as fast")):
+        changed = []
+        start = records[0].logged_ns
+        for record in records:
+            if record.topic == "/dvs/imu":
+                t_ns = start + factor * (record.logged_ns - start) if factor else 0
+                record = replace(record, values=record.values | {"header": header(t_ns)})
+            changed.append(record)
+        found = open_recording(write_bag(tmp_path / f"run{factor}", 1, changed))
+        assert re.search(said, " ".join(found.notes))
+        if factor == 0:
+            np.testing.assert_array_equal(found.gyroscope, recording.gyroscope)
+
+
+def test_files_beside(tmp_path: Path, recording: EventRecording, records: list[Record]) -> None:
+    """What the bag lacks may stand in files: samples and true poses."""
+    only = [record for record in records if record.topic == "/dvs/events"]
+    write_uzh_folder(recording, tmp_path / "files")
+    path = write_bag(tmp_path / "run.bag", 1, only)
+    assert open_recording(path).gyroscope.size == 0
+    found = open_recording(path, ReadOptions(samples=str(tmp_path / "files" / "imu.txt")))
+    np.testing.assert_array_equal(found.gyroscope, recording.gyroscope)
+    path.rename(tmp_path / "files" / "run.bag")
+    (tmp_path / "files" / "events.txt").unlink()
+    found = open_recording(tmp_path / "files" / "run.bag")
+    np.testing.assert_array_equal(found.accelerometer, recording.accelerometer)
+    assert found.ground_truth is not None
+    assert found.calibration is not None
 
 
 def test_several_truths(tmp_path: Path, records: list[Record]) -> None:
@@ -152,6 +192,29 @@ def test_cut_off(
     assert 0 < sizes[0] < sizes[-1] == 3000
 
 
+@pytest.mark.parametrize("packing", ["", "lz4", "bz2"])
+def test_damaged_in_the_middle(
+    tmp_path: Path,
+    recording: EventRecording,
+    records: list[Record],
+    packing: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A chunk is spoilt; those before and after it are read."""
+    monkeypatch.setattr(Writer, "__init__", small_chunks(Writer.__init__))
+    path = write_bag(tmp_path / "run.bag", 1, records, packing)
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    # Where nothing is packed, the length of a message's header is what tells.
+    at = middle if packing else data.index(b"op=\2", data.index(b"op=\2", middle) + 4) - 8
+    data[at : at + 8] = b"\xff" * 8
+    path.write_bytes(data)
+    found = open_recording(path)
+    assert 2500 + 250 < found.events.size + found.gyroscope.size < 3000 + recording.gyroscope.size
+    assert found.events["t_ns"][-1] == recording.events["t_ns"][-1]
+    assert any("damaged record(s), the first at byte" in note for note in found.notes)
+
+
 def small_chunks(make: Callable[..., None]) -> Callable[..., None]:
     def init(self: Writer, path: Path) -> None:
         make(self, path)
@@ -195,6 +258,15 @@ def test_database_without_definitions(
         database.execute("DROP TABLE message_definitions")
     database.close()
     np.testing.assert_array_equal(open_recording(path).events, recording.events)
+
+
+def test_no_message_can_be_decoded(tmp_path: Path, records: list[Record]) -> None:
+    """The definition in the bag promises more than the messages hold."""
+    path = write_bag(tmp_path / "run.bag", 1, records)
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"uint16 x\n", b"uint64 x\n"))
+    with pytest.raises(RecordingError, match=r"none of 6 message.* can be decoded: .*claims"):
+        open_recording(path)
 
 
 @pytest.mark.parametrize("kind", ["bag", "bz2", "lz4", "mcap", "zstd", "db3"])
@@ -246,6 +318,25 @@ def test_any_message(data: bytes, cdr: bool) -> None:
     assert 13 * found.events.size <= len(data)
 
 
+@given(st.booleans(), st.lists(st.tuples(st.integers(0, 9), st.binary(max_size=30)), max_size=12))
+def test_places_are_those_of_the_message(cdr: bool, changes: list[tuple[int, bytes]]) -> None:
+    """Messages that resemble the one before, and others: never another answer than a fresh look gives."""
+    schema = parse_schema("p/A", "string a\nfloat64 b\nuint16[] c\nstring d\nuint32[] e\n")
+    locator = Locator(schema, cdr)
+    plain = (
+        (b"\0\1\0\0" if cdr else b"") + bytes([3, 0, 0, 0]) + b"ab\0" + bytes(9) + bytes([1, 0, 0, 0]) * 12
+    )
+    for position, content in changes:
+        data = plain[: 4 * position] + content + plain[4 * position :] if position % 3 else plain + content
+        try:
+            wanted = locate(schema, data, cdr)
+        except ValueError:
+            with pytest.raises(ValueError, match=r"."):
+                locator.locate(data)
+            continue
+        assert locator.locate(data) == wanted
+
+
 def test_absurd_count() -> None:
     """A message of 100 bytes that claims four billion events takes no memory."""
     schema = parse_schema("p/EventArray", ARRAY.format(EVENT).replace("std_msgs/Header header\n", ""))
@@ -290,9 +381,9 @@ def test_definitions_that_are_none() -> None:
 
 
 def test_unpack_is_bounded() -> None:
-    with pytest.raises(RecordingError, match="claims to hold"):
+    with pytest.raises(CutError, match="claims to hold"):
         unpack(b"", "lz4", MAX_UNPACKED + 1)
-    with pytest.raises(RecordingError, match="'gzip'"):
+    with pytest.raises(CutError, match="'gzip'"):
         unpack(b"", "gzip", 10)
 
 

@@ -46,7 +46,7 @@ def diff(
     import json
 
     from asyneio.cli import console
-    from asyneio.config import Config
+    from asyneio.config import Config, differences
 
     name = second or "default"
     found = differences(_named(first), _named(second) if second else Config())
@@ -79,16 +79,6 @@ def annotated(settings: Config) -> str:
             lines.append(f"  {key}: {_text(value)}")
         lines.append("")
     return "\n".join(lines)
-
-
-def differences(first: Config, second: Config) -> dict[str, tuple[Any, Any]]:
-    """Settings that differ: the key with its section, and both values."""
-    return {
-        f"{name}.{key}": (value, getattr(getattr(second, name), key))
-        for name, section in first
-        for key, value in section
-        if value != getattr(getattr(second, name), key)
-    }
 
 
 def _named(source: str) -> Config:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from asyneio.cli.options import EventsOption, SamplesOption
+from asyneio.cli.options import CameraOption, EventsOption, PresetOption, SamplesOption
 
 if TYPE_CHECKING:
     from asyneio.io import ReadOptions
@@ -21,7 +21,9 @@ def convert(
     to: Annotated[
         str | None,
         typer.Option(
-            "--to", help="uzh, uzh-zip, hdf5, dat, evt2 or aedat2.", show_default="by OUTPUT's ending"
+            "--to",
+            help="uzh, uzh-zip, rosbag, hdf5, dat, evt2 or aedat2.",
+            show_default="by OUTPUT's ending",
         ),
     ] = None,
     calibration: Annotated[
@@ -30,6 +32,8 @@ def convert(
     imu: Annotated[
         Path | None, typer.Option(help="File of the IMU's noise.", show_default="beside the data")
     ] = None,
+    camera: CameraOption = None,
+    preset: PresetOption = None,
     events: EventsOption = None,
     samples: SamplesOption = None,
     round_stamps: Annotated[
@@ -43,8 +47,8 @@ def convert(
 ) -> None:
     """Convert a recording of events.
 
-    Events are written bit by bit as they are read: in order, inside the sensor. What the format cannot hold
-    is said. Until all is written the output is called OUTPUT.part, which no command reads.
+    Events are written exactly as they were read: put in order, inside the sensor. What the format cannot
+    hold is said. Until all is written the output is called OUTPUT.part, which no command reads.
     """
     from asyneio.cli import console
     from asyneio.cli.progress import event_progress
@@ -57,7 +61,7 @@ def convert(
     target = target_named(to, output)
     if output.resolve() == recording.resolve():
         raise RecordingError(f"{output} is the recording itself; name another output")
-    options = ReadOptions(calibration, imu, events, samples)
+    options = ReadOptions(calibration, imu, events, samples, camera, preset)
     loaded = _open(recording, options, target)
     if is_unfinished(target, output) and not resume:
         console.say(f"note: an unfinished {output} is written over; --resume would go on with it")

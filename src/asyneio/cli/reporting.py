@@ -8,10 +8,9 @@ from typing import Protocol
 
 import numpy as np
 
-from asyneio.cli.config import differences
 from asyneio.cli.report_errors import bias_series, compare, velocity_sigma
 from asyneio.cli.report_streams import count_features, event_rate, health_changes, track_scene
-from asyneio.config import Config
+from asyneio.config import Config, differences
 from asyneio.evaluation import Evaluation
 from asyneio.io.estimates_file import stack_estimates
 from asyneio.packets import usable_span
@@ -68,7 +67,6 @@ def report_data(
     stamps = np.array([report.t_ns for report in reports], dtype=np.int64)
     t_s = (stamps - start_ns) / NS_PER_S
     names = tuple(map(str, Health))
-    changed = differences(config, Config())
     with_events = recording if isinstance(recording, EventRecording) else None
     states, comparison = _estimated(result, recording, scores, start_ns, known)
     return ReportData(
@@ -85,7 +83,7 @@ def report_data(
         comparison=comparison,
         events=event_rate(with_events, stamps, start_ns, interval_s) if with_events else None,
         scene=track_scene(with_events, result.observations) if with_events else None,
-        settings=tuple((key, f"{own} (default: {usual})") for key, (own, usual) in changed.items()),
+        settings=_changed(config),
         notes=result.summary.notes,
         failure=result.summary.failure,
     )
@@ -174,3 +172,9 @@ def _joined_comparisons(parts: Sequence[Comparison]) -> Comparison:
 def _stacked(parts: Sequence[FloatArray]) -> FloatArray:
     gap = np.full((1, *parts[0].shape[1:]), np.nan)
     return np.concatenate([piece for part in parts for piece in (gap, part)][1:])
+
+
+def _changed(config: Config) -> tuple[tuple[str, str], ...]:
+    """Settings that differ from the defaults, and their values."""
+    found = differences(config, Config())
+    return tuple((name, f"{value} (default: {usual})") for name, (value, usual) in found.items())

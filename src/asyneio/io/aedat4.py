@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import IO, Any
 
@@ -54,19 +55,24 @@ class Aedat4Events:
         self.path = path
         self._pieces: list[RecordArray] = []
         self._notes: tuple[str, ...] = ()
+        #: What `size` has read, and behind it the waiting worker: starting one takes longer than many files.
+        self._begun: Iterator[tuple[bytes, bytes]] | None = None
 
     def size(self) -> tuple[int, int]:
         """Width and height of the sensor [px]. Raises RecordingError: unreadable, or without events."""
-        kind, payload = next(self._frames())
+        frames = self._frames()
+        kind, payload = next(frames)
         if kind != b"S":
             self._salvage(payload.decode("utf-8", errors="replace"), 0)
+        self._begun = chain([(kind, payload)], frames)
         return self._select(json.loads(payload))[0]
 
     def chunks(self) -> Iterator[tuple[RecordArray, float]]:
         """See EventSource. Raises RecordingError: unreadable, or damaged before its first event."""
         chosen: dict[bytes, int | None] = {}
         count = 0
-        for kind, payload in self._frames():
+        frames, self._begun = self._begun or self._frames(), None
+        for kind, payload in frames:
             if kind == b"S":
                 _, chosen, self._notes = self._select(json.loads(payload))
             elif kind == b"X":
@@ -168,7 +174,9 @@ def read_aedat4(path: Path, options: ReadOptions) -> Contents:
         CalibrationError: a calibration file is malformed or impossible.
     """
     rig = find_rig(path.parent, options.calibration, options.imu)
-    return Contents(path.resolve().stem, lambda: Aedat4Events(path), Aedat4Events(path).size(), rig)
+    begun = [Aedat4Events(path)]
+    size = begun[0].size()
+    return Contents(path.resolve().stem, lambda: begun.pop() if begun else Aedat4Events(path), size, rig)
 
 
 def _unpack(rows: RecordArray) -> RecordArray:

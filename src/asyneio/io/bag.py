@@ -6,12 +6,10 @@ import bz2
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import IO, Protocol
 
 import lz4.frame
 from backports import zstd
-
-from asyneio.errors import RecordingError
 
 #: A chunk of a bag is about 1 MB; one that unpacks to more than this is hostile.
 MAX_UNPACKED = 2**30
@@ -37,6 +35,39 @@ class Message:
     data: bytes | memoryview
 
 
+class CutError(Exception):
+    """A record is cut off, or is none."""
+
+
+class Damage:
+    """What a container met that is damaged, as sentences added to `notes`."""
+
+    def __init__(self, name: str, notes: list[str]) -> None:
+        self._name, self._notes = name, notes
+        self._records = 0
+        self._first = ""
+
+    def record(self, at: int, error: CutError) -> None:
+        """A record is damaged, but what follows it can be found."""
+        self._records += 1
+        self._first = self._first or f"the first at byte {at}: {error}"
+
+    def cut(self, at: int, size: int, count: int, error: CutError) -> None:
+        """Nothing can be read from byte `at` on, after so many messages."""
+        self._notes.append(
+            f"{self._name} is damaged or cut off at byte {at} of {size} ({error}): read up to there, "
+            f"{count} message(s)"
+        )
+
+    def end(self) -> None:
+        """No more is read."""
+        if self._records:
+            self._notes.append(
+                f"{self._name}: {self._records} damaged record(s), {self._first}; what stood in them from "
+                "there on is missing"
+            )
+
+
 class Bag(Protocol):
     """A container of messages that is read from front to back, as often as wanted."""
 
@@ -59,6 +90,21 @@ class Bag(Protocol):
         """The topics met so far, or all of them where the container lists them; complete after `messages`."""
 
 
+def take(stream: IO[bytes], length: int, size: int, wanted: bool) -> tuple[bytes, int]:
+    """The content of a record, or none where it is not wanted, and how much of it a file of `size` lacks.
+
+    Raises:
+        CutError: the record is longer than any is.
+    """
+    left = size - stream.tell()
+    if not wanted:
+        stream.seek(min(length, left), 1)
+        return b"", max(length - left, 0)
+    if length > MAX_UNPACKED:
+        raise CutError(f"a record of {length} bytes")
+    return stream.read(min(length, left)), max(length - left, 0)
+
+
 def unpack(data: bytes | memoryview, method: str, size: int) -> bytes:
     """Decompress a chunk (`none`, `bz2`, `lz4`, `zstd`); what is cut off or damaged gives what stands before.
 
@@ -68,18 +114,16 @@ def unpack(data: bytes | memoryview, method: str, size: int) -> bytes:
         size: how many bytes they claim to hold; more are not given.
 
     Raises:
-        RecordingError: an unknown method, or a size beyond reason.
+        CutError: an unknown method, or a size beyond reason.
     """
     if method in ("", "none"):
-        return bytes(data)
+        return data if isinstance(data, bytes) else bytes(data)
     if size > MAX_UNPACKED:
-        raise RecordingError(f"a chunk claims to hold {size} bytes; up to {MAX_UNPACKED} are read")
+        raise CutError(f"a chunk claims to hold {size} bytes; up to {MAX_UNPACKED} are read")
     try:
         step = _UNPACKERS[method]()
     except KeyError:
-        raise RecordingError(
-            f"chunks packed with {method[:20]!r}; bz2, lz4 and zstd are understood"
-        ) from None
+        raise CutError(f"a chunk is packed with {method[:20]!r}, not with bz2, lz4 or zstd") from None
     found, length = [], 0
     # In pieces: a decompressor that meets an error gives nothing of the call it happened in.
     for start in range(0, len(data), _PIECE):

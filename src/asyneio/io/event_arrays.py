@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.io.event_source import FAR_OUTSIDE
-from asyneio.io.ros_schema import Place, Schema, item_places, locate
+from asyneio.io.ros_places import Locator, Place, item_places
+from asyneio.io.ros_schema import Schema
 from asyneio.io.ros_tables import stamp_of
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 
@@ -63,12 +64,13 @@ class EventArrayDecoder:
 
     def __init__(self, schema: Schema, cdr: bool, fields: EventFields) -> None:
         self._schema, self._cdr, self._fields = schema, cdr, fields
+        self._locator = Locator(schema, cdr)
         #: Places of the events' fields by where the sequence starts, modulo the largest alignment.
         self._forms: dict[tuple[int, str], _Form] = {}
 
     def decode(self, data: bytes | memoryview) -> EventMessage:
         """The events of a message. Raises ValueError: it ends before its events do, or they vary in size."""
-        located = locate(self._schema, data, self._cdr)
+        located = self._locator.locate(data)
         place = located.places[self._fields.sequence]
         size = [located.number(data, name) if name in located.places else 0 for name in ("width", "height")]
         key = (place.offset % 8, located.order)

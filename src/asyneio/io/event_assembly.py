@@ -40,7 +40,7 @@ def assemble(
     declared_hz = contents.rig.declared_hz
     # Files of samples are small: what is wrong with them is said before the events are converted.
     inertial = prepare_samples(contents.samples, declared_hz) if contents.samples else None
-    table, size, notes = _load(contents, progress, cache_from)
+    table, size, notes = _load(contents, wanted or Wanted(), progress, cache_from)
     if inertial is None:
         samples = split_samples(table.samples, f"the IMU of {contents.name}")
         inertial = prepare_samples(samples, declared_hz)
@@ -115,10 +115,10 @@ def _in_order(
 
 
 def _load(
-    contents: Contents, progress: Progress | None, cache_from: int | None
+    contents: Contents, wanted: Wanted, progress: Progress | None, cache_from: int | None
 ) -> tuple[EventTable, tuple[int, int], tuple[str, ...]]:
     """Events, the size of the sensor, and a sentence where it was guessed."""
-    size = contents.size or contents.rig.size
+    size = contents.size or contents.rig.size or wanted.size
     if size is not None:
         table = load_events(contents.decode(), *size, progress, cache_from, contents.variant)
         return table, size, ()

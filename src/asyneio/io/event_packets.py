@@ -30,6 +30,8 @@ TRIGGER = "trigger"
 _LIBCAER_TURN_US = 2**31
 _US = 1000
 _LIMIT_NS = 2**62
+#: So many words of evt3 are decoded at once: a call costs as much as some thousand.
+_LEAST_WORDS = 2**15
 
 
 @dataclass(frozen=True)
@@ -48,15 +50,20 @@ class PacketDecoder:
 
     def __init__(self) -> None:
         self._evt3 = Evt3Decoder()
+        self._held: list[np.ndarray] = []
         self._last: Packet | None = None
         self._lost = self._gaps = self._triggers = self._rest = self._unknown = 0
 
     def decode(self, packet: Packet) -> RecordArray:
-        """Events of a packet, EVENT_DTYPE. Raises ValueError: an encoding of another name."""
-        self._count_lost(packet)
+        """Events, EVENT_DTYPE, of a packet and those that waited; evt3 waits, for packets may be small.
+
+        Raises:
+            ValueError: an encoding of another name.
+        """
+        lost_ns = self._count_lost(packet)
         base = min(packet.time_base, _LIMIT_NS)
         if packet.encoding == "evt3":
-            return self._evt3.feed(self._whole(packet.data, np.dtype("<u2")))
+            return self._decode_evt3(self._whole(packet.data, np.dtype("<u2")), lost_ns)
         if packet.encoding == "mono":
             return _decode_mono(self._whole(packet.data, np.dtype("<u8")), base)
         if packet.encoding == "libcaer":
@@ -74,7 +81,7 @@ class PacketDecoder:
 
     def finish(self) -> RecordArray:
         """Events that waited for what follows."""
-        return self._evt3.feed(np.empty(0, dtype=np.uint16), last=True)
+        return self._feed(last=True)
 
     def notes(self, name: str) -> tuple[str, ...]:
         """Sentences on packets that were lost and data that are no events."""
@@ -88,12 +95,29 @@ class PacketDecoder:
         }
         return notes + tuple(f"{name}: skipped {count} {what}" for what, count in counts.items() if count)
 
-    def _count_lost(self, packet: Packet) -> None:
+    def _count_lost(self, packet: Packet) -> int | None:
+        """How much time the host counted [ns] since the packet before, where some were lost between."""
         before, self._last = self._last, packet
-        if before is not None and packet.seq > before.seq + 1:
-            self._gaps += 1
-            self._lost += packet.seq - before.seq - 1
-            self._evt3.pass_time(packet.stamp_ns - before.stamp_ns)
+        if before is None or packet.seq <= before.seq + 1:
+            return None
+        self._gaps += 1
+        self._lost += packet.seq - before.seq - 1
+        return packet.stamp_ns - before.stamp_ns
+
+    def _decode_evt3(self, words: np.ndarray, lost_ns: int | None) -> RecordArray:
+        events = np.empty(0, dtype=EVENT_DTYPE)
+        if lost_ns is not None or sum(map(len, self._held)) >= _LEAST_WORDS:
+            events = self._feed(last=lost_ns is not None)
+        if lost_ns is not None:
+            self._evt3.pass_time(lost_ns)
+        if words.size:
+            self._held.append(words)
+        return events
+
+    def _feed(self, last: bool) -> RecordArray:
+        words = np.concatenate([np.empty(0, np.uint16), *self._held])
+        self._held = []
+        return self._evt3.feed(words, last)
 
     def _whole(self, data: np.ndarray, dtype: np.dtype[np.generic]) -> np.ndarray:
         rest = data.size % dtype.itemsize

@@ -147,12 +147,16 @@ class TextEvents:
 
 def is_event_text(head: bytes) -> bool:
     """True when the first line of numbers in the start of a file has four: seconds, two whole numbers and a
-    polarity."""
+    polarity. But for comments, at most one line, of names, may stand before it: matrices are no events."""
+    names = 0
     for line in head.decode("latin-1").split("\n")[:50]:
         tokens = line.split("#", 1)[0].replace(",", " ").split()
         try:
             values = [float(token) for token in tokens]
         except ValueError:
+            names += 1
+            if names > 1:
+                return False
             continue
         if len(values) > 2:
             return len(values) == 4 and parse_seconds(tokens[0]) is not None and values[3] in (-1.0, 0.0, 1.0)

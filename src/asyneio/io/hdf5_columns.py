@@ -153,6 +153,8 @@ def likely_size(x: h5py.Dataset, y: h5py.Dataset, sizes: Sequence[tuple[int, int
     A look at a small part saves decoding the whole once for every size that is too small.
     """
     total = x.shape[0]
+    if total == 0:
+        return None
     starts = np.unique(np.linspace(0, max(total - _SAMPLED_ROWS, 0), _SAMPLED_BLOCKS).astype(np.int64))
     columns, rows = (
         np.concatenate([np.asarray(values[start : start + _SAMPLED_ROWS]) for start in starts.tolist()])

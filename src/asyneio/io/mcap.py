@@ -11,18 +11,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from asyneio.errors import RecordingError
-from asyneio.io.bag import Message, Topic, unpack
+from asyneio.io.bag import CutError, Damage, Message, Topic, take, unpack
 
 MAGIC = b"\x89MCAP0\r\n"
 
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 3, 4, 5, 6, 15
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = _READ = 3, 4, 5, 6
+_DATA_END = 15
 _HEAD = struct.Struct("<BQ")
 _MAX_TOPICS = 2**16
+#: Stamps are unsigned there.
+_LATEST_NS = 2**63 - 1
 _ENCODINGS = {"cdr": True, "ros1": False}
-
-
-class _CutError(Exception):
-    """A record is cut off or is none."""
 
 
 class McapFile:
@@ -41,7 +40,7 @@ class McapFile:
 
     def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
         """See Bag. Raises RecordingError: unreadable, or no MCAP."""
-        count = 0
+        count, damage = 0, Damage(self.path.name, notes)
         try:
             with self.path.open("rb") as stream:
                 size = self.path.stat().st_size
@@ -50,28 +49,27 @@ class McapFile:
                 start = stream.tell()
                 try:
                     while True:
-                        start = stream.tell()
                         head = stream.read(_HEAD.size)
                         if len(head) < _HEAD.size:
-                            raise _CutError("it has no end")
+                            raise CutError("it has no end")
                         code, length = _HEAD.unpack(head)
                         if code == _DATA_END:
-                            return
-                        left = size - stream.tell()
-                        if code in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK):
-                            content = stream.read(min(length, left))
-                            for message in self._record(code, content):
-                                count += 1
-                                yield message, stream.tell() / size
-                        else:
-                            stream.seek(min(length, left), 1)
-                        if length > left:
-                            raise _CutError(f"{length - left} byte(s) of a record are missing")
-                except _CutError as error:
-                    notes.append(
-                        f"{self.path.name} is damaged or cut off at byte {start} of {size} ({error}): "
-                        f"read up to there, {count} message(s)"
-                    )
+                            break
+                        content, missing = take(stream, length, size, code in _READ)
+                        try:
+                            if code == _CHUNK or not missing:
+                                for message in self._record(code, content):
+                                    count += 1
+                                    yield message, stream.tell() / size
+                        except CutError as error:
+                            if not missing:
+                                damage.record(start, error)
+                        if missing:
+                            raise CutError(f"{missing} byte(s) of a record are missing")
+                        start = stream.tell()
+                except CutError as error:
+                    damage.cut(start, size, count, error)
+                damage.end()
         except OSError as error:
             raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from error
 
@@ -90,12 +88,12 @@ class McapFile:
             elif code == _MESSAGE:
                 number, _, logged_ns = struct.unpack_from("<HIQ", content)
                 if number not in self._channels:
-                    raise _CutError("a message of an unknown channel")
+                    raise CutError("a message of an unknown channel")
                 topic = self._channels[number]
                 if topic is not None:
-                    yield Message(topic, logged_ns, content[22:])
+                    yield Message(topic, min(logged_ns, _LATEST_NS), content[22:])
         except struct.error:
-            raise _CutError("a record is too short") from None
+            raise CutError("a record is too short") from None
 
     def _connect(self, content: bytes | memoryview) -> None:
         number, schema = struct.unpack_from("<HH", content)
@@ -118,12 +116,12 @@ class McapFile:
             code, length = _HEAD.unpack_from(inner, at)
             at += _HEAD.size
             if length > len(inner) - at:
-                raise _CutError("a message in a chunk is cut off")
+                raise CutError("a message in a chunk is cut off")
             if code != _CHUNK:
                 yield from self._record(code, inner[at : at + length])
             at += length
         if len(inner) < size:
-            raise _CutError("a chunk is cut off or damaged")
+            raise CutError("a chunk is cut off or damaged")
 
 
 def _text(content: bytes | memoryview, at: int) -> tuple[str, int]:
@@ -131,5 +129,5 @@ def _text(content: bytes | memoryview, at: int) -> tuple[str, int]:
     (length,) = struct.unpack_from("<I", content, at)
     end = at + 4 + length
     if end > len(content):
-        raise _CutError("a record is too short")
+        raise CutError("a record is too short")
     return bytes(content[at + 4 : end]).decode("utf-8", errors="replace"), end

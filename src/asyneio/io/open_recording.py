@@ -23,6 +23,8 @@ TRACKS_FILE = "tracks.csv"
 _NOT_READ = {
     b"#ROSBAG": "a ROS bag of another version than 2.0",
     b"SQLite format 3\0": "a SQLite file, but no ROS 2 bag",
+    b"\x28\xb5\x2f\xfd": "packed with zstd (unpack it: zstd -d FILE)",
+    b"\x1f\x8b": "packed with gzip (unpack it first)",
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
     b"\x89HDF\r\n\x1a\n": "HDF5 of no known layout",
 }
@@ -110,7 +112,8 @@ def _only_event_file(folder: Path) -> tuple[Path, Format]:
         raise RecordingError(f"{folder} holds {len(found)} recordings: {names}; name one of them")
     if unfinished:
         _refuse_part(unfinished[0])
-    inertial = first_file(folder, SAMPLE_FILES)
+    named = [file for file in files if "imu" in file.name.lower() and file.suffix in (".csv", ".txt")]
+    inertial = first_file(folder, SAMPLE_FILES) or (named[0] if named else None)
     if inertial is not None:
         raise RecordingError(
             f"{folder} holds inertial samples ({inertial.relative_to(folder)}) but no events; expected "

@@ -38,7 +38,7 @@ class RosEvents:
         self._packets = PacketDecoder()
         #: Whole turns of the EVT3 clock between the survey's count and the decoder's; None: not met yet.
         self._turns_ns: int | None = None if "evt3" in known.encodings else 0
-        self._broken = 0
+        self._decoded = self._broken = 0
         self._reason = ""
 
     def chunks(self) -> Iterator[tuple[RecordArray, float]]:
@@ -55,10 +55,15 @@ class RosEvents:
                 self._broken += 1
                 self._reason = self._reason or str(error)
                 continue
+            self._decoded += 1
             count += waiting[-1].size
             if count >= _PIECE_EVENTS:
                 yield self._joined(waiting), fraction
                 waiting, count = [], 0
+        if self._broken and not self._decoded:
+            raise RecordingError(
+                f"none of {self._broken} message(s) of {self._topic.name} can be decoded: {self._reason}"
+            )
         waiting.append(self._packets.finish())
         yield self._joined(waiting), 1.0
 
@@ -88,8 +93,9 @@ class RosEvents:
             self._turns_ns = round(behind / TURN_NS) * TURN_NS
         limit = 2**62 // self._unit_ns
         if self._unit_ns > 1:
-            if (np.abs(events["t_ns"]) > limit).any():
+            if events["t_ns"].max() > limit or events["t_ns"].min() < -limit:
                 raise RecordingError(f"{self._topic.name}: a stamp lies beyond any range")
             events["t_ns"] *= self._unit_ns
-        events["t_ns"] = self._clock.to_host(events["t_ns"] + self._turns_ns)
+        if self._turns_ns or self._clock.offset_ns or self._clock.drift:
+            events["t_ns"] = self._clock.to_host(events["t_ns"] + self._turns_ns)
         return events

@@ -5,6 +5,7 @@ Topics are told apart by the fields of their messages, not by their names or the
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,7 +15,8 @@ from asyneio.io.bag import Bag, Message, Topic
 from asyneio.io.event_arrays import EventArrayDecoder, EventFields, event_fields
 from asyneio.io.event_packets import Packet, first_time
 from asyneio.io.ros_definitions import schema_of
-from asyneio.io.ros_schema import Located, Schema, locate
+from asyneio.io.ros_places import Located, Locator, locate
+from asyneio.io.ros_schema import Schema
 from asyneio.io.ros_tables import STAMP, NumberTable, stamp_of
 
 _XYZ, _XYZW = "xyz", "xyzw"
@@ -38,15 +40,15 @@ class EventTopic:
     where the sensor has a clock of its own.
     """
 
-    schema: Schema
-    cdr: bool
+    locator: Locator
     fields: EventFields | None
     decoder: EventArrayDecoder | None
     size: tuple[int, int] = (0, 0)
     encodings: dict[str, int] = field(default_factory=dict)
-    sensor_ns: list[int] = field(default_factory=list)
-    host_ns: list[int] = field(default_factory=list)
+    sensor_ns: array[int] = field(default_factory=lambda: array("q"))
+    host_ns: array[int] = field(default_factory=lambda: array("q"))
     big_endian: bool = False
+    seen: bool = False
 
     def packet(self, message: Message) -> Packet:
         """The packet in a message. Raises ValueError: the message ends early."""
@@ -55,10 +57,10 @@ class EventTopic:
     def see(self, message: Message) -> None:
         """Take what is needed of a message before decoding. Raises ValueError: it ends early."""
         if self.decoder is not None:
-            if self.fields is not None and self.fields.split and self.size[0]:
+            if self.fields is not None and self.fields.split and self.seen:
                 return
             found = self.decoder.decode(message.data)
-            self.size = max(self.size, (found.width, found.height))
+            self.seen, self.size = True, max(self.size, (found.width, found.height))
             if self.fields is not None and not self.fields.split and found.events.size:
                 self.sensor_ns.append(int(found.events["t_ns"][0]))
                 self.host_ns.append(found.stamp_ns or message.logged_ns)
@@ -77,14 +79,14 @@ class EventTopic:
             self.host_ns.append(packet.stamp_ns)
 
     def _located(self, message: Message) -> Located:
-        return locate(self.schema, message.data, self.cdr)
+        return self.locator.locate(message.data)
 
 
 @dataclass
 class Survey:
     """What is in a bag: the count of messages of each topic, and what was read of those that matter.
 
-    `broken` counts messages that end early; `cameras` are the first CameraInfo of each topic.
+    `broken` counts messages of lenses that end early; `cameras` are the first CameraInfo of each topic.
     """
 
     counts: dict[Topic, int] = field(default_factory=dict)
@@ -116,7 +118,8 @@ def survey(bag: Bag) -> Survey:
                 data = bytes(message.data)
                 found.cameras[topic] = locate(role, data, topic.cdr), data
         except ValueError:
-            found.broken += 1
+            # Of messages with events it is said when they are decoded.
+            found.broken += not isinstance(role, EventTopic)
     for topic in bag.topics():
         found.counts.setdefault(topic, 0)
     return found
@@ -137,10 +140,10 @@ def _role(found: Survey, topic: Topic) -> _Role:
     fields = event_fields(schema)
     if fields is not None:
         decoder = EventArrayDecoder(schema, topic.cdr, fields)
-        found.events[topic] = EventTopic(schema, topic.cdr, fields, decoder)
+        found.events[topic] = EventTopic(Locator(schema, topic.cdr), fields, decoder)
         return found.events[topic]
     if paths >= _PACKET_PATHS:
-        found.events[topic] = EventTopic(schema, topic.cdr, None, None)
+        found.events[topic] = EventTopic(Locator(schema, topic.cdr), None, None)
         return found.events[topic]
     if f"{STAMP}.sec" not in paths:
         return None

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.io.bag import Message
-from asyneio.io.ros_schema import Located, Schema, locate
+from asyneio.io.ros_places import Located, locate
+from asyneio.io.ros_schema import Schema
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
 STAMP = "header.stamp"

@@ -12,19 +12,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from asyneio.errors import RecordingError
-from asyneio.io.bag import Message, Topic, unpack
+from asyneio.io.bag import CutError, Damage, Message, Topic, take, unpack
+from asyneio.types import NS_PER_S
 
 MAGIC = b"#ROSBAG V2.0\n"
 
-_MESSAGE, _CHUNK, _CONNECTION = 2, 5, 7
+_MESSAGE, _CHUNK, _CONNECTION = _READ = 2, 5, 7
 #: Headers are some dozen bytes, those of connections hold a definition in their data.
 _MAX_HEADER = 2**16
 _MAX_TOPICS = 2**16
 _U32 = struct.Struct("<I")
-
-
-class _CutError(Exception):
-    """A record is cut off or is none."""
 
 
 class Rosbag1:
@@ -42,42 +39,35 @@ class Rosbag1:
 
     def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
         """See Bag. Raises RecordingError: unreadable, or no bag of version 2.0."""
-        count = 0
+        count, damage = 0, Damage(self.path.name, notes)
         try:
             with self.path.open("rb") as stream:
                 size = self.path.stat().st_size
                 if stream.read(len(MAGIC)) != MAGIC:
                     raise RecordingError(f"{self.path} is no ROS bag of version 2.0")
-                while True:
-                    start = stream.tell()
-                    try:
+                start = stream.tell()
+                try:
+                    while start < size:
                         op, header, length = _read_head(stream.read, size - start)
-                        missing = max(length - (size - stream.tell()), 0)
-                        if op == _CHUNK:
-                            for message in self._chunk(header, stream.read(length)):
-                                count += 1
-                                yield message, stream.tell() / size
-                        elif op in (_MESSAGE, _CONNECTION) and not missing:
-                            found = self._record(op, header, stream.read(length))
-                            if found is not None:
-                                count += 1
-                                yield found, stream.tell() / size
-                        else:
-                            stream.seek(length, 1)
+                        data, missing = take(stream, length, size, op in _READ)
+                        try:
+                            if op == _CHUNK or not missing:
+                                for message in self._record(op, header, data):
+                                    count += 1
+                                    yield message, stream.tell() / size
+                        except CutError as error:
+                            if not missing:
+                                damage.record(start, error)
                         if missing:
-                            raise _CutError(f"{missing} byte(s) of a record are missing")
-                    except EOFError:
-                        break
-                    except _CutError as error:
-                        notes.append(
-                            f"{self.path.name} is damaged or cut off at byte {start} of {size} ({error}): "
-                            f"read up to there, {count} message(s)"
-                        )
-                        break
+                            raise CutError(f"{missing} byte(s) of a record are missing")
+                        start = stream.tell()
+                except CutError as error:
+                    damage.cut(start, size, count, error)
+                damage.end()
         except OSError as error:
             raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from error
 
-    def _chunk(self, header: dict[bytes, bytes], data: bytes) -> Iterator[Message]:
+    def _chunk(self, header: dict[bytes, bytes], data: bytes | memoryview) -> Iterator[Message]:
         method = header.get(b"compression", b"").decode("latin-1")
         content = memoryview(unpack(data, method, _u32(header, b"size")))
         at = 0
@@ -90,32 +80,32 @@ class Rosbag1:
         while at < len(content):
             op, inner, length = _read_head(read, len(content) - at)
             if length > len(content) - at:
-                raise _CutError("a message in a chunk is cut off")
-            found = self._record(op, inner, content[at : at + length])
+                raise CutError("a message in a chunk is cut off")
+            if op != _CHUNK:
+                yield from self._record(op, inner, content[at : at + length])
             at += length
-            if found is not None:
-                yield found
         if len(content) < _u32(header, b"size"):
-            raise _CutError("a chunk is cut off or damaged")
+            raise CutError("a chunk is cut off or damaged")
 
-    def _record(self, op: int, header: dict[bytes, bytes], data: bytes | memoryview) -> Message | None:
-        """A message, or None after noting a connection."""
-        if op == _CONNECTION:
+    def _record(self, op: int, header: dict[bytes, bytes], data: bytes | memoryview) -> Iterator[Message]:
+        """The messages in a record; connections are noted."""
+        if op == _CHUNK:
+            yield from self._chunk(header, data)
+        elif op == _CONNECTION:
             self._connect(_u32(header, b"conn"), header, bytes(data))
-        if op != _MESSAGE:
-            return None
-        topic = self._connections.get(_u32(header, b"conn"))
-        time = header.get(b"time", b"")
-        if topic is None or len(time) != 8:
-            raise _CutError("a message of an unknown connection")
-        seconds, nanoseconds = struct.unpack("<II", time)
-        return Message(topic, seconds * 1_000_000_000 + nanoseconds, data)
+        elif op == _MESSAGE:
+            topic = self._connections.get(_u32(header, b"conn"))
+            time = header.get(b"time", b"")
+            if topic is None or len(time) != 8:
+                raise CutError("a message of an unknown connection")
+            seconds, nanoseconds = struct.unpack("<II", time)
+            yield Message(topic, seconds * NS_PER_S + nanoseconds, data)
 
     def _connect(self, number: int, header: dict[bytes, bytes], data: bytes) -> None:
         if number in self._connections:
             return
         if len(self._connections) >= _MAX_TOPICS:
-            raise _CutError("too many connections")
+            raise CutError("too many connections")
         fields = _parse_header(data)
         texts = [
             fields.get(name, b"").decode("utf-8", errors="replace")
@@ -128,19 +118,17 @@ class Rosbag1:
 def _read_head(read: Callable[[int], bytes], left: int) -> tuple[int, dict[bytes, bytes], int]:
     """Kind, header and length of the data of the record that is next.
 
-    Raises EOFError where nothing is left, _CutError where what is left is no whole header.
+    Raises CutError where what is left is no whole header.
     """
-    if left == 0:
-        raise EOFError
     head = read(4) if left >= 8 else b""
     length = _U32.unpack(head)[0] if len(head) == 4 else 0
     if not 0 < length <= min(left - 8, _MAX_HEADER):
-        raise _CutError("what follows is no record")
+        raise CutError("what follows is no record")
     header = _parse_header(read(length))
     op = header.get(b"op", b"")
     data_length = read(4)
     if len(op) != 1 or len(data_length) != 4:
-        raise _CutError("what follows is no record")
+        raise CutError("what follows is no record")
     return op[0], header, int(_U32.unpack(data_length)[0])
 
 
@@ -161,5 +149,5 @@ def _parse_header(data: bytes) -> dict[bytes, bytes]:
 def _u32(header: dict[bytes, bytes], name: bytes) -> int:
     value = header.get(name, b"")
     if len(value) != 4:
-        raise _CutError(f"a record lacks its {name.decode('latin-1')}")
+        raise CutError(f"a record lacks its {name.decode('latin-1')}")
     return int(_U32.unpack(value)[0])

@@ -60,7 +60,7 @@ def fit_clock(sensor_ns: IntArray, host_ns: IntArray, what: str) -> SensorClock:
     t = (sensor_ns - origin).astype(np.float64)
     delay = (delay_ns - middle).astype(np.float64)
     span = max(float(t.max()) / _SPANS, _SPAN_NS)
-    bins = (t // span).astype(np.int64)
+    bins = (np.maximum(t, 0.0) // span).astype(np.int64)
     lows = [(float(np.median(t[bins == k])), _low(delay[bins == k])) for k in np.unique(bins)]
     x, y = np.array(lows).T
     slope = _theil_sen(x, y) if float(np.ptp(t)) >= _DRIFT_FROM_NS else 0.0

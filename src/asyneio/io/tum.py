@@ -17,7 +17,7 @@ HEADER = "# t[s] px py pz qx qy qz qw: pose of the body (IMU) in the world\n"
 #: One pose: position [m], quaternion x y z w.
 POSE_DTYPE = np.dtype([("t_ns", "<i8"), ("p", "<f8", (3,)), ("q", "<f8", (4,))])
 #: Printed quaternions are of unit length to their digits; further off they are something else.
-_MAX_NORM_ERROR = 1e-2
+MAX_NORM_ERROR = 1e-2
 #: Below this a quaternion is left as it was printed.
 _EXACT_NORM_ERROR = 1e-6
 
@@ -68,7 +68,7 @@ def tum_text(trajectory: PoseTrajectory, header: str = HEADER) -> str:
 
 def _is_pose(values: tuple[float, ...]) -> bool:
     """True when the quaternion has unit length."""
-    return abs(float(np.linalg.norm(values[3:])) - 1.0) <= _MAX_NORM_ERROR
+    return abs(float(np.linalg.norm(values[3:])) - 1.0) <= MAX_NORM_ERROR
 
 
 def _unit(quaternion: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> np.ndarray:

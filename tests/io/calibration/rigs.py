@@ -114,6 +114,7 @@ def openvins(folder: Path, rig: Calibration) -> tuple[Path, Path | None]:
     """OpenVINS: OpenCV's header, T_imu_cam, both files named by the configuration."""
     chain = "%YAML:1.0\n\ncam0:\n" + _kalibr_camera(rig, f"  T_imu_cam: #R_CtoI, p_CinI\n{_rows(rig.T_b_c)}")
     noise = f"%YAML:1.0\n\nimu0:\n  T_i_b:\n{_rows(np.eye(4))}{_kalibr_noise(rig, '  ')}"
+    noise += f"  model: kalibr\n  Tw:\n{_rows(np.eye(3))}  Tg:\n{_rows(np.zeros((3, 3)))}"
     _write(folder, "kalibr_imucam_chain.yaml", chain)
     _write(folder, "kalibr_imu_chain.yaml", noise)
     text = (

@@ -15,7 +15,17 @@ from asyneio.errors import CalibrationError
 from asyneio.io import read_calibration
 from asyneio.io.calibration import Wanted, find_rig, open_calibration, read_imu_noise, settle
 from asyneio.types import Calibration, Distortion, ImuNoise
-from tests.io.calibration.rigs import KINDS, RATE_HZ, basalt, kalibr, make_rig, rpg, vins_fusion, vins_mono
+from tests.io.calibration.rigs import (
+    KINDS,
+    RATE_HZ,
+    basalt,
+    kalibr,
+    make_rig,
+    openvins,
+    rpg,
+    vins_fusion,
+    vins_mono,
+)
 
 SIZE = (240, 180)
 
@@ -147,7 +157,10 @@ def test_cameras_are_chosen(tmp_path: Path) -> None:
 def test_a_camera_is_chosen_by_topic(tmp_path: Path) -> None:
     rig = make_rig()
     camera, imu = KINDS["kalibr, second of two"](tmp_path, rig)
-    assert_same(read_calibration(camera, imu, Wanted("/dvs/image_raw"))[0], rig)
+    for name in ("/dvs/image_raw", "dvs"):
+        assert_same(read_calibration(camera, imu, Wanted(name))[0], rig)
+    with pytest.raises(CalibrationError, match="no one camera 'image_raw'"):
+        read_calibration(camera, imu, Wanted("image_raw"))
 
 
 def _replaced(path: Path, old: str, new: str) -> Path:
@@ -171,6 +184,7 @@ def _replaced(path: Path, old: str, new: str) -> Path:
         ),
         ("rpg", "image_width: 240", "image_width: wide", "image_width holds 'wide'; expected a number"),
         ("rpg", "- camera:", "- lens:", "entry 0 of cameras holds no 'camera'"),
+        ("rpg", "image_height: 180", "image_height: 0x1" + 5000 * "0", "expected a finite number"),
         ("vins-mono", "PINHOLE", "MEI", "model_type is 'MEI'; understood are PINHOLE and KANNALA_BRANDT"),
         ("vins-mono", "estimate_extrinsic: 0", "estimate_extrinsic: 2", "the extrinsics are not known"),
         ("vins-mono", "!!opencv-matrix", "!!opencv-matrix [1]\nx:", "not valid YAML"),
@@ -237,6 +251,24 @@ def test_corrections_of_the_imu_are_not_hidden(tmp_path: Path) -> None:
     assert any("up to 0.02; they are not applied" in note for note in notes)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "  Tw:\n    - [1.0, 0.0, 0.0]\n    - [0.01, 1.0, 0.0]\n    - [0.0, 0.0, 1.0]\n",
+        "  Tg:\n    - [0.0, 1.0e-4, 0.0]\n    - [0.0, 0.0, 0.0]\n    - [0.0, 0.0, 0.0]\n",
+        "  gyroscopes:\n    M: [[1.02, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\n",
+    ],
+)
+def test_corrections_in_an_imu_file_are_not_hidden(tmp_path: Path, text: str) -> None:
+    camera, _ = openvins(tmp_path, make_rig())
+    assert not any("not applied" in note for note in read_calibration(camera)[1])
+    path = tmp_path / "kalibr_imu_chain.yaml"
+    path.write_text(path.read_text() + text)
+    assert any(
+        "correct the IMU's samples; they are not applied" in note for note in read_calibration(camera)[1]
+    )
+
+
 def test_distortion_that_folds(tmp_path: Path) -> None:
     rig = make_rig()
     folding = replace(rig.camera, coefficients=(-1.2, 0.0, 0.0, 0.0))
@@ -294,6 +326,46 @@ def test_any_value_at_any_place_gives_a_calibration_or_our_error(
     except CalibrationError:
         return
     assert np.isfinite(found.T_b_c).all()
+
+
+_HOSTILE = (
+    "", "[]", "{}", "null", "true", "x", "-1", "0", "1e999", ".nan", "0x1" + "0" * 5000, "[[1]]",
+    "!!opencv-matrix [1]", "!!opencv-matrix {rows: 1}", "&a [*a]", "!!binary x", "2001-01-01", "'",
+    "../x.yaml",
+    "{rows: [1], cols: {}, data: 3}", "[1, 2, 3, x]", "!!python/object/apply:os.system [exit]",
+)  # fmt: skip
+
+
+@settings(max_examples=150)
+@given(
+    kind=st.sampled_from(sorted(set(KINDS) - {"basalt"})),
+    line=st.integers(0, 200),
+    value=st.sampled_from(_HOSTILE),
+    whole=st.booleans(),
+)
+def test_any_line_may_be_hostile(
+    tmp_path_factory: pytest.TempPathFactory, kind: str, line: int, value: str, whole: bool
+) -> None:
+    """A line's value, or the line with all that is below it, replaced in any of the files."""
+    folder = tmp_path_factory.mktemp("fuzz")
+    camera, imu = KINDS[kind](folder, make_rig())
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    path = files[line % len(files)]
+    lines = path.read_text().splitlines()
+    index = line % len(lines)
+    key = lines[index].split(":", 1)[0]
+    below = index + 1
+    while whole and below < len(lines) and lines[below].startswith(" " * (len(key) - len(key.lstrip()) + 1)):
+        below += 1
+    lines[index:below] = [f"{key}: {value}"]
+    path.write_text("\n".join(lines) + "\n")
+    try:
+        found, _ = read_calibration(camera, imu, size=SIZE)
+    except CalibrationError:
+        return
+    assert np.isfinite(found.T_b_c).all()
+    np.testing.assert_allclose(found.T_b_c[:3, :3] @ found.T_b_c[:3, :3].T, np.eye(3), atol=1e-6)
+    assert min(found.noise.gyroscope_density, found.noise.accelerometer_walk) > 0.0
 
 
 def test_real_files(data_dir: Path) -> None:

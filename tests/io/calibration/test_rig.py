@@ -124,6 +124,15 @@ def test_a_preset_fills_in_what_is_missing(folder: Path) -> None:
     assert found.calibration.camera == preset.lens
 
 
+def test_a_preset_tells_the_size(folder: Path) -> None:
+    """Events as text tell no size, and would be taken for the smallest usual sensor that holds them."""
+    (folder / "calib.txt").unlink()
+    assert (open_recording(folder).width, open_recording(folder).height) == (240, 180)
+    found = open_recording(folder, ReadOptions(preset="DAVIS346"))
+    assert (found.width, found.height, found.camera) == (346, 260, None)
+    assert not any("no file tells the sensor's size" in note for note in found.notes)
+
+
 def test_files_go_before_a_preset(folder: Path, tmp_path: Path) -> None:
     (folder / "imu.yaml").write_text(
         "gyroscope_noise_density: 1e-3\naccelerometer_noise_density: 1e-2\n"
@@ -136,7 +145,7 @@ def test_files_go_before_a_preset(folder: Path, tmp_path: Path) -> None:
 
 def test_presets_that_do_not_do(folder: Path) -> None:
     with pytest.raises(CalibrationError, match="DAVIS346 is of 346 x 260 pixels, the recording of 240 x 180"):
-        open_recording(folder, ReadOptions(preset="DAVIS346"))
+        settle(Rig(), SIZE, Wanted(preset="DAVIS346"))
     with pytest.raises(ConfigError, match="preset 'DVS128' is unknown; expected one of DAVIS240C"):
         open_recording(folder, ReadOptions(preset="DVS128"))
     lens = make_rig().camera

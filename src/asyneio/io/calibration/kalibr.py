@@ -28,7 +28,7 @@ from asyneio.io.calibration.sections import (
     read_noise,
     shift_ns,
 )
-from asyneio.io.calibration.values import shown
+from asyneio.io.calibration.values import matrix, shown
 from asyneio.types import FloatArray
 
 NOISE_KEYS = {
@@ -37,6 +37,13 @@ NOISE_KEYS = {
     "gyroscope_walk": "gyroscope_random_walk",
     "accelerometer_walk": "accelerometer_random_walk",
 }
+
+#: What corrects an IMU's samples, and its value where it does nothing: OpenVINS, Kalibr (with its sections).
+_CORRECTIONS = {
+    **dict.fromkeys(("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC", "M", "C_gyro_i"), np.eye(3)),
+    **dict.fromkeys(("Tg", "A"), np.zeros((3, 3))),
+}
+_SENSORS = ("gyroscopes", "accelerometers")
 
 _CAMERA = re.compile(r"cam\d{1,2}")
 #: OpenVINS' keys for the two files that its configuration names.
@@ -95,7 +102,24 @@ def _noise(content: dict[str, Any], path: Path) -> NoiseReading:
         )
     # EuRoC's sensor.yaml has Kalibr's keys but for the rate.
     rate_key = "update_rate" if "update_rate" in section else "rate_hz"
-    return NoiseReading(read_noise(section, NOISE_KEYS, rate_key, path))
+    return NoiseReading(read_noise(section, NOISE_KEYS, rate_key, path), notes=_corrections(section, path))
+
+
+def _corrections(section: dict[str, Any], path: Path) -> tuple[str, ...]:
+    """A sentence where the file corrects the samples: scale, misalignment, or influence of gravity."""
+    sensors = [section, *(section[key] for key in _SENSORS if isinstance(section.get(key), dict))]
+    used = [
+        key
+        for sensor in sensors
+        for key, neutral in _CORRECTIONS.items()
+        if key in sensor and not np.allclose(matrix(sensor, key, (3, 3), path), neutral, rtol=0.0, atol=1e-9)
+    ]
+    if not used:
+        return ()
+    return (
+        f"{path.name}: {', '.join(used)} correct the IMU's samples; they are not applied: use samples that "
+        "are calibrated already",
+    )
 
 
 def _entry(content: dict[str, Any], name: str, path: Path) -> CameraEntry:

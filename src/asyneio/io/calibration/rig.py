@@ -64,6 +64,11 @@ class Wanted:
     camera: str | None = None
     preset: str | None = None
 
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width and height of the preset's sensor [px]. Raises ConfigError where there is no such preset."""
+        return preset_named(self.preset).size if self.preset else None
+
 
 def settle(
     rig: Rig,
@@ -134,7 +139,7 @@ class _Parts:
 
 
 def select(cameras: tuple[CameraEntry, ...], size: tuple[int, int] | None, name: str | None) -> CameraEntry:
-    """The camera of that name or topic, or the only one that fits the size.
+    """The camera of that name or topic (or part of a topic), or the only one that fits the size.
 
     Raises:
         CalibrationError: there is none, or more than one; the message lists them.
@@ -142,6 +147,7 @@ def select(cameras: tuple[CameraEntry, ...], size: tuple[int, int] | None, name:
     listed = "; ".join(map(str, cameras))
     if name is not None:
         named = [camera for camera in cameras if name in (camera.name, camera.topic)]
+        named = named or [camera for camera in cameras if name and name in camera.topic]
         if len(named) == 1:
             return named[0]
         raise CalibrationError(f"there is no one camera {name!r}; the calibration holds {listed}")

@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
+from asyneio.io.calibration.lens import MAX_PIXELS
 from asyneio.io.calibration.values import number
 from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, ImuNoise
 
 #: Sensor noise above this (SI, per sqrt(Hz)) is a wrong unit, not a bad sensor.
 _MAX_NOISE = 10.0
 _MAX_SHIFT_S = 1e9
+#: Names and topics are a few words; a longer one is cut in messages.
+_MAX_NAME = 60
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,8 @@ class CameraEntry:
 
     def __str__(self) -> str:
         size = f"{self.size[0]} x {self.size[1]}" if self.size else ""
-        described = ", ".join(part for part in (self.topic, size) if part)
-        return f"{self.name} ({described})" if described else self.name
+        described = ", ".join(part for part in (self.topic[:_MAX_NAME], size) if part)
+        return f"{self.name[:_MAX_NAME]} ({described})" if described else self.name[:_MAX_NAME]
 
 
 @dataclass(frozen=True)
@@ -72,8 +75,8 @@ class CalibrationFile:
 
 
 def declared_size(width: Any, height: Any) -> tuple[int, int] | None:
-    """Width and height to choose a camera by, where both are whole numbers; nothing is judged here."""
-    if type(width) is int and type(height) is int:
+    """Width and height to choose a camera by, where both are whole numbers that a size may have."""
+    if all(type(length) is int and 0 < length <= MAX_PIXELS for length in (width, height)):
         return width, height
     return None
 
