@@ -12,8 +12,10 @@ from rosbags.rosbag2 import Reader as Reader2
 
 from asyneio.errors import RecordingError
 from asyneio.io import open_recording
+from asyneio.io.conversion import Source, convert
 from asyneio.io.ros1_writer import write_rosbag
 from asyneio.io.ros2_writer import write_rosbag2
+from asyneio.io.targets import target_named
 from asyneio.types import NS_PER_S, EventRecording
 from tests.io.event_recordings import make_event_recording
 from tests.io.ros_bags import recording_records, typestore, write_bag
@@ -132,6 +134,20 @@ def test_written_bags_are_read_by_others(tmp_path: Path, recording: EventRecordi
     assert (p[0], p[2], p[10]) == (camera.fx, camera.cx, 1.0)
 
 
-def test_a_folder_is_not_overwritten(tmp_path: Path, recording: EventRecording) -> None:
-    with pytest.raises(RecordingError, match="exists already"):
-        write_rosbag2(recording, tmp_path)
+def test_other_files_are_not_overwritten(tmp_path: Path, recording: EventRecording) -> None:
+    (tmp_path / "thesis.tex").write_text("x")
+    for path in (tmp_path, tmp_path / "thesis.tex"):
+        with pytest.raises(RecordingError, match="holds other files"):
+            write_rosbag2(recording, path)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_converted_to_ros2(tmp_path: Path, recording: EventRecording) -> None:
+    """Twice: an earlier conversion is replaced."""
+    target = target_named("rosbag2", tmp_path / "run")
+    done: list[int] = []
+    for _ in range(2):
+        convert(Source(recording), target, tmp_path / "run", done.append, force=True)
+        assert_found(open_recording(tmp_path / "run"), recording)
+    assert done[-1] == recording.events.size
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run"]

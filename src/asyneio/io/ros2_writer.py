@@ -13,6 +13,7 @@ from rosbags.typesys import Stores
 from asyneio.errors import RecordingError
 from asyneio.io.event_source import Progress
 from asyneio.io.ros_records import TYPES, records_of, typestore
+from asyneio.io.rosbag2 import METADATA_FILE
 from asyneio.types import NS_PER_S, EventRecording, RecordArray
 
 #: Sixteen bytes from the row of an event to the column of the next one: CDR has a gap after polarity.
@@ -50,20 +51,26 @@ class _Cdr:
         return name + count + gap + struct.pack(f"<{len(d) + len(others)}d", *d, *others)
 
 
+def files_of(folder: Path) -> tuple[Path, Path]:
+    """What a recording in a folder consists of."""
+    return folder / f"{folder.name}.mcap", folder / METADATA_FILE
+
+
 def write_rosbag2(recording: EventRecording, folder: Path, progress: Progress | None = None) -> None:
     """Write a recording as a folder of ROS 2, whole or not at all; events are read in pieces.
 
     Args:
         recording: what to write.
-        folder: where; it must not exist.
+        folder: where; an earlier recording written there is replaced.
         progress: is told the fraction of the events written.
 
     Raises:
-        RecordingError: the folder exists or cannot be written, gyroscope and accelerometer have different
-            times, or a time does not fit ROS 2 (before 1970 or after 2038).
+        RecordingError: the folder holds other files or cannot be written, gyroscope and accelerometer have
+            different times, or a time does not fit ROS 2 (before 1970 or after 2038).
     """
-    if folder.exists():
-        raise RecordingError(f"{folder} exists already; name another folder")
+    earlier = list(folder.iterdir()) if folder.is_dir() else [folder] if folder.exists() else []
+    if not {*earlier} <= {*files_of(folder)}:
+        raise RecordingError(f"{folder} holds other files than a recording; name another folder")
     records = records_of(recording, _Cdr(), 2**31, progress)
     store = typestore(Stores.ROS2_HUMBLE, "builtin_interfaces/Time")
     try:
@@ -76,6 +83,9 @@ def write_rosbag2(recording: EventRecording, folder: Path, progress: Progress | 
                 connections = {name: add(name, kind, typestore=store) for name, kind in TYPES.items()}
                 for logged_ns, topic, data in records:
                     writer.write(connections[topic], logged_ns, data)
+            for file in earlier:
+                file.unlink()
+            # An empty folder is replaced.
             path.rename(folder)
     except (WriterError, OSError) as error:
         raise RecordingError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -17,8 +17,10 @@ from asyneio.io.atomic import write_text
 from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
 from asyneio.io.conversion import Limits, Source, Target
 from asyneio.io.event_hdf5_writer import fill_hdf5
+from asyneio.io.event_source import Progress
 from asyneio.io.resumable import Advance, part_of, write_resumable
 from asyneio.io.ros1_writer import write_rosbag
+from asyneio.io.ros2_writer import files_of, write_rosbag2
 from asyneio.io.uzh_folder import EVENTS_FILE, LENS_FILE, SAMPLES_FILE, TRUTH_FILE
 from asyneio.io.uzh_writer import beside_texts, event_lines
 from asyneio.types import EventRecording
@@ -150,13 +152,20 @@ def _write_aedat2(source: Source, path: Path, key: str, advance: Advance, resume
     return write_resumable(path, key, count, aedat2_writer.aedat2_header(), encode, advance, resume)
 
 
-def _write_rosbag(source: Source, path: Path, key: str, advance: Advance, resume: bool) -> int:
+def _write_rosbag(
+    write: Callable[[EventRecording, Path, Progress], None],
+    source: Source,
+    path: Path,
+    key: str,
+    advance: Advance,
+    resume: bool,
+) -> int:
     if source.shift_ns or source.step_ns != 1:
         raise RecordingError(
             "a ROS bag holds nanoseconds since 1970: neither --round nor --from-zero is for it"
         )
     count = source.recording.events.size
-    write_rosbag(source.recording, path, lambda share: advance(round(share * count)))
+    write(source.recording, path, lambda share: advance(round(share * count)))
     return 0
 
 
@@ -208,7 +217,26 @@ _DAVIS = (aedat2.WIDTH, aedat2.HEIGHT)
 TARGETS = (
     Target("uzh", "a UZH folder", (), Limits(), _nothing_lost, True, _in_folder, _write_folder),
     Target("uzh-zip", "a UZH folder as zip", (".zip",), Limits(), _nothing_lost, True, _itself, _write_zip),
-    Target("rosbag", "a ROS 1 bag", (".bag",), Limits(), _lost_in_rosbag, True, _itself, _write_rosbag),
+    Target(
+        "rosbag",
+        "a ROS 1 bag",
+        (".bag",),
+        Limits(),
+        _lost_in_rosbag,
+        True,
+        _itself,
+        partial(_write_rosbag, write_rosbag),
+    ),
+    Target(
+        "rosbag2",
+        "a ROS 2 folder (MCAP)",
+        (),
+        Limits(),
+        _lost_in_rosbag,
+        True,
+        files_of,
+        partial(_write_rosbag, write_rosbag2),
+    ),
     Target("hdf5", "asyneio's HDF5", (".h5", ".hdf5"), Limits(), _nothing_lost, True, _itself, _write_hdf5),
     Target(
         "dat",
