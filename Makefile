@@ -31,6 +31,8 @@ bench: $(VENV)/.test
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@! grep -rnoE --include='*.html' '<(script|img|link|iframe)[^>]+(src|href)="(https?:)?//[^"]*"' site \
+	    || { echo "These pages need the network; see mkdocs.yml." >&2; exit 1; }
 	@echo "Open site/index.html"
 
 clean:

@@ -106,7 +106,9 @@ def test_its_report_in_a_browser(
         "(c => { c.scrollIntoView(); const box = c.getBoundingClientRect(); return [box.left, box.top]; })"
         "(document.querySelector('canvas'))"
     )
-    page.drag((left + 150, top + 100), (left + 60, top + 130))
+    turn, scrolled = page.swipe if width < 600 else page.drag, page.run("scrollY")
+    turn((left + 150, top + 100), (left + 60, top + 130))
+    assert page.run("scrollY") == scrolled
     turned, after = page.run(_INK)
     assert 0.01 < turned < 0.9
     assert after != before

@@ -51,6 +51,7 @@ class Browser:
         self.call("Emulation.setScriptExecutionDisabled", value=not script)
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": True}
         self.call("Emulation.setDeviceMetricsOverride", **metrics)
+        self.call("Emulation.setTouchEmulationEnabled", enabled=width < 600)
         self.call("Page.navigate", url=path.resolve().as_uri())
         end = time.monotonic() + _PATIENCE_S
         while not self._loaded:
@@ -68,6 +69,12 @@ class Browser:
         """Press, move and release the mouse."""
         for kind, (x, y) in (("mousePressed", begin), ("mouseMoved", end), ("mouseReleased", end)):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+        self._settle()
+
+    def swipe(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
+        """Put a finger down, move it and lift it."""
+        for kind, at in (("touchStart", [begin]), ("touchMove", [end]), ("touchEnd", [])):
+            self.call("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": y} for x, y in at])
         self._settle()
 
     def screenshot(self, path: Path) -> None:

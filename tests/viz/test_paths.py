@@ -46,6 +46,7 @@ def test_floor_carries_any_path(scale: tuple[float, ...], offset: tuple[float, .
     assert (space.high >= path[:, :2].max(axis=0) - 1e-9).all()
     assert space.floor == path[:, 2].min()
     assert 4 <= len(space.floor_lines()) <= 60
+    assert np.linalg.norm(path - space.centre, axis=1).max() <= space.radius
     plain = json.loads(space_json(space))
     points = np.array(plain["estimate"][0]).reshape(-1, 3)
     assert len(points) <= 3100

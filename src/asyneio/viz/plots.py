@@ -70,12 +70,13 @@ def plot_features(features: Features) -> Figure:
     count.fill_between(t_s, low, high, color=ESTIMATE, alpha=0.25, linewidth=0.0)
     count.plot(t_s, middle, color=ESTIMATE)
     count.set(ylabel="tracks alive", ylim=(0.0, max(1.08 * np.max(high, initial=0.0), 1.0)))
-    t_s, low, middle, high = thin(features.t_s, *features.age_s.T)
+    # Without a track there is no age: the panel above shows it.
+    known = np.isfinite(features.age_s).all(axis=1)
+    t_s, low, middle, high = thin(features.t_s[known], *features.age_s[known].T)
     age.fill_between(t_s, low, high, color=AXES_COLORS[1], alpha=0.2, linewidth=0.0, label="quartiles")
     age.plot(t_s, middle, color=AXES_COLORS[1], label="median")
     # Room above for the legend.
-    oldest = float(np.max(high[np.isfinite(high)], initial=0.0))
-    age.set(ylabel="age [s]", xlabel="time [s]", ylim=(0.0, max(1.35 * oldest, 1e-3)))
+    age.set(ylabel="age [s]", xlabel="time [s]", ylim=(0.0, max(1.35 * np.max(high, initial=0.0), 1e-3)))
     age.legend(ncols=2, loc="upper right")
     return figure
 
@@ -127,7 +128,11 @@ def plot_timing(timing: Timing) -> Figure:
     axes.set(xlabel="time [s]", ylabel="processing [ms]", yscale="log")
     slowest = float(np.max(high, initial=budget_ms))
     fastest = float(np.percentile(middle, 1.0)) if middle.size else budget_ms
-    axes.set_ylim(min(max(0.3 * fastest, 1e-3), 0.3 * budget_ms), 3.5 * slowest)
+    # From a whole decade on, so that at least two are named; values between them are not.
+    floor = 10.0 ** np.floor(np.log10(np.clip(fastest, 1e-3, 0.3 * budget_ms)))
+    axes.set_ylim(floor, 3.5 * slowest)
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
     axes.legend(ncols=2, loc="upper right")
     return figure
 

@@ -31,7 +31,7 @@ class Space:
     """Paths over a floor of squares.
 
     `estimate` and `truth` are pieces (N,3) [m] that no line joins; the floor spans whole squares of `step`
-    [m] between `low` and `high` (2,), at height `floor`. `centre` (3,) and `radius` bound it all.
+    [m] between `low` and `high` (2,), at height `floor`. `centre` (3,) and `radius` bound the paths.
     """
 
     estimate: tuple[FloatArray, ...]
@@ -54,13 +54,15 @@ def space_of(position: FloatArray, truth: FloatArray | None) -> Space:
     """The space of a path (N,3) and its truth; at least one row must hold numbers (`finite_rows`)."""
     everything = finite_rows(position if truth is None else np.vstack([position, truth]))
     low, high = everything.min(axis=0), everything.max(axis=0)
-    step = _round_step(float(max(*(high - low)[:2], 1e-3)) / (_MOST_LINES / 2))
+    wide, deep, tall = (high - low).tolist()
+    step = _round_step(max(wide, deep, tall / 4.0, 1e-3) / (_MOST_LINES / 2))
     low_xy, high_xy = np.floor(low[:2] / step) * step, np.ceil(high[:2] / step) * step
     high_xy = np.maximum(high_xy, low_xy + step)
     low[:2], high[:2] = low_xy, high_xy
     centre = (low + high) / 2.0
-    # The corners of the floor may leave the picture while it turns; the path hardly reaches them.
-    radius = max(0.85 * float(np.linalg.norm(high - centre)), 1e-6)
+    # The path never leaves the picture while it turns; corners of the floor may, a little.
+    reach = float(np.linalg.norm(everything - centre, axis=1).max())
+    radius = max(1.05 * reach, 0.85 * float(np.linalg.norm(high - centre)))
     pieces = (_pieces(position), () if truth is None else _pieces(truth))
     return Space(*pieces, low_xy, high_xy, step, float(low[2]), centre, radius)
 
