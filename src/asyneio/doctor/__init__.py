@@ -1,0 +1,1 @@
+"""Is a recording usable, and if not, what is to be done?"""

@@ -1,0 +1,298 @@
+"""Rotation and time offset between two sources of angular velocity: the camera's motion and a gyroscope.
+
+Model: `omega_c(t) = C_c_b (omega_b(t + offset) - bias) + leak`, windows of the camera compared with means of
+the gyroscope over the same time. The leak is what a translation of the camera does to an estimate that knows
+rotations only: mostly a turn about x and y, and slow. So each axis has a noise of its own, in which neighbours
+are alike (autoregressive of order 1); both are found from what is left over, and the fit is made on
+innovations: what differs from one window to the next. The bias is held near zero: where the camera turns
+about one axis at a steady rate, bias and rotation cannot be told apart.
+
+1. *Offset.* For each trial the best linear map `omega_c = A omega_b + a` by robust least squares; its
+   innovations are least at the true offset, whatever the rotation, be it even a reflection or a wrong unit.
+2. *Rotation and bias.* Robust Gauss-Newton from the rotation the calibration claims and from each of its 23
+   neighbours by right angles; the least cost wins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asyneio.doctor.camera_rates import CameraRates
+from asyneio.types import NS_PER_S, BoolArray, FloatArray, RecordArray
+
+#: Offsets tried: so far either way, in such steps [s]; then in fine steps around the best.
+_REACH_S, _STEP_S, _FINE_STEP_S = 0.1, 0.005, 0.001
+#: Zero offset of a gyroscope [rad/s]: one standard deviation of what consumer sensors have uncorrected.
+_BIAS_SIGMA = 0.05
+#: Noise of a rate below which none is believed [rad/s].
+_LEAST_NOISE = 0.01
+#: Correlation of neighbours is never taken to be less or more.
+_CORRELATION = (0.0, 0.95)
+#: Windows that tell anything at all.
+LEAST_WINDOWS = 6
+_STEPS, _CONVERGED = 12, 1e-4
+_ROBUST_STEPS = 4
+#: Squared scale of the robust cost, in standard deviations; fine steps on either side of the best coarse one.
+_CAUCHY, _FINE = 9.0, 8
+#: A difference of costs that is none, and one that excludes: about two and five standard deviations.
+_SAME_COST, _EXCLUDED_COST = 4.0, 25.0
+
+#: The 24 rotations that take axes to axes.
+RIGHT_ANGLES: tuple[FloatArray, ...] = tuple(
+    matrix
+    for order in permutations(range(3))
+    for signs in product((1.0, -1.0), repeat=3)
+    if np.linalg.det(matrix := np.diag(signs)[:, order]) > 0.0
+)
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How a camera sits on a gyroscope, as far as the motion tells.
+
+    Attributes:
+        C_c_b: (3,3) body to camera directions; along directions that are not told, what was claimed.
+        sigma_deg: (3,) standard deviations along `axes`, ascending.
+        axes: (3,3) the directions (columns, camera frame) that they belong to.
+        offset_s: to be added to the camera's clock; `offset_sigma_s` its standard deviation.
+        rates: (3,) root mean squares of the gyroscope [rad/s] along its principal axes, descending.
+        noise: (3,) of the camera's rate about its axes [rad/s].
+        windows: number of windows of the camera.
+        explained: share of the camera's rate (its median square) that the gyroscope explains.
+        possible: indices in RIGHT_ANGLES of the turns of the claimed rotation that the motion does not exclude.
+    """
+
+    C_c_b: FloatArray
+    sigma_deg: FloatArray
+    axes: FloatArray
+    offset_s: float
+    offset_sigma_s: float
+    rates: FloatArray
+    noise: FloatArray
+    windows: int
+    explained: float
+    possible: tuple[int, ...]
+
+    def error_deg(self, C_c_b: FloatArray, most_sigma_deg: float) -> float:
+        """Angle between a claimed rotation and the one found, about axes that are known this well."""
+        turn = Rotation.from_matrix(self.C_c_b @ C_c_b.T).as_rotvec(degrees=True)
+        return float(np.linalg.norm((self.axes.T @ turn)[self.sigma_deg <= most_sigma_deg]))
+
+
+def align(rates: CameraRates, gyroscope: RecordArray, claimed: FloatArray, around_s: float) -> Alignment | None:
+    """Fit rotation and offset; None where too few windows are covered by samples.
+
+    Args:
+        rates: of the camera, ascending.
+        gyroscope: INERTIAL_DTYPE, ascending, in its own clock.
+        claimed: (3,3) body to camera directions of the calibration, identity where there is none.
+        around_s: claimed offset, around which others are tried (and around its negative).
+    """
+    offset_s, offset_sigma_s = _find_offset(rates, gyroscope, around_s)
+    body, inside = mean_rates(gyroscope, rates, offset_s)
+    if np.count_nonzero(inside) < LEAST_WINDOWS:
+        return None
+    camera, body, gaps = rates.omega[inside], body[inside], _gaps(rates, inside)
+    noise = Noise(np.full(3, 0.1), np.zeros((len(gaps), 3)))
+    fit = Fit(claimed, np.zeros(3), 0.0, np.eye(6))
+    for _ in range(2):
+        starts = [turn @ fit.C for turn in RIGHT_ANGLES]
+        fit = min((_fit(camera, body, start, noise) for start in starts), key=lambda found: found.cost)
+        noise = _noise(camera - (body - fit.bias) @ fit.C.T, gaps)
+    fit = _nearest(_fit(camera, body, fit.C, noise), claimed, camera, body, noise)
+    residual = camera - (body - fit.bias) @ fit.C.T
+    # Of the rotation alone, whatever the bias is.
+    covariance = np.linalg.inv(fit.normal)[:3, :3]
+    variances, axes = np.linalg.eigh(covariance)
+    costs = np.array(
+        [_fit(camera, body, turn @ claimed, noise, turning=False).cost for turn in RIGHT_ANGLES]
+    )
+    possible = tuple(int(k) for k in np.flatnonzero(costs < costs.min() + _EXCLUDED_COST))
+    explained = 1.0 - np.median((residual**2).sum(axis=1)) / max(np.median((camera**2).sum(axis=1)), 1e-12)
+    return Alignment(
+        C_c_b=fit.C,
+        sigma_deg=np.degrees(np.sqrt(variances)),
+        axes=axes,
+        offset_s=offset_s,
+        offset_sigma_s=offset_sigma_s,
+        rates=np.linalg.svd(body, compute_uv=False) / np.sqrt(len(body)),
+        noise=_spread(residual),
+        windows=len(body),
+        explained=float(explained),
+        possible=possible,
+    )
+
+
+def mean_rates(gyroscope: RecordArray, rates: CameraRates, offset_s: float) -> tuple[FloatArray, BoolArray]:
+    """Means of the gyroscope (N,3) over the windows, shifted, and which of them its samples cover."""
+    origin = int(gyroscope["t_ns"][0])
+    t_s = (gyroscope["t_ns"] - origin) / NS_PER_S
+    steps = 0.5 * (gyroscope["xyz"][1:] + gyroscope["xyz"][:-1]) * np.diff(t_s)[:, None]
+    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    start, end = ((stamps - origin) / NS_PER_S + offset_s for stamps in (rates.start_ns, rates.end_ns))
+    inside = (start >= 0.0) & (end <= t_s[-1]) & (end > start)
+    span = np.where(end > start, end - start, 1.0)[:, None]
+    turn = np.stack([np.interp(end, t_s, axis) - np.interp(start, t_s, axis) for axis in turned.T], axis=1)
+    return turn / span, np.asarray(inside)
+
+
+def _gaps(rates: CameraRates, inside: BoolArray) -> FloatArray:
+    """Times between neighbouring windows (N-1,), in units of the usual one."""
+    gaps = np.diff(rates.start_ns[inside]).astype(np.float64)
+    return np.asarray(gaps / max(float(np.median(gaps)), 1.0))
+
+
+def _find_offset(rates: CameraRates, gyroscope: RecordArray, around_s: float) -> tuple[float, float]:
+    """The offset with the least innovations, and its standard deviation (infinite: not told)."""
+    reach = min(_REACH_S + 2.0 * abs(around_s), 5.0 * _REACH_S)
+    trials = around_s + np.arange(-round(reach / _STEP_S), round(reach / _STEP_S) + 1) * _STEP_S
+    costs = np.array([_offset_cost(rates, gyroscope, trial) for trial in trials])
+    k = int(np.argmin(costs))
+    if k in (0, trials.size - 1) or not np.isfinite(costs[k]):
+        return around_s, float("inf")
+    steps = np.arange(-_FINE, _FINE + 1) * _FINE_STEP_S
+    costs = np.array([_offset_cost(rates, gyroscope, trials[k] + step) for step in steps])
+    if not np.isfinite(costs).all():
+        return around_s, float("inf")
+    # A parabola, for single steps are ragged.
+    a, b, _ = np.polyfit(steps, costs, 2)
+    if a <= 0.0:
+        return around_s, float("inf")
+    shift = float(np.clip(-b / (2.0 * a), steps[0], steps[-1]))
+    # The cost counts standard deviations squared.
+    return float(trials[k] + shift), float(np.sqrt(1.0 / a))
+
+
+def _offset_cost(rates: CameraRates, gyroscope: RecordArray, offset_s: float) -> float:
+    """A robust negative log-likelihood, times two, of the best linear map from body to camera; infinite where
+    too few windows are covered."""
+    body, inside = mean_rates(gyroscope, rates, offset_s)
+    if np.count_nonzero(inside) < max(LEAST_WINDOWS, rates.count // 2):
+        return float("inf")
+    design = np.hstack([body[inside], np.ones((np.count_nonzero(inside), 1))])
+    gaps = _gaps(rates, inside)
+    cost = 0.0
+    for axis in rates.omega[inside].T:
+        alike = np.zeros((len(gaps), 1))
+        for _ in range(2):
+            rows, wanted = _differences(design, alike), _differences(axis[:, None], alike)
+            map_ = _robust_solution(rows, wanted)
+            noise = _noise(axis[:, None] - design @ map_, gaps)
+            alike = noise.alike
+        cost += 2.0 * len(gaps) * float(np.log(noise.sigma[0]))
+    return cost
+
+
+def _robust_solution(rows: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Reweighted least squares of `rows @ x = wanted`, with a weak pull to zero: of one steady axis the others
+    are not told."""
+    weight = np.ones((len(rows), 1))
+    for _ in range(_ROBUST_STEPS):
+        normal = rows.T @ (rows * weight) + 1e-3 * np.eye(rows.shape[1])
+        solution = np.linalg.solve(normal, rows.T @ (wanted * weight))
+        residual = wanted - rows @ solution
+        weight = _weights(residual, _spread(residual))[:, None]
+    return np.asarray(solution)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of residuals of windows: `sigma` (D,) of the innovations, `alike` (N-1,D) share of the window before."""
+
+    sigma: FloatArray
+    alike: FloatArray
+
+
+def _noise(residual: FloatArray, gaps: FloatArray) -> Noise:
+    """Noise of residuals (N,D), axis by axis."""
+    limit = 3.0 * _spread(residual)
+    limited = np.clip(residual, -limit, limit)
+    correlation = (limited[1:] * limited[:-1]).sum(axis=0) / np.maximum((limited**2).sum(axis=0), 1e-12)
+    alike = np.clip(correlation, *_CORRELATION) ** gaps[:, None]
+    return Noise(_spread(_differences(residual, alike)), alike)
+
+
+def _differences(values: FloatArray, alike: FloatArray) -> FloatArray:
+    """What is new in each of `values` (N,D) against the one before: (N-1,D)."""
+    return np.asarray(values[1:] - alike * values[:-1])
+
+
+def _spread(residual: FloatArray) -> FloatArray:
+    """Robust standard deviation (D,) about zero of residuals (N,D)."""
+    size = np.abs(residual)
+    # Smoother in its residuals than the median alone, which jumps from one of them to the next.
+    limited = np.minimum(size, 3.0 * 1.4826 * np.median(size, axis=0))
+    return np.maximum(np.sqrt((limited**2).mean(axis=0)), _LEAST_NOISE)
+
+
+def _weights(residual: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Cauchy weights (N,) of residuals (N,D)."""
+    return np.asarray(1.0 / (1.0 + ((residual / sigma) ** 2).sum(axis=1) / _CAUCHY))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Rotation `C` (3,3), `bias` (3,), robust cost, and normal matrix (6,6) of rotation and bias."""
+
+    C: FloatArray
+    bias: FloatArray
+    cost: float
+    normal: FloatArray
+
+
+def _fit(
+    camera: FloatArray, body: FloatArray, start: FloatArray, noise: Noise, turning: bool = True
+) -> Fit:
+    """Gauss-Newton from the rotation `start`; without `turning` of the bias alone."""
+    C, bias = start, np.zeros(3)
+    normal = np.eye(6)
+    for _ in range(_STEPS):
+        predicted = (body - bias) @ C.T
+        residual = _differences(camera - predicted, noise.alike)
+        scale = _weights(residual, noise.sigma)[:, None] / noise.sigma**2
+        # d predicted / d phi = -[predicted]x for C <- Exp(phi) C, d predicted / d bias = -C.
+        jacobian = np.concatenate([-_crosses(predicted), np.broadcast_to(-C, (len(body), 3, 3))], axis=2)
+        jacobian = jacobian[1:] - noise.alike[:, :, None] * jacobian[:-1]
+        rows = jacobian.reshape(-1, 6)
+        normal = rows.T @ (rows * scale.reshape(-1, 1)) + 1e-6 * np.eye(6)
+        right = rows.T @ (scale * residual).reshape(-1)
+        normal[3:, 3:] += np.eye(3) / _BIAS_SIGMA**2
+        right[3:] -= bias / _BIAS_SIGMA**2
+        held = 0 if turning else 3
+        step = np.zeros(6)
+        step[held:] = np.linalg.solve(normal[held:, held:], right[held:])
+        C = Rotation.from_rotvec(step[:3]).as_matrix() @ C
+        bias = bias + step[3:]
+        if np.abs(step).max() < _CONVERGED:
+            break
+    return Fit(C, bias, _cost(camera, body, C, bias, noise), normal)
+
+
+def _cost(camera: FloatArray, body: FloatArray, C: FloatArray, bias: FloatArray, noise: Noise) -> float:
+    residual = _differences(camera - (body - bias) @ C.T, noise.alike)
+    squared = ((residual / noise.sigma) ** 2).sum(axis=1)
+    return float(_CAUCHY * np.log1p(squared / _CAUCHY).sum() + (bias**2).sum() / _BIAS_SIGMA**2)
+
+
+def _nearest(fit: Fit, claimed: FloatArray, camera: FloatArray, body: FloatArray, noise: Noise) -> Fit:
+    """Where the turn about one axis costs nothing, the rotation as near as possible to the claimed one."""
+    axis = fit.C @ np.linalg.svd(body - fit.bias)[2][0]
+    x, y, z, w = Rotation.from_matrix(claimed @ fit.C.T).as_quat()
+    # The part of that rotation about `axis` (swing and twist).
+    about = 2.0 * np.arctan2(float(axis @ [x, y, z]), w)
+    twisted = Rotation.from_rotvec(about * axis).as_matrix() @ fit.C
+    again = _fit(camera, body, twisted, noise)
+    return again if again.cost < fit.cost + _SAME_COST else fit
+
+
+def _crosses(vectors: FloatArray) -> FloatArray:
+    """The matrices (N,3,3) of cross products with vectors (N,3)."""
+    out = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -z, y, -x
+    out[:, 1, 0], out[:, 2, 0], out[:, 2, 1] = z, -y, x
+    return out
