@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from asyneio.errors import AsyneioError, RecordingError
-from asyneio.io import event_hdf5, open_recording, write_events_hdf5
+from asyneio.io import hdf5_columns, open_recording, write_events_hdf5
 from asyneio.types import EventRecording
 from tests.io.event_recordings import assert_same, make_event_recording
 
@@ -35,7 +35,7 @@ def test_round_trip(path: Path, recording: EventRecording) -> None:
 
 
 def test_cached(path: Path, recording: EventRecording, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(event_hdf5, "CHUNK_EVENTS", 999)
+    monkeypatch.setattr(hdf5_columns, "BLOCK_EVENTS", 999)
     for _ in range(2):
         found = open_recording(path, cache_from=0)
         assert_same(found, recording)

@@ -12,7 +12,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -21,8 +20,7 @@ import numpy as np
 from asyneio.errors import RecordingError
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples
 from asyneio.io.event_assembly import CAMCHAIN_FILE, IMU_FILE, find_rig
-from asyneio.io.event_checks import MAX_STAMP_NS
-from asyneio.io.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
+from asyneio.io.hdf5_columns import ColumnEvents, ColumnLayout, event_columns
 from asyneio.io.kalibr import parse_calibration, parse_camera
 from asyneio.io.safe_hdf5 import (
     check_columns,
@@ -38,55 +36,9 @@ from asyneio.types import INERTIAL_DTYPE, PoseTrajectory, RecordArray
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 FORMAT, VERSION = "asyneio-events", 1
-CHUNK_EVENTS = 2**17
 
 _MAX_PIXELS = 65_534
-
-
-class Hdf5Events:
-    """An EventSource on a file of our own layout."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._met = np.zeros(2, dtype=np.bool_)
-
-    def chunks(self) -> Iterator[tuple[RecordArray, float]]:
-        """See EventSource. Raises RecordingError: unreadable, or another layout."""
-        with open_hdf5(self.path) as file:
-            events = group(file, "events", self.path)
-            columns = [dataset(events, name, self.path, "iu", 1) for name in ("t", "x", "y", "p")]
-            check_columns(columns, self.path)
-            unit = text_attribute(columns[0], "unit", self.path)
-            if unit != "ns":
-                raise RecordingError(f"{self.path}: the unit of /events/t is {unit!r}; expected 'ns'")
-            total = columns[0].shape[0]
-            for start in range(0, total, CHUNK_EVENTS):
-                stop = min(start + CHUNK_EVENTS, total)
-                yield self._pack(*(column[start:stop] for column in columns)), stop / total
-
-    def samples(self) -> RecordArray:
-        """None: inertial samples are read apart from the events."""
-        return np.empty(0, dtype=SAMPLE_DTYPE)
-
-    def notes(self) -> tuple[str, ...]:
-        """Nothing is skipped here."""
-        return ()
-
-    def _pack(self, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> RecordArray:
-        if t.dtype == np.uint64:
-            t = np.minimum(t, np.uint64(MAX_STAMP_NS))
-        self._met |= [bool((p == 0).any()), bool((p == -1).any())]
-        if self._met.all() or p.min() < -1 or p.max() > 1:
-            raise RecordingError(
-                f"{self.path}: polarity goes from {p.min()} to {p.max()}; expected 0 and 1, or -1 and 1"
-            )
-        return pack_events(t.astype(np.int64), _pixels(x), _pixels(y), p == 1)
-
-
-def _pixels(values: np.ndarray) -> np.ndarray:
-    if values.dtype == np.uint16:
-        return values
-    return np.where((values < 0) | (values > FAR_OUTSIDE), FAR_OUTSIDE, values).astype(np.uint16)
+_EVENTS = ColumnLayout("events", unit_ns=1)
 
 
 def is_asyneio_hdf5(path: Path) -> bool:
@@ -112,6 +64,9 @@ def read_events_hdf5(path: Path, options: ReadOptions) -> Contents:
         size = whole_attribute(file, "width", path), whole_attribute(file, "height", path)
         if not all(0 < length <= _MAX_PIXELS for length in size):
             raise RecordingError(f"{path}: the sensor is {size[0]} x {size[1]}; expected pixels")
+        unit = text_attribute(event_columns(file, _EVENTS.group, path)[0], "unit", path)
+        if unit != "ns":
+            raise RecordingError(f"{path}: the unit of /events/t is {unit!r}; expected 'ns'")
         name = text_attribute(file, "name", path) if "name" in file.attrs else path.resolve().stem
         given = options.calibration is not None or options.imu is not None
         rig = None if given else _rig(file, path)
@@ -119,7 +74,7 @@ def read_events_hdf5(path: Path, options: ReadOptions) -> Contents:
         truth = _truth(file, path)
     if rig is None:
         rig = find_rig(path.parent, options.calibration, options.imu)
-    return Contents(name, lambda: Hdf5Events(path), size, rig, samples, truth=truth)
+    return Contents(name, lambda: ColumnEvents(path, _EVENTS), size, rig, samples, truth=truth)
 
 
 def _rig(file: h5py.File, path: Path) -> Rig:

@@ -9,7 +9,8 @@ import h5py
 import numpy as np
 
 from asyneio.io.atomic import atomic_path
-from asyneio.io.event_hdf5 import CHUNK_EVENTS, FORMAT, VERSION
+from asyneio.io.event_hdf5 import FORMAT, VERSION
+from asyneio.io.hdf5_columns import BLOCK_EVENTS
 from asyneio.io.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
 
@@ -43,7 +44,7 @@ def write_events_hdf5(
             section["t"] = recording.ground_truth.t_ns
             section["position"] = recording.ground_truth.position
             section["quaternion"] = recording.ground_truth.quaternion
-        _write_events(file, pieces_of(recording, CHUNK_EVENTS) if events is None else events)
+        _write_events(file, pieces_of(recording, BLOCK_EVENTS) if events is None else events)
 
 
 def pieces_of(recording: EventRecording, length: int) -> Iterator[RecordArray]:
@@ -67,7 +68,7 @@ def _write_events(file: h5py.File, pieces: Iterable[RecordArray]) -> None:
     section = file.create_group("events")
     columns = {
         name: section.create_dataset(
-            name, shape=(0,), maxshape=(None,), chunks=(CHUNK_EVENTS,), dtype=EVENT_DTYPE[field].str
+            name, shape=(0,), maxshape=(None,), chunks=(BLOCK_EVENTS,), dtype=EVENT_DTYPE[field].str
         )
         for name, field in _COLUMNS.items()
     }

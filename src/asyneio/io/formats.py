@@ -14,6 +14,12 @@ from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_hdf5 import MAGIC as HDF5_MAGIC
 from asyneio.io.event_hdf5 import is_asyneio_hdf5, read_events_hdf5
 from asyneio.io.event_text import is_event_text
+from asyneio.io.hdf5_dsec import is_event_columns, is_sides_folder, read_event_columns, read_sides_folder
+from asyneio.io.hdf5_m3ed import is_m3ed, read_m3ed
+from asyneio.io.hdf5_mvsec import is_mvsec, read_mvsec
+from asyneio.io.hdf5_prophesee import is_prophesee_hdf5, read_prophesee_hdf5
+from asyneio.io.prophesee import read_prophesee
+from asyneio.io.prophesee_header import MAGIC as PROPHESEE_MAGIC
 from asyneio.io.uzh_folder import EVENTS_FILE, read_uzh_folder
 
 
@@ -31,6 +37,16 @@ class Format:
     read: Callable[[Path, ReadOptions], Contents]
 
 
+def _hdf5(
+    name: str,
+    title: str,
+    matches: Callable[[Path], bool],
+    read: Callable[[Path, ReadOptions], Contents],
+) -> Format:
+    """A layout of HDF5 files."""
+    return Format(name, title, lambda path, head: head.startswith(HDF5_MAGIC) and matches(path), read)
+
+
 #: In this order; the first that matches reads.
 FORMATS = (
     Format(
@@ -39,11 +55,22 @@ FORMATS = (
         lambda path, _: path.is_dir() and (path / EVENTS_FILE).is_file(),
         read_uzh_folder,
     ),
+    _hdf5("hdf5", "asyneio's HDF5", is_asyneio_hdf5, read_events_hdf5),
     Format(
-        "hdf5",
-        "asyneio's HDF5",
-        lambda path, head: head.startswith(HDF5_MAGIC) and is_asyneio_hdf5(path),
-        read_events_hdf5,
+        "sides",
+        "a folder of DSEC, VECtor or TUM-VIE",
+        lambda path, _: is_sides_folder(path),
+        read_sides_folder,
+    ),
+    _hdf5("mvsec", "MVSEC's HDF5", is_mvsec, read_mvsec),
+    _hdf5("m3ed", "M3ED's HDF5", is_m3ed, read_m3ed),
+    _hdf5("prophesee-hdf5", "Prophesee's HDF5", is_prophesee_hdf5, read_prophesee_hdf5),
+    _hdf5("columns", "HDF5 as of DSEC (events/x, y, t, p)", is_event_columns, read_event_columns),
+    Format(
+        "prophesee",
+        "Prophesee's RAW (EVT 2.0, 3.0) or DAT",
+        lambda _, head: head.startswith(PROPHESEE_MAGIC),
+        read_prophesee,
     ),
     Format("aedat2", "AEDAT-2.0 of a DAVIS240", lambda _, head: head.startswith(AEDAT2_MAGIC), read_aedat2),
     Format("aedat4", "AEDAT4", lambda _, head: head.startswith(AEDAT4_MAGIC), read_aedat4),

@@ -21,7 +21,6 @@ _NOT_READ = {
     b"SQLite format 3": "a SQLite file (ROS 2 bag?)",
     b"PK\x03\x04": "a zip archive: unpack it first",
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
-    b"% ": "a Prophesee file (RAW or DAT)",
     b"\x89HDF\r\n\x1a\n": "HDF5 of no known layout",
 }
 _SNIFF_BYTES = 4096

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,17 +19,22 @@ _FREE_BYTES = 2**20
 #: A chunk is decompressed as a whole.
 _MAX_CHUNK_BYTES = 2**28
 _MAX_TEXT = 64 * 1024
+#: Cache of decompressed chunks, of every data set: one that holds no chunk decompresses it for every block.
+_CACHE_BYTES = 2**26
+
+#: Compression filters that HDF5 does not bring along, by number (registered filters of the HDF Group).
+_PLUGINS = {32001: "Blosc", 32026: "Blosc2", 32015: "Zstandard", 32004: "LZ4", 32008: "bitshuffle"}
+_ECF = 36559
 
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[h5py.File]:
     """Open for reading; whatever h5py raises inside the block comes out as a RecordingError."""
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(path, "r", rdcc_nbytes=_CACHE_BYTES) as file:
             yield file
     except OSError as error:
-        hint = "; is a compression plugin (hdf5plugin) missing?" if "filter" in str(error) else ""
-        raise RecordingError(f"cannot read {path}: {' '.join(str(error).split())[:200]}{hint}") from error
+        raise RecordingError(f"cannot read {path}: {' '.join(str(error).split())[:200]}") from error
     except (RuntimeError, KeyError, ValueError, TypeError, OverflowError, MemoryError) as error:
         # h5py lets all of these out on damaged files.
         raise RecordingError(f"{path} is damaged: {' '.join(str(error).split())[:200]}") from error
@@ -44,6 +51,14 @@ def group(parent: h5py.Group, name: str, path: Path) -> h5py.Group:
     if not isinstance(member, h5py.Group):
         raise RecordingError(f"{path}: {_where(parent, name)} is no group")
     return member
+
+
+def group_at(file: h5py.File, where: str, path: Path) -> h5py.Group:
+    """The group at a path of names parted by slashes, "" the root. Raises RecordingError as `group` does."""
+    found: h5py.Group = file
+    for name in filter(None, where.split("/")):
+        found = group(found, name, path)
+    return found
 
 
 def dataset(parent: h5py.Group, name: str, path: Path, kinds: str, dimensions: int) -> h5py.Dataset:
@@ -71,7 +86,81 @@ def dataset(parent: h5py.Group, name: str, path: Path, kinds: str, dimensions: i
         )
     if member.chunks and int(np.prod(member.chunks, dtype=object)) * member.dtype.itemsize > _MAX_CHUNK_BYTES:
         raise RecordingError(f"{path}: {where} has chunks of {member.chunks}; that is refused")
+    _require_filters(member, where, path)
     return member
+
+
+def table(parent: h5py.Group, name: str, path: Path, shape: tuple[int, ...]) -> h5py.Dataset:
+    """Real numbers of shape (N, *shape), of a size that the stored bytes account for.
+
+    Raises:
+        RecordingError: as `dataset`, or another shape.
+    """
+    member = dataset(parent, name, path, "f", 1 + len(shape))
+    if member.shape[1:] != shape:
+        raise RecordingError(
+            f"{path}: {_where(parent, name)} has the shape {member.shape}; expected (N, "
+            f"{', '.join(map(str, shape))})"
+        )
+    check_columns([member], path)
+    return member
+
+
+def whole_number(parent: h5py.Group, name: str, path: Path) -> int:
+    """A data set that is one whole number. Raises RecordingError: absent, linked, or something else."""
+    member = _member(parent, name, path)
+    if (
+        not isinstance(member, h5py.Dataset)
+        or member.external
+        or member.is_virtual
+        or member.dtype.kind not in "iu"
+        or member.size != 1
+    ):
+        raise RecordingError(f"{path}: {_where(parent, name)} is no whole number")
+    return int(np.asarray(member[()]).reshape(-1)[0])
+
+
+def text(parent: h5py.Group, name: str, path: Path) -> str:
+    """A data set that is one short text. Raises RecordingError: absent, linked, or something else."""
+    member = _member(parent, name, path)
+    if (
+        not isinstance(member, h5py.Dataset)
+        or h5py.check_string_dtype(member.dtype) is None
+        or member.shape != ()
+        or member.external
+        or member.is_virtual
+    ):
+        raise RecordingError(f"{path}: {_where(parent, name)} is no text")
+    value = member[()]
+    if not isinstance(value, bytes) or len(value) > _MAX_TEXT:
+        raise RecordingError(f"{path}: {_where(parent, name)} is no short text")
+    return value.decode("utf-8", errors="replace")
+
+
+def _require_filters(member: h5py.Dataset, where: str, path: Path) -> None:
+    """Refuse data that were compressed by a filter that is not installed, and say how to get it."""
+    properties = member.id.get_create_plist()
+    for index in range(properties.get_nfilters()):
+        number = properties.get_filter(index)[0]
+        if number in _PLUGINS:
+            _load_plugins()
+        if h5py.h5z.filter_avail(number):
+            continue
+        if number == _ECF:
+            raise RecordingError(
+                f"{path}: {where} is compressed by Prophesee's ECF codec, which is not installed; install it "
+                "(github.com/prophesee-ai/hdf5_ecf, set HDF5_PLUGIN_PATH), or save the recording as RAW"
+            )
+        what = _PLUGINS.get(number, f"filter {number}")
+        raise RecordingError(
+            f"{path}: {where} is compressed by {what}, which is not installed: pip install 'asyneio[h5]'"
+        )
+
+
+def _load_plugins() -> None:
+    """Register the filters of hdf5plugin, where it is installed; only when a file asks for them."""
+    if importlib.util.find_spec("hdf5plugin") is not None:
+        importlib.import_module("hdf5plugin")
 
 
 def check_columns(columns: Sequence[h5py.Dataset], path: Path) -> None:

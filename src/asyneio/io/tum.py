@@ -10,11 +10,12 @@ from asyneio.io.atomic import write_text
 from asyneio.io.csv_table import bad_lines_note
 from asyneio.io.seconds_table import format_seconds, read_rows
 from asyneio.io.stamps import drop_equal_stamps, sort_in_time
-from asyneio.types import PoseTrajectory
+from asyneio.types import PoseTrajectory, RecordArray
 
 HEADER = "# t[s] px py pz qx qy qz qw: pose of the body (IMU) in the world\n"
 
-_POSE_DTYPE = np.dtype([("t_ns", "<i8"), ("p", "<f8", (3,)), ("q", "<f8", (4,))])
+#: One pose: position [m], quaternion x y z w.
+POSE_DTYPE = np.dtype([("t_ns", "<i8"), ("p", "<f8", (3,)), ("q", "<f8", (4,))])
 #: Printed quaternions are of unit length to their digits; further off they are something else.
 _MAX_NORM_ERROR = 1e-2
 #: Below this a quaternion is left as it was printed.
@@ -30,15 +31,19 @@ def read_tum(path: Path) -> tuple[PoseTrajectory, tuple[str, ...]]:
         RecordingError: unreadable, too many bad lines, time running backwards, or no pose at all.
     """
     rows, bad = read_rows(path, "t[s] px py pz qx qy qz qw", _is_pose)
-    table = np.array([(t_ns, values[:3], values[3:]) for t_ns, values in rows], dtype=_POSE_DTYPE)
+    table = np.array([(t_ns, values[:3], values[3:]) for t_ns, values in rows], dtype=POSE_DTYPE)
     poses, sorted_note = sort_in_time(table, path.name)
     poses, dropped_note = drop_equal_stamps(poses, path.name)
-    trajectory = PoseTrajectory(
-        t_ns=np.ascontiguousarray(poses["t_ns"]),
-        position=np.ascontiguousarray(poses["p"]),
-        quaternion=_unit(np.ascontiguousarray(poses["q"])),
+    return poses_of(poses), bad_lines_note(path, bad) + sorted_note + dropped_note
+
+
+def poses_of(rows: RecordArray) -> PoseTrajectory:
+    """Ascending rows of POSE_DTYPE with nearly unit quaternions as a trajectory with unit ones."""
+    return PoseTrajectory(
+        t_ns=np.ascontiguousarray(rows["t_ns"]),
+        position=np.ascontiguousarray(rows["p"]),
+        quaternion=_unit(np.ascontiguousarray(rows["q"])),
     )
-    return trajectory, bad_lines_note(path, bad) + sorted_note + dropped_note
 
 
 def write_tum(path: Path, trajectory: PoseTrajectory, header: str = HEADER) -> None:
