@@ -13,6 +13,7 @@ import typer
 
 from asyneio import __version__
 from asyneio.cli.demo import demo
+from asyneio.cli.doctor import doctor
 from asyneio.cli.evaluate import evaluate
 from asyneio.cli.run import run
 from asyneio.cli.simulate import simulate
@@ -41,6 +42,7 @@ app.command(epilog="Example: asyneio simulate moderate -o recordings/simulated -
     simulate
 )
 app.command(epilog="Example: asyneio track recordings/slider_depth -o results/slider --animation")(track)
+app.command(epilog="Example: asyneio doctor recordings/desk")(doctor)
 app.command(epilog="Example: asyneio demo -o results/demo")(demo)
 app.command(epilog="Example: asyneio study expressiveness -o results/expressiveness --quick")(study)
 

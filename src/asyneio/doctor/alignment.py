@@ -63,6 +63,7 @@ class Alignment:
         noise: (3,) of the camera's rate about its axes [rad/s].
         windows: number of windows of the camera.
         explained: share of the camera's rate (its median square) that the gyroscope explains.
+        scale: magnitude of the camera's rate over that of the gyroscope's (medians).
         possible: indices in RIGHT_ANGLES of the turns of the claimed rotation that the motion does not exclude.
     """
 
@@ -75,6 +76,7 @@ class Alignment:
     noise: FloatArray
     windows: int
     explained: float
+    scale: float
     possible: tuple[int, ...]
 
     def error_deg(self, C_c_b: FloatArray, most_sigma_deg: float) -> float:
@@ -83,7 +85,9 @@ class Alignment:
         return float(np.linalg.norm((self.axes.T @ turn)[self.sigma_deg <= most_sigma_deg]))
 
 
-def align(rates: CameraRates, gyroscope: RecordArray, claimed: FloatArray, around_s: float) -> Alignment | None:
+def align(
+    rates: CameraRates, gyroscope: RecordArray, claimed: FloatArray, around_s: float
+) -> Alignment | None:
     """Fit rotation and offset; None where too few windows are covered by samples.
 
     Args:
@@ -108,9 +112,7 @@ def align(rates: CameraRates, gyroscope: RecordArray, claimed: FloatArray, aroun
     # Of the rotation alone, whatever the bias is.
     covariance = np.linalg.inv(fit.normal)[:3, :3]
     variances, axes = np.linalg.eigh(covariance)
-    costs = np.array(
-        [_fit(camera, body, turn @ claimed, noise, turning=False).cost for turn in RIGHT_ANGLES]
-    )
+    costs = np.array([_fit(camera, body, turn @ claimed, noise, turning=False).cost for turn in RIGHT_ANGLES])
     possible = tuple(int(k) for k in np.flatnonzero(costs < costs.min() + _EXCLUDED_COST))
     explained = 1.0 - np.median((residual**2).sum(axis=1)) / max(np.median((camera**2).sum(axis=1)), 1e-12)
     return Alignment(
@@ -123,8 +125,13 @@ def align(rates: CameraRates, gyroscope: RecordArray, claimed: FloatArray, aroun
         noise=_spread(residual),
         windows=len(body),
         explained=float(explained),
+        scale=_median_norm(camera) / max(_median_norm(body), 1e-12),
         possible=possible,
     )
+
+
+def _median_norm(vectors: FloatArray) -> float:
+    return float(np.median(np.linalg.norm(vectors, axis=1)))
 
 
 def mean_rates(gyroscope: RecordArray, rates: CameraRates, offset_s: float) -> tuple[FloatArray, BoolArray]:
@@ -244,9 +251,7 @@ class Fit:
     normal: FloatArray
 
 
-def _fit(
-    camera: FloatArray, body: FloatArray, start: FloatArray, noise: Noise, turning: bool = True
-) -> Fit:
+def _fit(camera: FloatArray, body: FloatArray, start: FloatArray, noise: Noise, turning: bool = True) -> Fit:
     """Gauss-Newton from the rotation `start`; without `turning` of the bias alone."""
     C, bias = start, np.zeros(3)
     normal = np.eye(6)

@@ -117,9 +117,7 @@ class EventScan:
         start = 0
         while start < events.size:
             # It stops where the bins are full.
-            start = int(
-                _scan(t_ns, x, y, p, start, self._counts, self._latest_ns, self._bins, self._state)
-            )
+            start = int(_scan(t_ns, x, y, p, start, self._counts, self._latest_ns, self._bins, self._state))
             if start < events.size:
                 self._join_bins()
         self._see_tick(t_ns)

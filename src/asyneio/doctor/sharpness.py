@@ -64,7 +64,9 @@ def find_rate(xy: FloatArray, t_s: FloatArray, expected: float) -> tuple[FloatAr
 class _Picture:
     """Events drawn on a grid of `scale` pixels a unit of the normalised plane."""
 
-    def __init__(self, xy: FloatArray, dt: FloatArray, low: FloatArray, high: FloatArray, scale: float) -> None:
+    def __init__(
+        self, xy: FloatArray, dt: FloatArray, low: FloatArray, high: FloatArray, scale: float
+    ) -> None:
         self.scale = scale
         self._xy, self._dt, self._low = xy, dt, low
         columns, rows = np.ceil((high - low) * scale).astype(int) + 2

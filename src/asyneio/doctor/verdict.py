@@ -27,7 +27,7 @@ class Verdict:
         expected: what a good recording has; empty where nothing is amiss.
         cure: what to do; empty where nothing is amiss.
         values: the figures as plain values, for machines.
-        prevents_run: something that `asyneio run` needs is missing, though features may be followed.
+        prevents: commands that need what is missing, although nothing is wrong with what is there.
     """
 
     check: str
@@ -36,7 +36,7 @@ class Verdict:
     expected: str = ""
     cure: str = ""
     values: dict[str, Any] = field(default_factory=dict)
-    prevents_run: bool = False
+    prevents: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -47,6 +47,7 @@ class Verdict:
             "expected": self.expected,
             "cure": self.cure,
             "values": self.values,
+            "prevents": list(self.prevents),
         }
 
 
@@ -54,15 +55,16 @@ class Verdict:
 class Diagnosis:
     """All verdicts on a recording, in the order of the checks, and how long the examination took.
 
-    `repairs` are the sentences in which a run would tell what it repaired or assumed.
+    `commands` take recordings of this kind. `repairs` are the sentences in which a run would tell what it
+    repaired or assumed. Of the `seconds`, `reading_s` went into decoding and looking at events.
     """
 
     recording: str
     verdicts: tuple[Verdict, ...]
+    commands: tuple[str, ...] = ("run", "track")
     repairs: tuple[str, ...] = ()
     events: int = 0
     seconds: float = 0.0
-    #: Of these, those that went into decoding and looking at events.
     reading_s: float = 0.0
 
     @property
@@ -75,9 +77,8 @@ class Diagnosis:
         """The commands that can use the recording as it is."""
         if self.worst is Severity.FAIL:
             return ()
-        if any(verdict.prevents_run for verdict in self.verdicts):
-            return ("track",)
-        return ("run",) if self.events == 0 else ("run", "track")
+        prevented = {command for verdict in self.verdicts for command in verdict.prevents}
+        return tuple(command for command in self.commands if command not in prevented)
 
     @property
     def summary(self) -> str:
@@ -86,10 +87,12 @@ class Diagnosis:
             f"{sum(v.severity is severity for v in self.verdicts)} {severity.name}"
             for severity in (Severity.FAIL, Severity.WARNING, Severity.NOTE)
         )
+        failed = [v.check for v in self.verdicts if v.severity is Severity.FAIL]
+        if failed:
+            return f"not usable as it is ({', '.join(dict.fromkeys(failed))}): {counts}"
         if not self.usable_for:
-            failed = [v.check for v in self.verdicts if v.severity is Severity.FAIL]
-            return f"not usable as it is ({', '.join(failed)}): {counts}"
-        return f"usable for asyneio {' and '.join(self.usable_for)}: {counts}"
+            return f"neither odometry nor tracking is possible with what is there: {counts}"
+        return f"usable for {' and '.join(f'asyneio {command}' for command in self.usable_for)}: {counts}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON (docs/doctor.md)."""
