@@ -67,7 +67,9 @@ def _show(diagnosis: Diagnosis) -> None:
         console.print(line)
         for label, text in (("expected", verdict.expected), ("cure", verdict.cure)):
             if text:
-                console.print(Padding(Text.assemble((f"{label}: ", "dim"), text), (0, 0, 0, 10)))
+                console.print(
+                    Padding(Text.assemble((f"{label}: ", "dim"), text), (0, 0, 0, 10), expand=False)
+                )
     for text in diagnosis.repairs:
         console.print(Text.assemble(("a run would tell: ", "dim"), text))
     speed = diagnosis.events / max(diagnosis.reading_s, 1e-9) / 1e6

@@ -1,10 +1,10 @@
 """Rotation and time offset between two sources of angular velocity: the camera's motion and a gyroscope.
 
-Model: `omega_c(t) = C_c_b (omega_b(t + offset) - bias) + leak`, windows of the camera compared with means of
-the gyroscope over the same time. The leak is what a translation of the camera does to an estimate that knows
-rotations only: mostly a turn about x and y, and slow. So each axis has a noise of its own, in which neighbours
-are alike (autoregressive of order 1); both are found from what is left over, and the fit is made on
-innovations: what differs from one window to the next. The bias is held near zero: where the camera turns
+Model: `omega_c(t) = C_c_b (omega_b(t + offset) - bias) + leak`, windows of the camera compared with means
+of the gyroscope over the same time. The leak is what a translation of the camera does to an estimate that
+knows rotations only: mostly a turn about x and y, and slow. So each axis has a noise of its own, in which
+neighbours are alike (autoregressive of order 1); both are found from what is left over, and the fit is made
+on innovations: what differs from one window to the next. The bias is held near zero: where the camera turns
 about one axis at a steady rate, bias and rotation cannot be told apart.
 
 1. *Offset.* For each trial the best linear map `omega_c = A omega_b + a` by robust least squares; its
@@ -64,7 +64,7 @@ class Alignment:
         windows: number of windows of the camera.
         explained: share of the camera's rate (its median square) that the gyroscope explains.
         scale: magnitude of the camera's rate over that of the gyroscope's (medians).
-        possible: indices in RIGHT_ANGLES of the turns of the claimed rotation that the motion does not exclude.
+        possible: indices in RIGHT_ANGLES of the turns of the claimed rotation that the motion allows.
     """
 
     C_c_b: FloatArray
@@ -195,8 +195,8 @@ def _offset_cost(rates: CameraRates, gyroscope: RecordArray, offset_s: float) ->
 
 
 def _robust_solution(rows: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Reweighted least squares of `rows @ x = wanted`, with a weak pull to zero: of one steady axis the others
-    are not told."""
+    """Reweighted least squares of `rows @ x = wanted`, with a weak pull to zero: where the turn is about one
+    axis, the others are not told."""
     weight = np.ones((len(rows), 1))
     for _ in range(_ROBUST_STEPS):
         normal = rows.T @ (rows * weight) + 1e-3 * np.eye(rows.shape[1])
@@ -208,7 +208,7 @@ def _robust_solution(rows: FloatArray, wanted: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Noise:
-    """Of residuals of windows: `sigma` (D,) of the innovations, `alike` (N-1,D) share of the window before."""
+    """Of residuals of windows: `sigma` (D,) of innovations, `alike` (N-1,D) share of the window before."""
 
     sigma: FloatArray
     alike: FloatArray

@@ -143,11 +143,11 @@ def _rate_of(xy: FloatArray, motion: FloatArray) -> FloatArray:
     rows[:, 0] = np.stack([x * y, -(1.0 + x**2), y], axis=1)
     rows[:, 1] = np.stack([1.0 + y**2, -x * y, -x], axis=1)
     weight = np.ones(len(xy))
-    omega = np.zeros(3)
+    omega: FloatArray = np.zeros(3)
     for _ in range(_ROBUST_STEPS):
         root = np.sqrt(weight)[:, None]
         system = (rows * root[:, :, None]).reshape(-1, 3)
-        omega = np.linalg.lstsq(system, (motion * root).reshape(-1), rcond=None)[0]
+        omega = np.asarray(np.linalg.lstsq(system, (motion * root).reshape(-1), rcond=None)[0])
         error = np.linalg.norm(motion - rows @ omega, axis=1)
         weight = 1.0 / (1.0 + (error / max(float(np.median(error)), 1e-9)) ** 2)
     return np.asarray(omega)

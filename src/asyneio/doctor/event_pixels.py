@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from asyneio.doctor.event_scan import EventFigures
@@ -47,7 +49,7 @@ def check_resolution(evidence: Evidence) -> Verdict | None:
     width, height = _extent(events)
     fills = f"events reach x = {width - 1}, y = {height - 1}"
     usual = _smallest_sensor(width, height)
-    values: dict[str, object] = {"reach": [width - 1, height - 1], "likely_sensor": usual}
+    values: dict[str, Any] = {"reach": [width - 1, height - 1], "likely_sensor": usual}
     declared = declared_sizes(evidence)
     if len({size for _, size in declared}) > 1:
         said = ", ".join(f"{who} {w} x {h}" for who, (w, h) in declared)

@@ -209,12 +209,13 @@ def _scan(
             latest = first = t
             bin_begin = bin_end = first
         if not bin_begin <= t < bin_end:
-            current = max((t - first) // bin_ns, 0)
+            current = max((t - first) // bin_ns, np.int64(0))
             if current >= capacity:
                 break
             bin_begin = first + current * bin_ns
             bin_end = bin_begin + bin_ns
-            last_bin = max(last_bin, current)
+            if current > last_bin:
+                last_bin = current
         bins[current] += 1
         state[_TAKEN] += 1
         if t < latest:

@@ -14,13 +14,13 @@ from asyneio.types import NS_PER_S
 #: What the front end follows in real time on one core [events/s].
 FRONTEND_HZ = 2.5e6
 _PEAK_WINDOW_NS = 10_000_000
-#: Events per second and pixel that a sensor can give. A still one in the dark gives 0.05 (leak and shot noise;
-#: two real ones gave 0.44 and 0.62), a textured scene in fast motion 60; readouts end at 25 000 for a DAVIS240
-#: (12 Mev/s, 43 200 pixels: 280) and at 1000 for the largest: far below and far above is a wrong unit.
+#: Events per second and pixel that a sensor can give. A still one gives 0.05 and more by leaks and noise (two
+#: real ones: 0.44 and 0.62), a textured scene in fast motion 60; readouts end at 300 (12 Mev/s of a DAVIS240)
+#: to 1200 (1.07 Gev/s of a Gen4). Far below and far above is a wrong unit.
 _PLAUSIBLE_HZ_PER_PIXEL = (2e-4, 2000.0)
 #: No event sensor's clock ticks as seldom [ns].
 _COARSE_TICK_NS = 10_000_000
-#: Fewer events tell nothing of rates.
+#: Fewer events tell nothing, and nothing can be followed in them.
 _FEW = 1000
 
 #: Lamps flicker at twice the frequency of the mains; some, and screens, at the mains' own.
@@ -36,8 +36,9 @@ def check_event_rate(evidence: Evidence) -> Verdict | None:
     events = evidence.events
     if events is None:
         return None
-    if events.count == 0:
-        return fail("event rate", "no event", "a stream of events", "record again, or name another stream")
+    if events.count < _FEW:
+        cure = "record again, or name another stream; is this a recording of events at all?"
+        return fail("event rate", f"{events.count} event(s)", f"{_FEW} and more", cure)
     peak = events.peak_hz(_PEAK_WINDOW_NS)
     share = events.share_above(FRONTEND_HZ, _PEAK_WINDOW_NS)
     measured = f"{_rate(events.rate_hz)} on average, {_rate(peak)} at most over 10 ms"

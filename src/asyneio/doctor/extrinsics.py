@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -17,7 +19,7 @@ _TOLD_DEG = 12.0
 _DOUBTFUL_DEG, _WRONG_DEG = 10.0, 20.0
 #: An error counts only where it is so many standard deviations.
 _SIGMAS = 3.0
-#: Offsets beyond this are worth a warning; more than three times this is left of what the odometry can correct.
+#: Offsets beyond this are worth a warning: it is one standard deviation of what the odometry corrects.
 _OFFSET_S = 0.005
 #: An offset known no better than this [s] is not told.
 _TOLD_S = 0.005
@@ -120,7 +122,7 @@ def check_time_offset(evidence: Evidence) -> Verdict | None:
         return ok("time offset", f"{measured}, {expected}", **values)
     cure = f"set timeshift_cam_imu to {found.offset_s:.4f} s, or calibrate again"
     if abs(found.offset_s + claimed) < max(_OFFSET_S, _SIGMAS * found.offset_sigma_s):
-        cure = "this fits the negative: the sign of timeshift_cam_imu is wrong (t_imu = t_cam + timeshift_cam_imu)"
+        cure = "this fits the negative: the sign of timeshift_cam_imu is wrong (t_imu = t_cam + timeshift)"
     return warning("time offset", measured, expected, cure, **values)
 
 
@@ -154,7 +156,7 @@ def describe_axes(turn: FloatArray) -> str:
     return ", ".join(rows)
 
 
-def _unexplained(found: Alignment, motion: str, values: dict[str, object]) -> Verdict:
+def _unexplained(found: Alignment, motion: str, values: dict[str, Any]) -> Verdict:
     """The gyroscope does not tell what the camera saw."""
     times = 1.0 / max(found.scale, 1e-9)
     if _DEGREES[0] < times < _DEGREES[1]:
@@ -167,7 +169,7 @@ def _unexplained(found: Alignment, motion: str, values: dict[str, object]) -> Ve
     return warning("extrinsics", measured, "one motion, seen by both", cure, **values)
 
 
-def _suggestion(found: Alignment, told: int, motion: str, values: dict[str, object]) -> Verdict:
+def _suggestion(found: Alignment, told: int, motion: str, values: dict[str, Any]) -> Verdict:
     if told < 3:
         return note(
             "extrinsics",
@@ -186,7 +188,7 @@ def _suggestion(found: Alignment, told: int, motion: str, values: dict[str, obje
     )
 
 
-def _values(found: Alignment) -> dict[str, object]:
+def _values(found: Alignment) -> dict[str, Any]:
     return {
         "C_cam_imu": found.C_c_b.tolist(),
         "sigma_deg": found.sigma_deg.tolist(),

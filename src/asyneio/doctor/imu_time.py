@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -67,7 +68,7 @@ def check_imu_rate(evidence: Evidence) -> Verdict | None:
     if not rates:
         return None
     measured = ", ".join(f"{name} {rate:.5g} Hz" for name, rate in rates.items())
-    values: dict[str, object] = {"hz": rates, "jittering_share": jitter}
+    values: dict[str, Any] = {"hz": rates, "jittering_share": jitter}
     low, high = PLAUSIBLE_RATE_HZ
     if any(not low <= rate <= high for rate in rates.values()):
         return fail(
@@ -85,8 +86,8 @@ def check_imu_rate(evidence: Evidence) -> Verdict | None:
         if off:
             twice = any(_TWICE_RATIO[0] <= ratio <= _TWICE_RATIO[1] for ratio in off.values())
             cure = (
-                "twice the declared rate: a driver that writes samples twice or advances stamps by half a step; "
-                "compare the length of the recording with that of the events"
+                "twice the declared rate: a driver that writes samples twice or advances stamps by half a "
+                "step; compare the length of the samples with that of the events"
                 if twice
                 else "correct update_rate in the calibration, or look for lost samples"
             )
@@ -128,7 +129,8 @@ def check_imu_gaps(evidence: Evidence) -> Verdict | None:
         return ok("imu gaps", f"none longer than {GAP_NS / 1e6:.0f} ms", gaps=found)
     longest = max(gap["longest_s"] for gap in found.values())
     measured = "; ".join(
-        f"{name}: {gap['count']} gap(s), the longest {1e3 * gap['longest_s']:.1f} ms from {gap['at_s']:.4g} s on"
+        f"{name}: {gap['count']:.0f} gap(s), the longest {1e3 * gap['longest_s']:.1f} ms "
+        f"from {gap['at_s']:.4g} s on"
         for name, gap in found.items()
     )
     expected = f"no gap longer than {GAP_NS / 1e6:.0f} ms"

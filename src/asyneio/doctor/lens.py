@@ -30,8 +30,8 @@ def check_calibration_there(evidence: Evidence) -> Verdict | None:
         camera = evidence.calibration.camera
         return ok(
             "calibration",
-            f"{camera.width} x {camera.height}, {camera.distortion}, extrinsics, time shift {offset_ms:+.4g} ms, "
-            "IMU noise",
+            f"{camera.width} x {camera.height}, {camera.distortion}, extrinsics, time shift "
+            f"{offset_ms:+.4g} ms, IMU noise",
             timeshift_ms=offset_ms,
         )
     if not evidence.sees or any(refusal.part == "calibration" for refusal in evidence.refusals):
@@ -49,7 +49,7 @@ def check_calibration_there(evidence: Evidence) -> Verdict | None:
 
 
 def check_lens(evidence: Evidence) -> Verdict | None:
-    """Undistort every pixel and distort it again: a model that folds, or the wrong one, shows at the border."""
+    """Undistort the pixels and distort them again: a model that folds, or the wrong one, shows outside."""
     camera = evidence.camera
     if camera is None or evidence.lens_guessed:
         return None
@@ -62,13 +62,14 @@ def check_lens(evidence: Evidence) -> Verdict | None:
     uv = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
     xy, _, valid = model.undistort(uv)
     back, seen = model.project(np.column_stack([xy[valid], np.ones(int(valid.sum()))]))
-    error = float(np.linalg.norm(back - uv[valid], axis=1)[seen].max(initial=0.0))
+    away = float(np.linalg.norm(back - uv[valid], axis=1)[seen].max(initial=0.0))
     folded = float(1.0 - valid.mean())
-    values = {"round_trip_px": error, "folded_share": folded, "model": str(camera.distortion)}
-    measured = f"{camera.distortion}: there and back within {error:.2g} px, {folded:.1%} of the sensor has no inverse"
+    values = {"round_trip_px": away, "folded_share": folded, "model": str(camera.distortion)}
+    measured = f"{camera.distortion}: there and back within {away:.2g} px, "
+    measured += f"{folded:.1%} of the sensor has no inverse"
     expected = f"within {_ROUND_TRIP_PX} px over the whole sensor"
-    cure = "radtan and equidistant mistaken for each other, or coefficients in another order: calibrate or convert again"
-    if error > _ROUND_TRIP_PX or folded > _FAR_FOLDED:
+    cure = "radtan and equidistant mistaken for each other, or coefficients in another order"
+    if away > _ROUND_TRIP_PX or folded > _FAR_FOLDED:
         return fail("lens", measured, expected, cure, **values)
     tangential = max(map(abs, camera.coefficients[2:4])) if camera.distortion is Distortion.RADTAN else 0.0
     if tangential > _MOST_TANGENTIAL:

@@ -51,7 +51,7 @@ def find_rate(xy: FloatArray, t_s: FloatArray, expected: float) -> tuple[FloatAr
         tolerance = _TOLERANCE_PX / (picture.scale * max(float(t_s[-1] - t_s[0]), 1e-6))
         simplex = best + np.vstack([np.zeros(3), step * np.eye(3)])
         found = minimize(
-            lambda omega, picture=picture: -picture.sharpness(omega),
+            picture.blur,
             best,
             method="Nelder-Mead",
             options={"initial_simplex": simplex, "xatol": tolerance, "fatol": np.inf, "maxfev": 150},
@@ -71,6 +71,10 @@ class _Picture:
         self._xy, self._dt, self._low = xy, dt, low
         columns, rows = np.ceil((high - low) * scale).astype(int) + 2
         self._image = np.zeros((rows, columns))
+
+    def blur(self, omega: FloatArray) -> float:
+        """The lower, the sharper."""
+        return -self.sharpness(omega)
 
     def sharpness(self, omega: FloatArray) -> float:
         """Sum of squares of the blurred picture after moving events back along `omega` [rad/s]."""

@@ -25,6 +25,8 @@ CHUNK_BYTES = 2**20
 _SHORTEST_LINE = 8
 #: No number of an event needs more than this; a longer line is garbage.
 _LONGEST_LINE = 200
+#: More lines of words before the first numbers than this are no header but another kind of text.
+_MAX_HEADERS = 1
 _POLARITY = {"-1": -1, "0": 0, "1": 1, "+1": 1, "true": 1, "false": 0}
 
 _BLANK, _TAB, _RETURN, _NEWLINE, _POINT, _MINUS, _ZERO = (ord(c) for c in " \t\r\n.-0")
@@ -130,11 +132,15 @@ class TextEvents:
 def is_event_text(head: bytes) -> bool:
     """True when the first line of numbers in the start of a file has four: seconds, two whole numbers and a
     polarity."""
+    headers = 0
     for line in head.decode("latin-1").split("\n")[:50]:
         tokens = line.split("#", 1)[0].replace(",", " ").split()
         try:
             values = [float(token) for token in tokens]
         except ValueError:
+            headers += 1
+            if headers > _MAX_HEADERS:
+                return False
             continue
         if len(values) > 2:
             return len(values) == 4 and parse_seconds(tokens[0]) is not None and values[3] in (-1.0, 0.0, 1.0)
