@@ -81,7 +81,7 @@ def rates_from_events(
         if events.size < _LEAST_EVENTS:
             continue
         t_s = (events["t_ns"] - events["t_ns"][0]) / NS_PER_S
-        omega, gain = find_rate(xy, t_s, rates[k])
+        omega, gain = find_rate(xy, t_s, rates[k], camera.fx)
         if gain > _LEAST_GAIN:
             rows.append((int(events["t_ns"][0]), int(events["t_ns"][-1]), omega))
     return _joined(rows)

@@ -71,7 +71,7 @@ def check_resolution(evidence: Evidence) -> Verdict | None:
     outside = int(events.count - events.counts[:h, :w].sum())
     values |= {"declared": [w, h], "outside": outside}
     if outside > MAX_BAD_SHARE * events.count:
-        turned = width > w and width <= h and height <= w
+        turned = width <= h and height <= w
         cause = "x and y exchanged?" if turned else f"another sensor{_maybe(usual)}"
         return _fail(
             "resolution",
@@ -118,7 +118,8 @@ def check_hot_pixels(evidence: Evidence) -> Verdict | None:
         f"{hot.sum()} with {share:.2%} of the events, the worst at x = {first['x']}, y = {first['y']}: "
     )
     measured += f"{first['hz']:.4g} Hz"
-    if share < _HOT_SHARE:
+    if share < _HOT_SHARE or evidence.rest.throughout:
+        # At rest there is little else that fires.
         return note("hot pixels", measured, "", "none needed: the front end masks them", **values)
     return warning(
         "hot pixels",
@@ -184,7 +185,7 @@ def check_repeats(evidence: Evidence) -> Verdict | None:
 def declared_sizes(evidence: Evidence) -> list[tuple[str, tuple[int, int]]]:
     """Who says what of the sensor's size."""
     declared = [("the recording", evidence.size)] if evidence.size is not None else []
-    if evidence.camera is not None and not evidence.lens_guessed:
+    if evidence.camera is not None and not (evidence.lens_guessed or evidence.size_guessed):
         declared.append(("the calibration", (evidence.camera.width, evidence.camera.height)))
     return declared
 

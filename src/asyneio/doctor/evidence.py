@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from asyneio.doctor.alignment import Alignment
 from asyneio.doctor.camera_rates import CameraRates
 from asyneio.doctor.event_scan import EventFigures
+from asyneio.doctor.rest import Rest, find_rest
 from asyneio.doctor.verdict import Severity, Verdict
 from asyneio.io.contents import Samples
 from asyneio.io.inertial_files import InertialStreams
@@ -34,7 +36,8 @@ class Evidence:
         tracks: OBSERVATION_DTYPE, camera clock, of a tracks folder.
         samples: inertial samples as they stand.
         streams: inertial samples as a run would use them.
-        camera: the lens; `lens_guessed`: no file tells it, so it is a guess for rough use.
+        camera: the lens; `lens_guessed`: no file tells it, so it is a guess for rough use; `size_guessed`: no
+            file tells the sensor's size with it.
         calibration: lens, extrinsics and noise, where all are known.
         truth: true poses.
         rates: angular velocity of the camera, from events or tracks.
@@ -52,6 +55,7 @@ class Evidence:
     streams: InertialStreams | None = None
     camera: CameraIntrinsics | None = None
     lens_guessed: bool = False
+    size_guessed: bool = False
     calibration: Calibration | None = None
     truth: PoseTrajectory | None = None
     rates: CameraRates | None = None
@@ -63,6 +67,16 @@ class Evidence:
     def sees(self) -> bool:
         """Whether there are events or tracks at all."""
         return self.tracks is not None or (self.events is not None and self.events.count > 0)
+
+    @property
+    def examinable(self) -> bool:
+        """Whether there is anything to look at."""
+        return any(part is not None for part in (self.events, self.tracks, self.samples, self.camera))
+
+    @cached_property
+    def rest(self) -> Rest:
+        """Where the inertial sensors lie still."""
+        return find_rest(self.streams) if self.streams is not None else Rest(0, (), ())
 
     def span_ns(self) -> tuple[int, int] | None:
         """First and last time of what the camera saw, camera clock."""

@@ -28,6 +28,7 @@ from asyneio.doctor.imu_time import (
 )
 from asyneio.doctor.imu_values import check_blows, check_dead_axes, check_imu_units, check_noise, check_rest
 from asyneio.doctor.lens import check_calibration_there, check_focal_length, check_lens
+from asyneio.doctor.other_kinds import MATLAB, PICTURES, POSES
 from asyneio.doctor.truth import check_truth
 from asyneio.doctor.verdict import Diagnosis, Severity, Verdict
 from asyneio.io.contents import ReadOptions
@@ -63,6 +64,14 @@ CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
 )
 
 
+#: What to do with files that are no recordings.
+CURES = {
+    MATLAB: "this is a MATLAB file: write its events as text (events.txt), t[s] x y p a line",
+    PICTURES: "these are pictures: they hold no events; the simulator takes them as textures",
+    POSES: "this is a trajectory: compare with it (asyneio evaluate), or simulate along it",
+}
+
+
 def examine(
     path: Path, options: ReadOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> Diagnosis:
@@ -75,8 +84,9 @@ def examine(
     """
     started = time.perf_counter()
     evidence, reading_s = gather(path, options or ReadOptions(), progress)
-    verdicts = [_what_it_is(evidence)]
-    verdicts += [fail(refusal.part, refusal.message, "", "") for refusal in evidence.refusals]
+    verdicts = [_what_it_is(evidence)] if evidence.examinable else []
+    cure = CURES.get(evidence.kind, "")
+    verdicts += [fail(refusal.part, refusal.message, "", cure) for refusal in evidence.refusals]
     verdicts += [verdict for check in CHECKS if (verdict := check(evidence)) is not None]
     return Diagnosis(
         recording=str(path),
@@ -101,8 +111,6 @@ def _what_it_is(evidence: Evidence) -> Verdict:
         parts.append(f"{evidence.truth.t_ns.size} true poses")
     if evidence.sees:
         return ok("recording", ", ".join(parts), kind=evidence.kind)
-    if evidence.samples is None and evidence.camera is None:
-        return fail("recording", "nothing that can be examined", "", "", kind=evidence.kind)
     return Verdict(
         "recording",
         Severity.WARNING,

@@ -118,10 +118,13 @@ def check_time_offset(evidence: Evidence) -> Verdict | None:
     sigma = f"(sigma {1e3 * found.offset_sigma_s:.1f} ms)"
     measured = f"t_imu = t_cam {1e3 * found.offset_s:+.1f} ms {sigma}"
     expected = f"{1e3 * claimed:+.1f} ms as calibrated" if evidence.calibration else "no calibration: 0 ms"
-    if abs(difference) <= max(_OFFSET_S, _SIGMAS * found.offset_sigma_s):
+    tolerance = _OFFSET_S + 2.0 * found.offset_sigma_s
+    if abs(difference) <= tolerance:
         return ok("time offset", f"{measured}, {expected}", **values)
+    if evidence.calibration is None:
+        return note("time offset", measured, expected, f"timeshift_cam_imu: {found.offset_s:.4f}", **values)
     cure = f"set timeshift_cam_imu to {found.offset_s:.4f} s, or calibrate again"
-    if abs(found.offset_s + claimed) < max(_OFFSET_S, _SIGMAS * found.offset_sigma_s):
+    if abs(found.offset_s + claimed) < tolerance:
         cure = "this fits the negative: the sign of timeshift_cam_imu is wrong (t_imu = t_cam + timeshift)"
     return warning("time offset", measured, expected, cure, **values)
 

@@ -92,10 +92,11 @@ def _look_at(path: Path, opened: _Opened, progress: Progress) -> tuple[Evidence,
     declared = contents.size or ((rig.camera.width, rig.camera.height) if rig.camera else None)
     read = read_events(contents, declared, progress)
     refusals = [*opened.refusals, *read.refusals]
-    camera = rig.camera
+    camera, size_guessed = rig.camera, False
     if camera is None and contents.lens is not None and read.figures.counts.size:
         try:
             camera = contents.lens(*(declared or guess_size(read.figures)))
+            size_guessed = declared is None
         except CalibrationError as error:
             refusals.append(Refusal("calibration", str(error)))
     samples = contents.samples if contents.samples is not None else read.samples
@@ -113,6 +114,7 @@ def _look_at(path: Path, opened: _Opened, progress: Progress) -> tuple[Evidence,
         samples=samples,
         streams=streams,
         camera=camera,
+        size_guessed=size_guessed,
         calibration=rig.calibration,
         truth=contents.truth,
         refusals=tuple(refusals),

@@ -199,7 +199,7 @@ def check_overlap_of_clocks(evidence: Evidence) -> Verdict | None:
         check_overlap(*ends, "the camera", "the IMU")
     except RecordingError as error:
         return fail("clocks", measured, expected, str(error), **values)
-    if share < _COVERED and shared < _MIN_S * NS_PER_S:
+    if share < _COVERED and shared < _MIN_S * NS_PER_S <= camera[1] - camera[0]:
         return warning("clocks", measured, expected, "record both together, from before to after", **values)
     if share < 0.6:
         half = 0.4 < (imu[1] - imu[0]) / max(camera[1] - camera[0], 1) < 0.6

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from asyneio.doctor.evidence import Evidence, fail, note, ok, warning
@@ -11,16 +9,8 @@ from asyneio.doctor.imu_time import streams_of
 from asyneio.doctor.verdict import Verdict
 from asyneio.errors import RecordingError
 from asyneio.inertial.gating import SampleGate, SensorLimits
-from asyneio.inertial.stillness import (
-    LEAST_DENSITY,
-    LEAST_SCATTER,
-    Stillness,
-    deviation,
-    measure_stillness,
-    possible,
-    shakes,
-)
-from asyneio.io.inertial_files import InertialStreams, check_units
+from asyneio.inertial.stillness import LEAST_DENSITY, Stillness, possible
+from asyneio.io.inertial_files import check_units
 from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
 _SENSORS = ("gyroscope", "accelerometer")
@@ -28,15 +18,15 @@ _SENSORS = ("gyroscope", "accelerometer")
 _LEAST_RANGES = (1.0, 12.0)
 #: A reading that stays the same to the last bit for so long, and so many samples, is no measurement.
 _STUCK_S, _STUCK_SAMPLES = 0.25, 50
-#: Rest is sought in spans of this length; means stray by at most so many standard deviations in it.
-_REST_NS = 500_000_000
-_REST_SIGMAS = 4.0
-#: A mean turn rate above which nothing is at rest [rad/s].
-_MOST_OFFSET = 0.1
 #: Noise so many times the declared figure is trusted too much; so many times, beyond use. Declared figures
 #: are often inflated on purpose, so that only the second is worth a word the other way.
 _OFF, _FAR_OFF = 10.0, 100.0
 _GATE_SAMPLES = 2000
+#: Formats that define another unit, which their readers convert.
+_BY_DEFINITION = {
+    "AEDAT4": ", converted from g and deg/s, which the format defines",
+    "AEDAT-2.0": ", converted from the sensor's counts",
+}
 _BLOCK_S = 0.005
 _UNIT_HINT = "check its unit (per sqrt(Hz), rad, m/s^2)"
 
@@ -49,6 +39,9 @@ def check_imu_units(evidence: Evidence) -> Verdict | None:
     finite = [rows[possible(rows["xyz"])] for rows in (samples.gyroscope, samples.accelerometer)]
     if min(rows.size for rows in finite) < 2:
         return fail("imu units", "no finite readings", "readings", "the columns hold no measurements")
+    by_definition = next(
+        (said for kind, said in _BY_DEFINITION.items() if evidence.kind.startswith(kind)), ""
+    )
     force, rate = (float(np.median(np.linalg.norm(rows["xyz"], axis=1))) for rows in finite[::-1])
     values = {"median_accelerometer": force, "median_gyroscope": rate}
     measured = f"accelerometer {force:.4g}, gyroscope {rate:.4g} (medians)"
@@ -63,7 +56,7 @@ def check_imu_units(evidence: Evidence) -> Verdict | None:
     if streams.notes:
         said = "; ".join(streams.notes)
         return warning("imu units", measured, expected, f"a run would go on so: {said}", **values)
-    return ok("imu units", f"{measured}: m/s^2 and rad/s", **values)
+    return ok("imu units", f"{measured}: m/s^2 and rad/s{by_definition}", **values)
 
 
 def check_dead_axes(evidence: Evidence) -> Verdict | None:
@@ -129,48 +122,16 @@ def check_blows(evidence: Evidence) -> Verdict | None:
     )
 
 
-@dataclass(frozen=True)
-class Rest:
-    """Spans of half a second in which a sensor lay still: how many of how many, and what it read there."""
-
-    spans: int
-    still: int
-    gyroscope: list[Stillness]
-    accelerometer: list[Stillness]
-
-
-def find_rest(streams: InertialStreams) -> Rest:
-    """Look at all half seconds (the whole, where it is shorter) in which both sensors have samples."""
-    first = max(int(rows["t_ns"][0]) for rows in (streams.gyroscope, streams.accelerometer))
-    last = min(int(rows["t_ns"][-1]) for rows in (streams.gyroscope, streams.accelerometer))
-    span_ns = min(_REST_NS, last - first)
-    starts = np.arange(first, last - span_ns + 1, max(span_ns, 1)).tolist() if span_ns > 100_000_000 else []
-    gyroscope: list[Stillness] = []
-    accelerometer: list[Stillness] = []
-    for start in starts:
-        rate, force = (
-            measure_stillness(rows["t_ns"], rows["xyz"], start, start + span_ns)
-            for rows in (streams.gyroscope, streams.accelerometer)
-        )
-        if rate is None or force is None:
-            continue
-        offset = float(np.linalg.norm(rate.mean))
-        if offset < _MOST_OFFSET and _lies_still(rate, 0) and _lies_still(force, 1):
-            gyroscope.append(rate)
-            accelerometer.append(force)
-    return Rest(len(starts), len(gyroscope), gyroscope, accelerometer)
-
-
 def check_rest(evidence: Evidence) -> Verdict | None:
     """At rest throughout, there is nothing to estimate."""
     streams = evidence.streams
     if streams is None or not streams.gyroscope.size:
         return None
-    rest = find_rest(streams)
+    rest = evidence.rest
     values = {"spans": rest.spans, "still": rest.still}
     if rest.spans == 0:
         return note("rest", "too short to tell", "a tenth of a second of samples", "", **values)
-    if rest.still == rest.spans:
+    if rest.throughout:
         return note(
             "rest",
             "the sensor is at rest throughout",
@@ -186,7 +147,7 @@ def check_noise(evidence: Evidence) -> Verdict | None:
     streams, calibration = evidence.streams, evidence.calibration
     if streams is None or streams.gyroscope.size < 20:
         return None
-    rest = find_rest(streams)
+    rest = evidence.rest
     declared = (
         (calibration.noise.gyroscope_density, calibration.noise.accelerometer_density)
         if calibration
@@ -232,14 +193,7 @@ def check_noise(evidence: Evidence) -> Verdict | None:
     return ok("imu noise", measured, **values)
 
 
-def _lies_still(found: Stillness, sensor: int) -> bool:
-    density = max(LEAST_DENSITY[sensor], float(found.scatter.max() * np.sqrt(found.period_s)))
-    return deviation(found, found.mean, density) < _REST_SIGMAS and not shakes(
-        found, LEAST_DENSITY[sensor], LEAST_SCATTER[sensor]
-    )
-
-
-def _at_rest(still: list[Stillness]) -> float:
+def _at_rest(still: tuple[Stillness, ...]) -> float:
     """Median over spans and axes of scatter times the square root of the step."""
     return float(np.median([found.scatter * np.sqrt(found.period_s) for found in still]))
 

@@ -23,6 +23,9 @@ from asyneio.types import INERTIAL_DTYPE, Calibration, CameraIntrinsics, PoseTra
 #: Where data sets put inertial samples, below the folder that is named; then any file so called.
 _INERTIAL_PLACES = ("imu.csv", "imu.txt", "imu0/data.csv", "mav0/imu0/data.csv", "*imu*.csv", "*imu*.txt")
 _TRUTH_PLACES = ("*groundtruth*.csv", "*groundtruth*.tum", "*groundtruth*.txt", "*/*groundtruth*/data.csv")
+#: What files that are no recordings begin with.
+MATLAB, PICTURES, POSES = "a MATLAB file", "pictures", "a trajectory"
+_OTHER_FILES = {b"MATLAB": MATLAB, b"\x89PNG": PICTURES, b"\xff\xd8\xff": PICTURES}
 _COMBINED, _GYROSCOPE, _ACCELEROMETER = "imu.csv", "gyroscope.csv", "accelerometer.csv"
 
 
@@ -78,7 +81,32 @@ def gather_other(path: Path, refusals: tuple[Refusal, ...]) -> Evidence:
     camera = _calibration_alone(path)
     if camera is not None:
         return Evidence(path=path, kind="a calibration alone", camera=camera)
-    return Evidence(path=path, kind="unknown", refusals=refusals)
+    return Evidence(path=path, kind=_what_else(path), refusals=refusals)
+
+
+def _what_else(path: Path) -> str:
+    """What a path holds that is no recording, in words; empty where that is not known."""
+    files = [path] if path.is_file() else []
+    if path.is_dir():
+        files = sorted(entry for entry in path.iterdir() if entry.is_file())
+    kinds = {_kind_of(file) for file in files}
+    return kinds.pop() if len(kinds) == 1 else ""
+
+
+def _kind_of(file: Path) -> str:
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(16)
+    except OSError:
+        return ""
+    for magic, kind in _OTHER_FILES.items():
+        if head.startswith(magic):
+            return kind
+    try:
+        read_truth_file(file)
+    except AsyneioError:
+        return ""
+    return POSES
 
 
 def _inertial_evidence(path: Path, samples: Samples) -> Evidence:
@@ -122,7 +150,10 @@ def _truth_beside(path: Path) -> PoseTrajectory | None:
 
 def _calibration_alone(path: Path) -> CameraIntrinsics | None:
     """The lens in a file of a calibration, or in a folder that holds one and no recording."""
-    file = path / CAMCHAIN_FILE if path.is_dir() else path
+    file = path
+    if path.is_dir():
+        files = [entry for entry in path.iterdir() if entry.is_file()]
+        file = path / CAMCHAIN_FILE if all(map(is_calibration, files)) else path
     if not file.is_file() or not is_calibration(file):
         return None
     try:

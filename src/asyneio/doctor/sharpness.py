@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from asyneio.types import FloatArray
 
-#: Pixels across the picture: as many as a DAVIS240 has; finer pictures of larger sensors gain nothing here.
+#: Pixels across the picture at most: finer pictures of large sensors gain nothing here.
 _ACROSS = 240
 #: The coarse picture has so many times fewer: motions within a few of its pixels look alike, none is missed.
 _COARSER = 4
@@ -26,19 +26,20 @@ _REACH = (0.6, 1.3)
 _TOLERANCE_PX = 0.05
 
 
-def find_rate(xy: FloatArray, t_s: FloatArray, expected: float) -> tuple[FloatArray, float]:
+def find_rate(xy: FloatArray, t_s: FloatArray, expected: float, focal: float) -> tuple[FloatArray, float]:
     """Angular velocity (3,) of the camera [rad/s] in its own frame, and how much sharper it draws.
 
     Args:
         xy: (N,2) undistorted positions on the normalised plane.
         t_s: (N,) times, ascending.
         expected: magnitude to search around [rad/s].
+        focal: focal length [px]: the picture is never finer than the sensor.
 
     Returns:
         The rate, and the gain: sum of squares of the picture over that of the picture without motion, less 1.
     """
     low, high = xy.min(axis=0), xy.max(axis=0)
-    scale = _ACROSS / max(float((high - low).max()), 1e-6)
+    scale = min(_ACROSS / max(float((high - low).max()), 1e-6), focal)
     dt = t_s - 0.5 * (t_s[0] + t_s[-1])
     coarse = _Picture(xy, dt, low, high, scale / _COARSER)
     fine = _Picture(xy, dt, low, high, scale)
