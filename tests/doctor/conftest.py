@@ -56,9 +56,9 @@ def clean(clean_recording: EventRecording, tmp_path_factory: pytest.TempPathFact
 
 @pytest.fixture(scope="session")
 def brief(clean_recording: EventRecording, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first half second of it, for faults that do not need the motion."""
+    """The first quarter of a second of it, for faults that do not need the motion."""
     first_ns = int(clean_recording.events["t_ns"][0])
-    end_ns = first_ns + 500_000_000
+    end_ns = first_ns + 250_000_000
     folder = tmp_path_factory.mktemp("doctor") / "brief"
     changes = {
         "events": clean_recording.events[clean_recording.events["t_ns"] < end_ns],

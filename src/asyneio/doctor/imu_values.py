@@ -17,7 +17,7 @@ _SENSORS = ("gyroscope", "accelerometer")
 #: Least full-scale ranges [rad/s, m/s^2], as at the estimator's intake.
 _LEAST_RANGES = (1.0, 12.0)
 #: A reading that stays the same to the last bit for so long, and so many samples, is no measurement.
-_STUCK_S, _STUCK_SAMPLES = 0.25, 50
+_STUCK_S, _STUCK_SAMPLES = 0.2, 50
 #: Noise so many times the declared figure is trusted too much; so many times, beyond use. Declared figures
 #: are often inflated on purpose, so that only the second is worth a word the other way.
 _OFF, _FAR_OFF = 10.0, 100.0

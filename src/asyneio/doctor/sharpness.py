@@ -19,6 +19,8 @@ from asyneio.types import FloatArray
 _ACROSS = 240
 #: The coarse picture has so many times fewer: motions within a few of its pixels look alike, none is missed.
 _COARSER = 4
+#: and is drawn of every so-many-th event.
+_FEWER = 3
 #: Directions tried first, and how far: shares of what the gyroscope reads, and room for a translation.
 _DIRECTIONS = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)], dtype=np.float64) - 1.0
 _REACH = (0.6, 1.3)
@@ -41,7 +43,8 @@ def find_rate(xy: FloatArray, t_s: FloatArray, expected: float, focal: float) ->
     low, high = xy.min(axis=0), xy.max(axis=0)
     scale = min(_ACROSS / max(float((high - low).max()), 1e-6), focal)
     dt = t_s - 0.5 * (t_s[0] + t_s[-1])
-    coarse = _Picture(xy, dt, low, high, scale / _COARSER)
+    few = slice(None, None, _FEWER)
+    coarse = _Picture(xy[few], dt[few], low, high, scale / _COARSER)
     fine = _Picture(xy, dt, low, high, scale)
     directions = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
     starts = np.concatenate([np.zeros((1, 3)), *(reach * expected * directions for reach in _REACH)])
@@ -55,7 +58,7 @@ def find_rate(xy: FloatArray, t_s: FloatArray, expected: float, focal: float) ->
             picture.blur,
             best,
             method="Nelder-Mead",
-            options={"initial_simplex": simplex, "xatol": tolerance, "fatol": np.inf, "maxfev": 150},
+            options={"initial_simplex": simplex, "xatol": tolerance, "fatol": np.inf, "maxfev": 80},
         )
         best, step = found.x, 0.3 * step
     still = fine.sharpness(np.zeros(3))
