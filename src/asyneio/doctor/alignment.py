@@ -34,7 +34,7 @@ _LEAST_NOISE = 0.01
 _CORRELATION = (0.0, 0.95)
 #: Windows that tell anything at all.
 LEAST_WINDOWS = 6
-_STEPS, _CONVERGED = 12, 1e-4
+_STEPS, _FEW_STEPS, _CONVERGED = 12, 6, 1e-4
 _ROBUST_STEPS = 4
 #: Squared scale of the robust cost, in standard deviations; fine steps on either side of the best coarse one.
 _CAUCHY, _FINE = 9.0, 8
@@ -105,14 +105,20 @@ def align(
     fit = Fit(claimed, np.zeros(3), 0.0, np.eye(6))
     for _ in range(2):
         starts = [turn @ fit.C for turn in RIGHT_ANGLES]
-        fit = min((_fit(camera, body, start, noise) for start in starts), key=lambda found: found.cost)
+        fits = [_fit(camera, body, start, noise, steps=_FEW_STEPS) for start in starts]
+        fit = min(fits, key=lambda found: found.cost)
         noise = _noise(camera - (body - fit.bias) @ fit.C.T, gaps)
     fit = _nearest(_fit(camera, body, fit.C, noise), claimed, camera, body, noise)
     residual = camera - (body - fit.bias) @ fit.C.T
     # Of the rotation alone, whatever the bias is.
     covariance = np.linalg.inv(fit.normal)[:3, :3]
     variances, axes = np.linalg.eigh(covariance)
-    costs = np.array([_fit(camera, body, turn @ claimed, noise, turning=False).cost for turn in RIGHT_ANGLES])
+    costs = np.array(
+        [
+            _fit(camera, body, turn @ claimed, noise, turning=False, steps=_FEW_STEPS).cost
+            for turn in RIGHT_ANGLES
+        ]
+    )
     possible = tuple(int(k) for k in np.flatnonzero(costs < costs.min() + _EXCLUDED_COST))
     explained = 1.0 - np.median((residual**2).sum(axis=1)) / max(np.median((camera**2).sum(axis=1)), 1e-12)
     return Alignment(
@@ -251,11 +257,18 @@ class Fit:
     normal: FloatArray
 
 
-def _fit(camera: FloatArray, body: FloatArray, start: FloatArray, noise: Noise, turning: bool = True) -> Fit:
+def _fit(
+    camera: FloatArray,
+    body: FloatArray,
+    start: FloatArray,
+    noise: Noise,
+    turning: bool = True,
+    steps: int = _STEPS,
+) -> Fit:
     """Gauss-Newton from the rotation `start`; without `turning` of the bias alone."""
     C, bias = start, np.zeros(3)
     normal = np.eye(6)
-    for _ in range(_STEPS):
+    for _ in range(steps):
         predicted = (body - bias) @ C.T
         residual = _differences(camera - predicted, noise.alike)
         scale = _weights(residual, noise.sigma)[:, None] / noise.sigma**2

@@ -17,6 +17,9 @@ _ROUND_TRIP_PX = 0.01
 _FOLDED, _FAR_FOLDED = 0.02, 0.25
 #: Tangential terms of a real lens; k3 and k4 of the equidistant model, taken for them, are larger.
 _MOST_TANGENTIAL = 0.02
+#: First coefficient of the equidistant model: an orthographic lens has -1/6, one without distortion 1/3; real
+#: ones lie between, with some room.
+_PROJECTIONS = (-0.22, 0.4)
 #: Horizontal fields of view of a pinhole model [degrees], and the ratio of its focal lengths.
 _VIEW_DEG, _ASPECT = (8.0, 160.0), (0.9, 1.1)
 #: The principal point lies within this share of the sensor's sides around the middle.
@@ -71,6 +74,10 @@ def check_lens(evidence: Evidence) -> Verdict | None:
     cure = "radtan and equidistant mistaken for each other, or coefficients in another order"
     if away > _ROUND_TRIP_PX or folded > _FAR_FOLDED:
         return fail("lens", measured, expected, cure, **values)
+    k1 = camera.coefficients[0] if camera.distortion is Distortion.EQUIDISTANT else 0.0
+    if not _PROJECTIONS[0] <= k1 <= _PROJECTIONS[1]:
+        expected = f"k1 from {_PROJECTIONS[0]:g} to {_PROJECTIONS[1]:g}"
+        return warning("lens", f"{measured}; k1 = {k1:.3g}", expected, cure, **values)
     tangential = max(map(abs, camera.coefficients[2:4])) if camera.distortion is Distortion.RADTAN else 0.0
     if tangential > _MOST_TANGENTIAL:
         measured += f"; tangential terms of {tangential:.2g}"
