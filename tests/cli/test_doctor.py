@@ -36,9 +36,8 @@ def test_json_has_the_documented_keys(asyneio: Asyneio, folder: Path) -> None:
     status, out, _ = asyneio("doctor", folder, "--json")
     assert status == 0
     found = json.loads(out)
-    assert set(found) == {
-        "recording", "worst", "usable_for", "summary", "verdicts", "repairs", "events", "seconds", "reading_s",
-    }  # fmt: skip
+    keys = "recording worst usable_for summary verdicts repairs events seconds reading_s"
+    assert set(found) == set(keys.split())
     assert found["usable_for"] == ["run", "track"]
     assert found["events"] == 30_000
     for verdict in found["verdicts"]:
@@ -74,21 +73,19 @@ def test_nothing_there(asyneio: Asyneio, tmp_path: Path) -> None:
 def test_a_calibration_elsewhere(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
     for name in ("camchain-imucam.yaml", "imu.yaml"):
         (folder / name).rename(tmp_path / name)
-    status, out, _ = asyneio(
-        "doctor", folder, "--calibration", tmp_path / "camchain-imucam.yaml", "--imu", tmp_path / "imu.yaml", "--json"
-    )  # fmt: skip
+    given_files = ("--calibration", tmp_path / "camchain-imucam.yaml", "--imu", tmp_path / "imu.yaml")
+    status, out, _ = asyneio("doctor", folder, *given_files, "--json")
     verdicts = {verdict["check"]: verdict["severity"] for verdict in json.loads(out)["verdicts"]}
     assert status == 0
     assert verdicts["calibration"] == "OK"
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.sampled_from(
         [
             b"",
             b"#!AER-DAT2.0\r\n",
-            b"#!AER-DAT4.0\r\n",
             b"\x89HDF\r\n\x1a\n",
             b"% evt 2.0\n",
             b"0.1 1 1 1\n",

@@ -22,22 +22,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.doctor.camera_rates import CameraRates
-from asyneio.types import NS_PER_S, BoolArray, FloatArray, RecordArray
+from asyneio.doctor.noise import CAUCHY, Noise, differences, noise_of, spread, weights
+from asyneio.doctor.time_offset import LEAST_WINDOWS, find_offset, gaps_of, mean_rates
+from asyneio.types import FloatArray, RecordArray
 
-#: Offsets tried: so far either way, in such steps [s]; then in fine steps around the best.
-_REACH_S, _STEP_S, _FINE_STEP_S = 0.1, 0.005, 0.001
 #: Zero offset of a gyroscope [rad/s]: one standard deviation of what consumer sensors have uncorrected.
 _BIAS_SIGMA = 0.05
-#: Noise of a rate below which none is believed [rad/s].
-_LEAST_NOISE = 0.01
-#: Correlation of neighbours is never taken to be less or more.
-_CORRELATION = (0.0, 0.95)
-#: Windows that tell anything at all.
-LEAST_WINDOWS = 6
+#: Steps of the search; fewer from those starts of which one is taken; the step after which it ends.
 _STEPS, _FEW_STEPS, _CONVERGED = 12, 6, 1e-4
-_ROBUST_STEPS = 4
-#: Squared scale of the robust cost, in standard deviations; fine steps on either side of the best coarse one.
-_CAUCHY, _FINE = 9.0, 8
 #: A difference of costs that is none, and one that excludes: about two and five standard deviations.
 _SAME_COST, _EXCLUDED_COST = 4.0, 25.0
 
@@ -96,18 +88,18 @@ def align(
         claimed: (3,3) body to camera directions of the calibration, identity where there is none.
         around_s: claimed offset, around which others are tried (and around its negative).
     """
-    offset_s, offset_sigma_s = _find_offset(rates, gyroscope, around_s)
+    offset_s, offset_sigma_s = find_offset(rates, gyroscope, around_s)
     body, inside = mean_rates(gyroscope, rates, offset_s)
     if np.count_nonzero(inside) < LEAST_WINDOWS:
         return None
-    camera, body, gaps = rates.omega[inside], body[inside], _gaps(rates, inside)
+    camera, body, gaps = rates.omega[inside], body[inside], gaps_of(rates, inside)
     noise = Noise(np.full(3, 0.1), np.zeros((len(gaps), 3)))
     fit = Fit(claimed, np.zeros(3), 0.0, np.eye(6))
     for _ in range(2):
         starts = [turn @ fit.C for turn in RIGHT_ANGLES]
         fits = [_fit(camera, body, start, noise, steps=_FEW_STEPS) for start in starts]
         fit = min(fits, key=lambda found: found.cost)
-        noise = _noise(camera - (body - fit.bias) @ fit.C.T, gaps)
+        noise = noise_of(camera - (body - fit.bias) @ fit.C.T, gaps)
     fit = _nearest(_fit(camera, body, fit.C, noise), claimed, camera, body, noise)
     residual = camera - (body - fit.bias) @ fit.C.T
     # Of the rotation alone, whatever the bias is.
@@ -128,7 +120,7 @@ def align(
         offset_s=offset_s,
         offset_sigma_s=offset_sigma_s,
         rates=np.linalg.svd(body, compute_uv=False) / np.sqrt(len(body)),
-        noise=_spread(residual),
+        noise=spread(residual),
         windows=len(body),
         explained=float(explained),
         scale=_median_norm(camera) / max(_median_norm(body), 1e-12),
@@ -138,113 +130,6 @@ def align(
 
 def _median_norm(vectors: FloatArray) -> float:
     return float(np.median(np.linalg.norm(vectors, axis=1)))
-
-
-def mean_rates(gyroscope: RecordArray, rates: CameraRates, offset_s: float) -> tuple[FloatArray, BoolArray]:
-    """Means of the gyroscope (N,3) over the windows, shifted, and which of them its samples cover."""
-    origin = int(gyroscope["t_ns"][0])
-    t_s = (gyroscope["t_ns"] - origin) / NS_PER_S
-    steps = 0.5 * (gyroscope["xyz"][1:] + gyroscope["xyz"][:-1]) * np.diff(t_s)[:, None]
-    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-    start, end = ((stamps - origin) / NS_PER_S + offset_s for stamps in (rates.start_ns, rates.end_ns))
-    inside = (start >= 0.0) & (end <= t_s[-1]) & (end > start)
-    span = np.where(end > start, end - start, 1.0)[:, None]
-    turn = np.stack([np.interp(end, t_s, axis) - np.interp(start, t_s, axis) for axis in turned.T], axis=1)
-    return turn / span, np.asarray(inside)
-
-
-def _gaps(rates: CameraRates, inside: BoolArray) -> FloatArray:
-    """Times between neighbouring windows (N-1,), in units of the usual one."""
-    gaps = np.diff(rates.start_ns[inside]).astype(np.float64)
-    return np.asarray(gaps / max(float(np.median(gaps)), 1.0))
-
-
-def _find_offset(rates: CameraRates, gyroscope: RecordArray, around_s: float) -> tuple[float, float]:
-    """The offset with the least innovations, and its standard deviation (infinite: not told)."""
-    reach = min(_REACH_S + 2.0 * abs(around_s), 5.0 * _REACH_S)
-    trials = around_s + np.arange(-round(reach / _STEP_S), round(reach / _STEP_S) + 1) * _STEP_S
-    costs = np.array([_offset_cost(rates, gyroscope, trial) for trial in trials])
-    k = int(np.argmin(costs))
-    if k in (0, trials.size - 1) or not np.isfinite(costs[k]):
-        return around_s, float("inf")
-    steps = np.arange(-_FINE, _FINE + 1) * _FINE_STEP_S
-    costs = np.array([_offset_cost(rates, gyroscope, trials[k] + step) for step in steps])
-    if not np.isfinite(costs).all():
-        return around_s, float("inf")
-    # A parabola, for single steps are ragged.
-    a, b, _ = np.polyfit(steps, costs, 2)
-    if a <= 0.0:
-        return around_s, float("inf")
-    shift = float(np.clip(-b / (2.0 * a), steps[0], steps[-1]))
-    # The cost counts standard deviations squared.
-    return float(trials[k] + shift), float(np.sqrt(1.0 / a))
-
-
-def _offset_cost(rates: CameraRates, gyroscope: RecordArray, offset_s: float) -> float:
-    """A robust negative log-likelihood, times two, of the best linear map from body to camera; infinite where
-    too few windows are covered."""
-    body, inside = mean_rates(gyroscope, rates, offset_s)
-    if np.count_nonzero(inside) < max(LEAST_WINDOWS, rates.count // 2):
-        return float("inf")
-    design = np.hstack([body[inside], np.ones((np.count_nonzero(inside), 1))])
-    gaps = _gaps(rates, inside)
-    cost = 0.0
-    for axis in rates.omega[inside].T:
-        alike = np.zeros((len(gaps), 1))
-        for _ in range(2):
-            rows, wanted = _differences(design, alike), _differences(axis[:, None], alike)
-            map_ = _robust_solution(rows, wanted)
-            noise = _noise(axis[:, None] - design @ map_, gaps)
-            alike = noise.alike
-        cost += 2.0 * len(gaps) * float(np.log(noise.sigma[0]))
-    return cost
-
-
-def _robust_solution(rows: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Reweighted least squares of `rows @ x = wanted`, with a weak pull to zero: where the turn is about one
-    axis, the others are not told."""
-    weight = np.ones((len(rows), 1))
-    for _ in range(_ROBUST_STEPS):
-        normal = rows.T @ (rows * weight) + 1e-3 * np.eye(rows.shape[1])
-        solution = np.linalg.solve(normal, rows.T @ (wanted * weight))
-        residual = wanted - rows @ solution
-        weight = _weights(residual, _spread(residual))[:, None]
-    return np.asarray(solution)
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Of residuals of windows: `sigma` (D,) of innovations, `alike` (N-1,D) share of the window before."""
-
-    sigma: FloatArray
-    alike: FloatArray
-
-
-def _noise(residual: FloatArray, gaps: FloatArray) -> Noise:
-    """Noise of residuals (N,D), axis by axis."""
-    limit = 3.0 * _spread(residual)
-    limited = np.clip(residual, -limit, limit)
-    correlation = (limited[1:] * limited[:-1]).sum(axis=0) / np.maximum((limited**2).sum(axis=0), 1e-12)
-    alike = np.clip(correlation, *_CORRELATION) ** gaps[:, None]
-    return Noise(_spread(_differences(residual, alike)), alike)
-
-
-def _differences(values: FloatArray, alike: FloatArray) -> FloatArray:
-    """What is new in each of `values` (N,D) against the one before: (N-1,D)."""
-    return np.asarray(values[1:] - alike * values[:-1])
-
-
-def _spread(residual: FloatArray) -> FloatArray:
-    """Robust standard deviation (D,) about zero of residuals (N,D)."""
-    size = np.abs(residual)
-    # Smoother in its residuals than the median alone, which jumps from one of them to the next.
-    limited = np.minimum(size, 3.0 * 1.4826 * np.median(size, axis=0))
-    return np.maximum(np.sqrt((limited**2).mean(axis=0)), _LEAST_NOISE)
-
-
-def _weights(residual: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Cauchy weights (N,) of residuals (N,D)."""
-    return np.asarray(1.0 / (1.0 + ((residual / sigma) ** 2).sum(axis=1) / _CAUCHY))
 
 
 @dataclass(frozen=True)
@@ -270,8 +155,8 @@ def _fit(
     normal = np.eye(6)
     for _ in range(steps):
         predicted = (body - bias) @ C.T
-        residual = _differences(camera - predicted, noise.alike)
-        scale = _weights(residual, noise.sigma)[:, None] / noise.sigma**2
+        residual = differences(camera - predicted, noise.alike)
+        scale = weights(residual, noise.sigma)[:, None] / noise.sigma**2
         # d predicted / d phi = -[predicted]x for C <- Exp(phi) C, d predicted / d bias = -C.
         jacobian = np.concatenate([-_crosses(predicted), np.broadcast_to(-C, (len(body), 3, 3))], axis=2)
         jacobian = jacobian[1:] - noise.alike[:, :, None] * jacobian[:-1]
@@ -291,9 +176,9 @@ def _fit(
 
 
 def _cost(camera: FloatArray, body: FloatArray, C: FloatArray, bias: FloatArray, noise: Noise) -> float:
-    residual = _differences(camera - (body - bias) @ C.T, noise.alike)
+    residual = differences(camera - (body - bias) @ C.T, noise.alike)
     squared = ((residual / noise.sigma) ** 2).sum(axis=1)
-    return float(_CAUCHY * np.log1p(squared / _CAUCHY).sum() + (bias**2).sum() / _BIAS_SIGMA**2)
+    return float(CAUCHY * np.log1p(squared / CAUCHY).sum() + (bias**2).sum() / _BIAS_SIGMA**2)
 
 
 def _nearest(fit: Fit, claimed: FloatArray, camera: FloatArray, body: FloatArray, noise: Noise) -> Fit:
