@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.doctor.camera_rates import CameraRates
 from asyneio.doctor.noise import CAUCHY, Noise, differences, noise_of, spread, weights
-from asyneio.doctor.time_offset import LEAST_WINDOWS, find_offset, gaps_of, mean_rates
+from asyneio.doctor.time_offset import LEAST_WINDOWS, TurnOf, find_offset, gaps_of
 from asyneio.types import FloatArray, RecordArray
 
 #: Zero offset of a gyroscope [rad/s]: one standard deviation of what consumer sensors have uncorrected.
@@ -88,8 +88,9 @@ def align(
         claimed: (3,3) body to camera directions of the calibration, identity where there is none.
         around_s: claimed offset, around which others are tried (and around its negative).
     """
-    offset_s, offset_sigma_s = find_offset(rates, gyroscope, around_s)
-    body, inside = mean_rates(gyroscope, rates, offset_s)
+    turn = TurnOf(gyroscope)
+    offset_s, offset_sigma_s = find_offset(rates, turn, around_s)
+    body, inside = turn.means(rates, offset_s)
     if np.count_nonzero(inside) < LEAST_WINDOWS:
         return None
     camera, body, gaps = rates.omega[inside], body[inside], gaps_of(rates, inside)

@@ -8,25 +8,43 @@ from asyneio.doctor.camera_rates import CameraRates
 from asyneio.doctor.noise import differences, noise_of, spread, weights
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, RecordArray
 
-#: Offsets tried: so far either way, in such steps [s]; then in fine steps around the best.
-_REACH_S, _STEP_S, _FINE_STEP_S = 0.1, 0.005, 0.001
-#: Fine steps on either side of the best coarse one.
-_FINE = 8
+#: Offsets tried: so far either way, in such steps [s]; then so many fine steps on either side of the best.
+_REACH_S, _STEP_S, _FINE_STEP_S, _FINE = 0.1, 0.007, 0.0015, 6
 #: Windows that tell anything at all.
 LEAST_WINDOWS = 6
-_ROBUST_STEPS = 4
+_ROBUST_STEPS = 3
 
 
-def find_offset(rates: CameraRates, gyroscope: RecordArray, around_s: float) -> tuple[float, float]:
+class TurnOf:
+    """The turn that a gyroscope (INERTIAL_DTYPE, ascending) measured, summed once by the trapezoidal rule."""
+
+    def __init__(self, gyroscope: RecordArray) -> None:
+        self._origin_ns = int(gyroscope["t_ns"][0])
+        self._t_s = (gyroscope["t_ns"] - self._origin_ns) / NS_PER_S
+        steps = 0.5 * (gyroscope["xyz"][1:] + gyroscope["xyz"][:-1]) * np.diff(self._t_s)[:, None]
+        self._turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]).T
+
+    def means(self, rates: CameraRates, offset_s: float) -> tuple[FloatArray, BoolArray]:
+        """Mean rates (N,3) [rad/s] over the windows, shifted, and which of them its samples cover."""
+        start, end = (
+            (stamps - self._origin_ns) / NS_PER_S + offset_s for stamps in (rates.start_ns, rates.end_ns)
+        )
+        inside = (start >= 0.0) & (end <= self._t_s[-1]) & (end > start)
+        span = np.where(end > start, end - start, 1.0)
+        turn = [np.interp(end, self._t_s, axis) - np.interp(start, self._t_s, axis) for axis in self._turned]
+        return np.stack(turn, axis=1) / span[:, None], np.asarray(inside)
+
+
+def find_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> tuple[float, float]:
     """The offset with the least innovations, and its standard deviation (infinite: not told)."""
     reach = min(_REACH_S + 2.0 * abs(around_s), 5.0 * _REACH_S)
     trials = around_s + np.arange(-round(reach / _STEP_S), round(reach / _STEP_S) + 1) * _STEP_S
-    costs = np.array([_offset_cost(rates, gyroscope, trial) for trial in trials])
+    costs = np.array([_offset_cost(rates, turn, trial) for trial in trials])
     k = int(np.argmin(costs))
     if k in (0, trials.size - 1) or not np.isfinite(costs[k]):
         return around_s, float("inf")
     steps = np.arange(-_FINE, _FINE + 1) * _FINE_STEP_S
-    costs = np.array([_offset_cost(rates, gyroscope, trials[k] + step) for step in steps])
+    costs = np.array([_offset_cost(rates, turn, trials[k] + step) for step in steps])
     if not np.isfinite(costs).all():
         return around_s, float("inf")
     # A parabola, for single steps are ragged.
@@ -38,10 +56,10 @@ def find_offset(rates: CameraRates, gyroscope: RecordArray, around_s: float) -> 
     return float(trials[k] + shift), float(np.sqrt(1.0 / a))
 
 
-def _offset_cost(rates: CameraRates, gyroscope: RecordArray, offset_s: float) -> float:
+def _offset_cost(rates: CameraRates, turn: TurnOf, offset_s: float) -> float:
     """A robust negative log-likelihood, times two, of the best linear map from body to camera; infinite where
     too few windows are covered."""
-    body, inside = mean_rates(gyroscope, rates, offset_s)
+    body, inside = turn.means(rates, offset_s)
     if np.count_nonzero(inside) < max(LEAST_WINDOWS, rates.count // 2):
         return float("inf")
     design = np.hstack([body[inside], np.ones((np.count_nonzero(inside), 1))])
@@ -54,7 +72,8 @@ def _offset_cost(rates: CameraRates, gyroscope: RecordArray, offset_s: float) ->
             map_ = _robust_solution(rows, wanted)
             noise = noise_of(axis[:, None] - design @ map_, gaps)
             alike = noise.alike
-        cost += 2.0 * len(gaps) * float(np.log(noise.sigma[0]))
+        # As of all windows, however many are covered: costs of two offsets must be comparable.
+        cost += 2.0 * rates.count * float(np.log(noise.sigma[0]))
     return cost
 
 
@@ -68,19 +87,6 @@ def _robust_solution(rows: FloatArray, wanted: FloatArray) -> FloatArray:
         residual = wanted - rows @ solution
         weight = weights(residual, spread(residual))[:, None]
     return np.asarray(solution)
-
-
-def mean_rates(gyroscope: RecordArray, rates: CameraRates, offset_s: float) -> tuple[FloatArray, BoolArray]:
-    """Means of the gyroscope (N,3) over the windows, shifted, and which of them its samples cover."""
-    origin = int(gyroscope["t_ns"][0])
-    t_s = (gyroscope["t_ns"] - origin) / NS_PER_S
-    steps = 0.5 * (gyroscope["xyz"][1:] + gyroscope["xyz"][:-1]) * np.diff(t_s)[:, None]
-    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-    start, end = ((stamps - origin) / NS_PER_S + offset_s for stamps in (rates.start_ns, rates.end_ns))
-    inside = (start >= 0.0) & (end <= t_s[-1]) & (end > start)
-    span = np.where(end > start, end - start, 1.0)[:, None]
-    turn = np.stack([np.interp(end, t_s, axis) - np.interp(start, t_s, axis) for axis in turned.T], axis=1)
-    return turn / span, np.asarray(inside)
 
 
 def gaps_of(rates: CameraRates, inside: BoolArray) -> FloatArray:
