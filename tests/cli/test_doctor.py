@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -129,3 +130,16 @@ def test_damage_anywhere_in_a_recording_is_borne(
         assert diagnosis.verdicts
     finally:
         file.write_bytes(whole)
+
+
+def test_absurd_readings_are_borne(tmp_path: Path, rng: np.random.Generator) -> None:
+    recording = make_event_recording(rng, 5000)
+    for row, (stamp, reading) in enumerate([(0, 1e300), (0, np.inf), (2**62, 1.0), (0, np.nan)]):
+        gyroscope = recording.gyroscope.copy()
+        gyroscope["t_ns"][row] += stamp
+        gyroscope["xyz"][row] = reading
+        path = tmp_path / f"{row}.h5"
+        write_events_hdf5(dataclasses.replace(recording, gyroscope=gyroscope), path)
+        found = examine(path)
+        assert found.worst >= Severity.NOTE
+        json.dumps(found.to_dict(), allow_nan=False)

@@ -23,7 +23,7 @@ PAUSE_NS = 100_000_000
 BIN_NS = 1_000_000
 MAX_BINS = 1 << 20
 #: Pixels beyond these are counted together: no event sensor has as many.
-MAX_SIDE = 4096
+MAX_SIDE = 2048
 _FIRST_SIDE = 512
 _NEVER_NS = -(1 << 62)
 #: Stamps looked at in each piece for the tick of the clock.
@@ -113,7 +113,7 @@ class EventScan:
         if events.size == 0:
             return
         t_ns, x, y, p = (events[name] for name in ("t_ns", "x", "y", "p"))
-        self._make_room(int(y.max()) + 1, int(x.max()) + 1)
+        self._make_room(_needed(y), _needed(x))
         start = 0
         while start < events.size:
             # It stops where the bins are full.
@@ -148,8 +148,7 @@ class EventScan:
         )
 
     def _make_room(self, rows: int, columns: int) -> None:
-        """Enlarge the maps of pixels to hold so many, up to MAX_SIDE."""
-        rows, columns = min(rows, MAX_SIDE), min(columns, MAX_SIDE)
+        """Enlarge the maps of pixels to hold so many."""
         height, width = self._counts.shape
         if rows <= height and columns <= width:
             return
@@ -169,6 +168,13 @@ class EventScan:
         if self._tick_ns != 1:
             found = np.gcd.reduce(t_ns[:_TICK_SAMPLE] - self._state[_FIRST])
             self._tick_ns = int(np.gcd(self._tick_ns, found))
+
+
+def _needed(coordinates: np.ndarray) -> int:
+    """Rows or columns that hold all coordinates but the absurd ones."""
+    if coordinates.max() < MAX_SIDE:
+        return int(coordinates.max()) + 1
+    return int(coordinates[coordinates < MAX_SIDE].max(initial=0)) + 1
 
 
 def _enlarged(size: int, needed: int) -> int:

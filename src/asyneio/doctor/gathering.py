@@ -18,6 +18,7 @@ from asyneio.doctor.other_kinds import gather_other, gather_tracks
 from asyneio.doctor.reading import read_events
 from asyneio.doctor.views import is_beside, is_calibration, view_without
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
+from asyneio.inertial.stillness import possible
 from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_assembly import USUAL_SIZES, prepare_samples
 from asyneio.io.open_recording import TRACKS_FILE, find_format, open_contents
@@ -141,18 +142,19 @@ def _with_alignment(evidence: Evidence, excerpts: list[RecordArray], progress: P
         assert evidence.events is not None
         camera, guessed = _guessed_lens(*(evidence.size or guess_size(evidence.events))), True
     shift_ns = calibration.timeshift_ns if calibration else 0
-    gyroscope = streams.gyroscope.copy()
+    readings = streams.gyroscope[possible(streams.gyroscope["xyz"])]
+    gyroscope = readings.copy()
     gyroscope["t_ns"] -= shift_ns
     try:
         if evidence.tracks is not None:
             rates = rates_from_tracks(evidence.tracks, camera)
         else:
             rates = rates_from_events(excerpts, camera, gyroscope, progress)
-    except AsyneioError:
-        # A lens that is impossible is the business of its own check.
+        claimed = calibration.T_b_c[:3, :3].T if calibration else np.eye(3)
+        alignment = align(rates, readings, claimed, shift_ns * 1e-9)
+    except (AsyneioError, np.linalg.LinAlgError):
+        # A lens that is impossible is the business of its own check, absurd readings that of others.
         return evidence
-    claimed = calibration.T_b_c[:3, :3].T if calibration else np.eye(3)
-    alignment = align(rates, streams.gyroscope, claimed, shift_ns * 1e-9)
     return replace(evidence, camera=camera, lens_guessed=guessed, rates=rates, alignment=alignment)
 
 

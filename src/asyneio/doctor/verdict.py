@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
@@ -14,6 +15,15 @@ class Severity(IntEnum):
     NOTE = 1
     WARNING = 2
     FAIL = 3
+
+
+def _plain(value: Any) -> Any:
+    """As JSON can hold it: figures that are not finite become None."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @dataclass(frozen=True)
@@ -46,7 +56,7 @@ class Verdict:
             "measured": self.measured,
             "expected": self.expected,
             "cure": self.cure,
-            "values": self.values,
+            "values": _plain(self.values),
             "prevents": list(self.prevents),
         }
 
