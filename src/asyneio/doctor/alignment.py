@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from asyneio.doctor.camera_rates import CameraRates
 from asyneio.doctor.noise import CAUCHY, Noise, differences, noise_of, spread, weights
 from asyneio.doctor.time_offset import LEAST_WINDOWS, TurnOf, find_offset, gaps_of
-from asyneio.types import FloatArray, RecordArray
+from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
 #: Zero offset of a gyroscope [rad/s]: one standard deviation of what consumer sensors have uncorrected.
 _BIAS_SIGMA = 0.05
@@ -32,6 +32,11 @@ _BIAS_SIGMA = 0.05
 _STEPS, _FEW_STEPS, _CONVERGED = 12, 6, 1e-4
 #: A difference of costs that is none, and one that excludes: about two and five standard deviations.
 _SAME_COST, _EXCLUDED_COST = 4.0, 25.0
+#: Independent values of a leak in a second: hands and vehicles change their velocity about as often. A leak
+#: that goes with the rotation by chance passes for one; innovations see only part of it.
+_LEAKS_HZ = 4.0
+#: Half the time over which angular accelerations are taken [s].
+_SWING_S = 0.01
 
 #: The 24 rotations that take axes to axes.
 RIGHT_ANGLES: tuple[FloatArray, ...] = tuple(
@@ -52,7 +57,7 @@ class Alignment:
         axes: (3,3) the directions (columns, camera frame) that they belong to.
         offset_s: to be added to the camera's clock; `offset_sigma_s` its standard deviation.
         rates: (3,) root mean squares of the gyroscope [rad/s] along its principal axes, descending.
-        noise: (3,) of the camera's rate about its axes [rad/s].
+        leak: (3,) spread of what the gyroscope does not explain of the camera's rate about its axes [rad/s].
         windows: number of windows of the camera.
         explained: share of the camera's rate (its median square) that the gyroscope explains.
         scale: magnitude of the camera's rate over that of the gyroscope's (medians).
@@ -65,7 +70,7 @@ class Alignment:
     offset_s: float
     offset_sigma_s: float
     rates: FloatArray
-    noise: FloatArray
+    leak: FloatArray
     windows: int
     explained: float
     scale: float
@@ -102,9 +107,13 @@ def align(
         fit = min(fits, key=lambda found: found.cost)
         noise = noise_of(camera - (body - fit.bias) @ fit.C.T, gaps)
     fit = _nearest(_fit(camera, body, fit.C, noise), claimed, camera, body, noise)
-    residual = camera - (body - fit.bias) @ fit.C.T
     # Of the rotation alone, whatever the bias is.
     covariance = np.linalg.inv(fit.normal)[:3, :3]
+    # Without the bias: a steady leak passes for one.
+    whole = camera - body @ fit.C.T
+    leak = _Leak(spread(whole), _LEAKS_HZ * float(np.ptp(rates.start_ns[inside])) / NS_PER_S)
+    covariance = covariance + leak.of_rotation((body - fit.bias) @ fit.C.T)
+    swing = _swing(turn, rates, offset_s)[inside] @ fit.C.T
     variances, axes = np.linalg.eigh(covariance)
     costs = np.array(
         [
@@ -113,15 +122,15 @@ def align(
         ]
     )
     possible = tuple(int(k) for k in np.flatnonzero(costs < costs.min() + _EXCLUDED_COST))
-    explained = 1.0 - np.median((residual**2).sum(axis=1)) / max(np.median((camera**2).sum(axis=1)), 1e-12)
+    explained = 1.0 - np.median((whole**2).sum(axis=1)) / max(np.median((camera**2).sum(axis=1)), 1e-12)
     return Alignment(
         C_c_b=fit.C,
         sigma_deg=np.degrees(np.sqrt(variances)),
         axes=axes,
         offset_s=offset_s,
-        offset_sigma_s=offset_sigma_s,
+        offset_sigma_s=float(np.hypot(offset_sigma_s, leak.of_offset(swing))),
         rates=np.linalg.svd(body, compute_uv=False) / np.sqrt(len(body)),
-        noise=spread(residual),
+        leak=leak.sigma,
         windows=len(body),
         explained=float(explained),
         scale=_median_norm(camera) / max(_median_norm(body), 1e-12),
@@ -131,6 +140,31 @@ def align(
 
 def _median_norm(vectors: FloatArray) -> float:
     return float(np.median(np.linalg.norm(vectors, axis=1)))
+
+
+def _swing(turn: TurnOf, rates: CameraRates, offset_s: float) -> FloatArray:
+    """Angular acceleration (N,3) of the body over the windows [rad/s^2]."""
+    later, earlier = (turn.means(rates, offset_s + side * _SWING_S)[0] for side in (1.0, -1.0))
+    return np.asarray((later - earlier) / (2.0 * _SWING_S))
+
+
+@dataclass(frozen=True)
+class _Leak:
+    """What a leak of `sigma` (3,) [rad/s], with so many independent values in all, may do by chance."""
+
+    sigma: FloatArray
+    values: float
+
+    def of_rotation(self, predicted: FloatArray) -> FloatArray:
+        """Covariance (3,3) of a rotation that is fitted to rates (N,3)."""
+        crosses = _crosses(predicted)
+        information = np.einsum("nji,j,njk->ik", crosses, 1.0 / self.sigma**2, crosses) / len(predicted)
+        return np.asarray(np.linalg.inv(information * self.values + 1e-6 * np.eye(3)))
+
+    def of_offset(self, swing: FloatArray) -> float:
+        """Standard deviation [s] of an offset between rates that change so (N,3)."""
+        information = self.values * float(((swing / self.sigma) ** 2).sum(axis=1).mean())
+        return float(1.0 / np.sqrt(max(information, 1e-12)))
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,9 @@ _OFFSET_S = 0.005
 _TOLD_S = 0.005
 #: Less of the camera's motion explained than this: they are not of one motion.
 _EXPLAINED = 0.3
+#: Where the camera seems to turn so many times faster than the gyroscope, translation makes most of what it
+#: sees; a gyroscope that reads less than this [rad/s] tells nothing either.
+_TRANSLATION, _SLOW = 1.5, 0.1
 #: A gyroscope that reads so many times what the camera turns by is in degrees.
 _DEGREES = (20.0, 150.0)
 
@@ -161,6 +164,12 @@ def describe_axes(turn: FloatArray) -> str:
 
 def _unexplained(found: Alignment, motion: str, values: dict[str, Any]) -> Verdict:
     """The gyroscope does not tell what the camera saw."""
+    measured = f"the gyroscope explains {max(found.explained, 0.0):.0%} of the camera's turning ({motion})"
+    if found.scale > _TRANSLATION or found.rates[0] < _SLOW:
+        measured = f"not enough rotation to tell: translation makes most of the motion; {measured}"
+        return note(
+            "extrinsics", measured, "turns about two axes", "turn the camera for some seconds", **values
+        )
     times = 1.0 / max(found.scale, 1e-9)
     if _DEGREES[0] < times < _DEGREES[1]:
         cure = f"the gyroscope reads {times:.0f} times the turn of the image: degrees instead of radians?"
@@ -168,7 +177,6 @@ def _unexplained(found: Alignment, motion: str, values: dict[str, Any]) -> Verdi
         cure = (
             "clocks that are further apart than a tenth of a second, a wrong focal length, or a moving scene"
         )
-    measured = f"the gyroscope explains {max(found.explained, 0.0):.0%} of the camera's turning ({motion})"
     return warning("extrinsics", measured, "one motion, seen by both", cure, **values)
 
 
