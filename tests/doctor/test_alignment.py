@@ -39,7 +39,7 @@ def camera_rates(
     start = np.linspace(0.2, SECONDS - 0.3, 60)
     middle = start + 0.015 + offset_s
     rate = rate_at(middle) * ([0.0, 0.0, 1.0] if axis else [1.0, 1.0, 1.0])
-    leak = 0.1 * np.stack([np.sin(0.9 * start), np.cos(1.1 * start), 0.0 * start], axis=1)
+    leak = 0.06 * np.stack([np.sin(0.9 * start), np.cos(1.1 * start), 0.0 * start], axis=1)
     omega = rate @ C_c_b.T + leak + 0.02 * rng.standard_normal((60, 3))
     t_ns = np.round(start * 1e9).astype(np.int64)
     return CameraRates(t_ns, t_ns + 30_000_000, omega)
@@ -55,8 +55,9 @@ def test_rotation_and_offset_are_found_whatever_was_claimed(seed: int) -> None:
     found = align(camera_rates(true, offset_s, rng), gyroscope_of(rate_at(t), t, rng, bias), claimed, 0.0)
     assert found is not None
     error = np.degrees(Rotation.from_matrix(found.C_c_b @ true.T).magnitude())
-    # The leak is a tenth of a radian a second: it is what limits the figure.
-    assert error < 5.0
+    # The leak limits the figure, more than noise does.
+    assert error < 4.0
+    assert error < 4.0 * np.linalg.norm(found.sigma_deg)
     assert found.offset_s == pytest.approx(offset_s, abs=0.004)
     assert found.explained > 0.9
     assert found.error_deg(claimed, 180.0) == pytest.approx(

@@ -22,21 +22,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.doctor.camera_rates import CameraRates
-from asyneio.doctor.noise import CAUCHY, Noise, differences, noise_of, spread, weights
+from asyneio.doctor.noise import Noise, noise_of, spread
+from asyneio.doctor.rotation_fit import BIAS_SIGMA, Fit, crosses, fit_rotation, nearest_fit
 from asyneio.doctor.time_offset import LEAST_WINDOWS, TurnOf, find_offset, gaps_of
 from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
-#: Zero offset of a gyroscope [rad/s]: one standard deviation of what consumer sensors have uncorrected.
-_BIAS_SIGMA = 0.05
-#: Steps of the search; fewer from those starts of which one is taken; the step after which it ends.
-_STEPS, _FEW_STEPS, _CONVERGED = 12, 6, 1e-4
-#: A difference of costs that is none, and one that excludes: about two and five standard deviations.
-_SAME_COST, _EXCLUDED_COST = 4.0, 25.0
+#: Steps from those starts of which one is taken.
+_FEW_STEPS = 6
 #: Independent values of a leak in a second: hands and vehicles change their velocity about as often. A leak
 #: that goes with the rotation by chance passes for one; innovations see only part of it.
 _LEAKS_HZ = 4.0
 #: Half the time over which angular accelerations are taken [s].
 _SWING_S = 0.01
+#: Log-likelihood that a rotation must lack to be contradicted: chance brings it once in a million.
+CONTRADICTED = 15.0
+#: An offset known no better than this [s] is not told, and the claimed one is used.
+OFFSET_TOLD_S = 0.008
 
 #: The 24 rotations that take axes to axes.
 RIGHT_ANGLES: tuple[FloatArray, ...] = tuple(
@@ -61,6 +62,7 @@ class Alignment:
         windows: number of windows of the camera.
         explained: share of the camera's rate (its median square) that the gyroscope explains.
         scale: magnitude of the camera's rate over that of the gyroscope's (medians).
+        contradiction: log-likelihood by which the claimed rotation falls short of the best.
         possible: indices in RIGHT_ANGLES of the turns of the claimed rotation that the motion allows.
     """
 
@@ -74,6 +76,7 @@ class Alignment:
     windows: int
     explained: float
     scale: float
+    contradiction: float
     possible: tuple[int, ...]
 
     def error_deg(self, C_c_b: FloatArray, most_sigma_deg: float) -> float:
@@ -94,7 +97,18 @@ def align(
         around_s: claimed offset, around which others are tried (and around its negative).
     """
     turn = TurnOf(gyroscope)
-    offset_s, offset_sigma_s = find_offset(rates, turn, around_s)
+    offset_s, sigma_s = find_offset(rates, turn, around_s)
+    found = _align_at(rates, turn, claimed, offset_s, sigma_s)
+    if found is None or found.offset_sigma_s > OFFSET_TOLD_S:
+        # Where translation makes most of the motion, any offset may fit by chance.
+        return _align_at(rates, turn, claimed, around_s, float("inf"))
+    return found
+
+
+def _align_at(
+    rates: CameraRates, turn: TurnOf, claimed: FloatArray, offset_s: float, sigma_s: float
+) -> Alignment | None:
+    """Fit the rotation at a given offset, which is known to `sigma_s`."""
     body, inside = turn.means(rates, offset_s)
     if np.count_nonzero(inside) < LEAST_WINDOWS:
         return None
@@ -102,40 +116,45 @@ def align(
     noise = Noise(np.full(3, 0.1), np.zeros((len(gaps), 3)))
     fit = Fit(claimed, np.zeros(3), 0.0, np.eye(6))
     for _ in range(2):
-        starts = [turn @ fit.C for turn in RIGHT_ANGLES]
-        fits = [_fit(camera, body, start, noise, steps=_FEW_STEPS) for start in starts]
+        starts = [right @ fit.C for right in RIGHT_ANGLES]
+        fits = [fit_rotation(camera, body, start, noise, _FEW_STEPS) for start in starts]
         fit = min(fits, key=lambda found: found.cost)
         noise = noise_of(camera - (body - fit.bias) @ fit.C.T, gaps)
-    fit = _nearest(_fit(camera, body, fit.C, noise), claimed, camera, body, noise)
-    # Of the rotation alone, whatever the bias is.
-    covariance = np.linalg.inv(fit.normal)[:3, :3]
+    fit = nearest_fit(fit_rotation(camera, body, fit.C, noise), claimed, camera, body, noise)
     # Without the bias: a steady leak passes for one.
     whole = camera - body @ fit.C.T
     leak = _Leak(spread(whole), _LEAKS_HZ * float(np.ptp(rates.start_ns[inside])) / NS_PER_S)
-    covariance = covariance + leak.of_rotation((body - fit.bias) @ fit.C.T)
-    swing = _swing(turn, rates, offset_s)[inside] @ fit.C.T
+    # Of the rotation alone, whatever the bias is.
+    covariance = np.linalg.inv(fit.normal)[:3, :3] + leak.of_rotation((body - fit.bias) @ fit.C.T)
     variances, axes = np.linalg.eigh(covariance)
-    costs = np.array(
-        [
-            _fit(camera, body, turn @ claimed, noise, turning=False, steps=_FEW_STEPS).cost
-            for turn in RIGHT_ANGLES
-        ]
-    )
-    possible = tuple(int(k) for k in np.flatnonzero(costs < costs.min() + _EXCLUDED_COST))
+    swing = _swing(turn, rates, offset_s)[inside] @ fit.C.T
+    misfits = np.array([_misfit(camera, body, right @ claimed, leak.values) for right in RIGHT_ANGLES])
+    least = min(_misfit(camera, body, fit.C, leak.values), float(misfits.min()))
     explained = 1.0 - np.median((whole**2).sum(axis=1)) / max(np.median((camera**2).sum(axis=1)), 1e-12)
     return Alignment(
         C_c_b=fit.C,
         sigma_deg=np.degrees(np.sqrt(variances)),
         axes=axes,
         offset_s=offset_s,
-        offset_sigma_s=float(np.hypot(offset_sigma_s, leak.of_offset(swing))),
+        offset_sigma_s=float(np.hypot(sigma_s, leak.of_offset(swing))),
         rates=np.linalg.svd(body, compute_uv=False) / np.sqrt(len(body)),
         leak=leak.sigma,
         windows=len(body),
         explained=float(explained),
         scale=_median_norm(camera) / max(_median_norm(body), 1e-12),
-        possible=possible,
+        contradiction=float(misfits[0] - least),
+        possible=tuple(int(k) for k in np.flatnonzero(misfits < misfits.min() + CONTRADICTED)),
     )
+
+
+def _misfit(camera: FloatArray, body: FloatArray, C: FloatArray, values: float) -> float:
+    """Negative log-likelihood of a rotation, as of so many independent values, with the bias it needs."""
+    bias = np.median(body - camera @ C, axis=0)
+    # Drawn to zero as far as the prior is the stronger one.
+    noise = float(spread(camera - body @ C.T).max())
+    bias *= BIAS_SIGMA**2 / (BIAS_SIGMA**2 + noise**2 / max(values, 1.0))
+    left = spread(camera - (body - bias) @ C.T)
+    return float(values * np.log(left).sum() + 0.5 * (bias**2).sum() / BIAS_SIGMA**2)
 
 
 def _median_norm(vectors: FloatArray) -> float:
@@ -157,80 +176,11 @@ class _Leak:
 
     def of_rotation(self, predicted: FloatArray) -> FloatArray:
         """Covariance (3,3) of a rotation that is fitted to rates (N,3)."""
-        crosses = _crosses(predicted)
-        information = np.einsum("nji,j,njk->ik", crosses, 1.0 / self.sigma**2, crosses) / len(predicted)
+        rows = crosses(predicted)
+        information = np.einsum("nji,j,njk->ik", rows, 1.0 / self.sigma**2, rows) / len(predicted)
         return np.asarray(np.linalg.inv(information * self.values + 1e-6 * np.eye(3)))
 
     def of_offset(self, swing: FloatArray) -> float:
         """Standard deviation [s] of an offset between rates that change so (N,3)."""
         information = self.values * float(((swing / self.sigma) ** 2).sum(axis=1).mean())
         return float(1.0 / np.sqrt(max(information, 1e-12)))
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Rotation `C` (3,3), `bias` (3,), robust cost, and normal matrix (6,6) of rotation and bias."""
-
-    C: FloatArray
-    bias: FloatArray
-    cost: float
-    normal: FloatArray
-
-
-def _fit(
-    camera: FloatArray,
-    body: FloatArray,
-    start: FloatArray,
-    noise: Noise,
-    turning: bool = True,
-    steps: int = _STEPS,
-) -> Fit:
-    """Gauss-Newton from the rotation `start`; without `turning` of the bias alone."""
-    C, bias = start, np.zeros(3)
-    normal = np.eye(6)
-    for _ in range(steps):
-        predicted = (body - bias) @ C.T
-        residual = differences(camera - predicted, noise.alike)
-        scale = weights(residual, noise.sigma)[:, None] / noise.sigma**2
-        # d predicted / d phi = -[predicted]x for C <- Exp(phi) C, d predicted / d bias = -C.
-        jacobian = np.concatenate([-_crosses(predicted), np.broadcast_to(-C, (len(body), 3, 3))], axis=2)
-        jacobian = jacobian[1:] - noise.alike[:, :, None] * jacobian[:-1]
-        rows = jacobian.reshape(-1, 6)
-        normal = rows.T @ (rows * scale.reshape(-1, 1)) + 1e-6 * np.eye(6)
-        right = rows.T @ (scale * residual).reshape(-1)
-        normal[3:, 3:] += np.eye(3) / _BIAS_SIGMA**2
-        right[3:] -= bias / _BIAS_SIGMA**2
-        held = 0 if turning else 3
-        step = np.zeros(6)
-        step[held:] = np.linalg.solve(normal[held:, held:], right[held:])
-        C = Rotation.from_rotvec(step[:3]).as_matrix() @ C
-        bias = bias + step[3:]
-        if np.abs(step).max() < _CONVERGED:
-            break
-    return Fit(C, bias, _cost(camera, body, C, bias, noise), normal)
-
-
-def _cost(camera: FloatArray, body: FloatArray, C: FloatArray, bias: FloatArray, noise: Noise) -> float:
-    residual = differences(camera - (body - bias) @ C.T, noise.alike)
-    squared = ((residual / noise.sigma) ** 2).sum(axis=1)
-    return float(CAUCHY * np.log1p(squared / CAUCHY).sum() + (bias**2).sum() / _BIAS_SIGMA**2)
-
-
-def _nearest(fit: Fit, claimed: FloatArray, camera: FloatArray, body: FloatArray, noise: Noise) -> Fit:
-    """Where the turn about one axis costs nothing, the rotation as near as possible to the claimed one."""
-    axis = fit.C @ np.linalg.svd(body - fit.bias)[2][0]
-    x, y, z, w = Rotation.from_matrix(claimed @ fit.C.T).as_quat()
-    # The part of that rotation about `axis` (swing and twist).
-    about = 2.0 * np.arctan2(float(axis @ [x, y, z]), w)
-    twisted = Rotation.from_rotvec(about * axis).as_matrix() @ fit.C
-    again = _fit(camera, body, twisted, noise)
-    return again if again.cost < fit.cost + _SAME_COST else fit
-
-
-def _crosses(vectors: FloatArray) -> FloatArray:
-    """The matrices (N,3,3) of cross products with vectors (N,3)."""
-    out = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -z, y, -x
-    out[:, 1, 0], out[:, 2, 0], out[:, 2, 1] = z, -y, x
-    return out

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asyneio.doctor.alignment import RIGHT_ANGLES, Alignment
+from asyneio.doctor.alignment import CONTRADICTED, OFFSET_TOLD_S, RIGHT_ANGLES, Alignment
 from asyneio.doctor.evidence import Evidence, fail, note, ok, warning
 from asyneio.doctor.verdict import Verdict
 from asyneio.types import NS_PER_S, FloatArray
@@ -21,8 +21,6 @@ _DOUBTFUL_DEG, _WRONG_DEG = 10.0, 20.0
 _SIGMAS = 3.0
 #: Offsets beyond this are worth a warning: it is one standard deviation of what the odometry corrects.
 _OFFSET_S = 0.005
-#: An offset known no better than this [s] is not told.
-_TOLD_S = 0.005
 #: Less of the camera's motion explained than this: they are not of one motion.
 _EXPLAINED = 0.3
 #: Where the camera seems to turn so many times faster than the gyroscope, translation makes most of what it
@@ -66,21 +64,9 @@ def check_extrinsics(evidence: Evidence) -> Verdict | None:
     claimed = evidence.calibration.T_b_c[:3, :3].T
     error = found.error_deg(claimed, _TOLD_DEG)
     values |= {"error_deg": error, "told_axes": told}
-    if told == 0 or (told < 3 and error <= _WRONG_DEG and 0 not in found.possible):
-        if 0 in found.possible:
-            measured = (
-                f"not enough rotation to tell; what there is does not contradict the calibration ({motion})"
-            )
-            return note(
-                "extrinsics", measured, "turns about two axes", "turn the camera for some seconds", **values
-            )
-        return warning(
-            "extrinsics",
-            f"the motion contradicts the calibration, but is too little to tell more ({motion})",
-            "the calibrated rotation",
-            "turn the camera about two axes, and calibrate again",
-            **values,
-        )
+    contradicted = found.contradiction > CONTRADICTED
+    if told == 0 or (error > _DOUBTFUL_DEG and not contradicted):
+        return _too_little(found, motion, values)
     sigma = float(found.sigma_deg[found.sigma_deg <= _TOLD_DEG].max())
     measured = f"off by {error:.1f} deg (sigma {sigma:.1f}) about {told} of 3 axes; {motion}"
     expected = f"the calibrated rotation within {_DOUBTFUL_DEG:g} deg"
@@ -104,7 +90,7 @@ def check_time_offset(evidence: Evidence) -> Verdict | None:
         return None
     claimed = evidence.calibration.timeshift_ns / NS_PER_S if evidence.calibration else 0.0
     difference = found.offset_s - claimed
-    told = found.offset_sigma_s <= _TOLD_S
+    told = found.offset_sigma_s <= OFFSET_TOLD_S
     values = {
         "timeshift_s": claimed,
         "found_s": found.offset_s if told else None,
@@ -162,6 +148,18 @@ def describe_axes(turn: FloatArray) -> str:
     return ", ".join(rows)
 
 
+def _too_little(found: Alignment, motion: str, values: dict[str, Any]) -> Verdict:
+    """No direction is told well; still some of the 24 mountings by right angles may be excluded."""
+    excluded = len(RIGHT_ANGLES) - len(found.possible)
+    expected, cure = "turns about two axes", "turn the camera for some seconds"
+    if 0 in found.possible:
+        measured = "not enough rotation to tell; what there is does not contradict the calibration and "
+        measured += f"excludes {excluded} of 23 other mountings by right angles ({motion})"
+        return note("extrinsics", measured, expected, cure, **values)
+    measured = f"the motion contradicts the calibration, but is too little to tell more ({motion})"
+    return warning("extrinsics", measured, expected, f"{cure}, and calibrate again", **values)
+
+
 def _unexplained(found: Alignment, motion: str, values: dict[str, Any]) -> Verdict:
     """The gyroscope does not tell what the camera saw."""
     measured = f"the gyroscope explains {max(found.explained, 0.0):.0%} of the camera's turning ({motion})"
@@ -205,6 +203,8 @@ def _values(found: Alignment) -> dict[str, Any]:
         "sigma_deg": found.sigma_deg.tolist(),
         "rates_rad_s": found.rates.tolist(),
         "explained": found.explained,
+        "contradiction": found.contradiction,
+        "possible_mountings": len(found.possible),
         "windows": found.windows,
         "severity_limits_deg": [_DOUBTFUL_DEG, _WRONG_DEG],
     }
