@@ -9,7 +9,7 @@ JOBS ?= 2
 # Small matrices: more BLAS threads only wait for each other on a busy machine.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint type bench clean
+.PHONY: demo test lint type bench docs clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.report
@@ -29,8 +29,12 @@ type: $(VENV)/.test
 bench: $(VENV)/.test
 	$(BIN)/python benchmarks/run.py
 
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "Open site/index.html"
+
 clean:
-	rm -rf $(VENV) build dist results .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) site build dist results .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Stamps: the second call finds them newer than pyproject.toml and goes straight to work.
@@ -43,6 +47,11 @@ $(VENV)/.test: $(VENV)/.created pyproject.toml
 	@echo "Installing asyneio and the test tools into $(VENV) (once, some minutes on a slow network) ..."
 	$(PIP) install --editable '.[test]'
 	@touch $@ $(VENV)/.report
+
+$(VENV)/.docs: $(VENV)/.created pyproject.toml
+	@echo "Installing the documentation tools into $(VENV) (once) ..."
+	$(PIP) install --editable '.[docs]'
+	@touch $@
 
 # Debian and Ubuntu split venv off Python: then virtualenv serves, or the missing package is fetched where we may.
 $(VENV)/.created:

@@ -16,7 +16,7 @@ from rich.progress import track
 from asyneio.config import Config
 from asyneio.evaluation import Evaluation, evaluate, pose_trajectory, protocol_named
 from asyneio.pipeline import RunResult, run_recording
-from asyneio.types import Recording
+from asyneio.types import EventRecording, Recording
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -36,7 +36,7 @@ def parallel(
         return list(track(pool.map(task, items), description=label, total=len(items)))
 
 
-def run(recording: Recording, config: Config) -> RunResult:
+def run(recording: Recording | EventRecording, config: Config) -> RunResult:
     """One run that must be whole.
 
     Raises:

@@ -1,8 +1,10 @@
-"""Faults of the stream: sequence of states, time to recovery, growth of the error (simulated tracks and IMU).
+"""Faults of the stream: sequence of states, time to recovery, growth of the error.
 
-Evidence: simulation at track level, MEMS noise, default configuration, causal estimates.
+Evidence: simulation, MEMS noise, default configuration, causal estimates; of tracks and IMU for the motions
+of track scenarios, of events and IMU, with the front end, for those of event scenarios (`event_fast`, ...).
 
     python benchmarks/recovery.py [--seeds 3] [--faults blackout dropout cut kidnapped noise]
+        [--motions moderate event_fast ...] [--cache DIR]
 
 Columns: states with the second each began (- initialising, T tracking, D degraded, L lost); seconds from the
 end of the fault until TRACKING; largest position error of the first segment while not TRACKING, and after the
@@ -17,16 +19,30 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
 from asyneio.config import Config
 from asyneio.evaluation import AlignmentKind, align, associate, pose_trajectory
 from asyneio.pipeline import RunResult, run_recording
-from asyneio.simulation import SCENARIOS, Simulation, TrackSpec, simulate
+from asyneio.simulation import EVENT_SCENARIOS, SCENARIOS, EventSimulation, Simulation, TrackSpec, simulate
 from asyneio.simulation.faults import kidnapped, without
-from asyneio.types import NS_PER_S, Estimate, FloatArray, Health, PoseTrajectory, RecordArray, Recording
+from asyneio.types import (
+    NS_PER_S,
+    Estimate,
+    EventRecording,
+    FloatArray,
+    Health,
+    PoseTrajectory,
+    RecordArray,
+    Recording,
+)
 from common import parallel, table
+from sequences import DEFAULT_CACHE, sequence
+
+AnyRecording: TypeAlias = Recording | EventRecording
 
 #: Lives and rates as the front end's tracks have them.
 _TRACKS = TrackSpec(features_alive=60, mean_life_s=0.5, spacing_px=1.5, min_spacing_s=0.02, max_spacing_s=0.1)
@@ -47,13 +63,17 @@ def _renamed(observations: RecordArray, from_ns: int) -> RecordArray:
     return out
 
 
-def blackout(recording: Recording, begin_ns: int, end_ns: int, seed: int) -> Recording:
+def blackout(recording: AnyRecording, begin_ns: int, end_ns: int, seed: int) -> AnyRecording:
     """No events: no observations, and all tracks end."""
+    if isinstance(recording, EventRecording):
+        shift_ns = recording.calibration.timeshift_ns if recording.calibration else 0
+        events = without(recording.events, begin_ns - shift_ns, end_ns - shift_ns)
+        return replace(recording, events=events)
     observations = without(_renamed(recording.observations, end_ns), begin_ns, end_ns)
     return replace(recording, observations=observations)
 
 
-def dropout(recording: Recording, begin_ns: int, end_ns: int, seed: int) -> Recording:
+def dropout(recording: AnyRecording, begin_ns: int, end_ns: int, seed: int) -> AnyRecording:
     """No inertial samples."""
     return replace(
         recording,
@@ -62,18 +82,24 @@ def dropout(recording: Recording, begin_ns: int, end_ns: int, seed: int) -> Reco
     )
 
 
-def cut(recording: Recording, begin_ns: int, end_ns: int, seed: int) -> Recording:
+def cut(recording: AnyRecording, begin_ns: int, end_ns: int, seed: int) -> AnyRecording:
     """Nothing at all for a while."""
     return dropout(blackout(recording, begin_ns, end_ns, seed), begin_ns, end_ns, seed)
 
 
-def kidnap(recording: Recording, begin_ns: int, end_ns: int, seed: int) -> Recording:
+def kidnap(recording: AnyRecording, begin_ns: int, end_ns: int, seed: int) -> AnyRecording:
     """The same, and stamps do not tell of it."""
     return kidnapped(recording, begin_ns, end_ns)
 
 
-def noise(recording: Recording, begin_ns: int, end_ns: int, seed: int) -> Recording:
-    """Observations off by 8 px."""
+def noise(recording: AnyRecording, begin_ns: int, end_ns: int, seed: int) -> AnyRecording:
+    """Observations off by 8 px.
+
+    Raises:
+        RuntimeError: the recording holds events.
+    """
+    if isinstance(recording, EventRecording):
+        raise RuntimeError(f"{recording.name} holds events; noise is put on observations")
     observations = recording.observations.copy()
     bad = (observations["t_ns"] >= begin_ns) & (observations["t_ns"] < end_ns)
     rng = np.random.default_rng(seed)
@@ -82,7 +108,7 @@ def noise(recording: Recording, begin_ns: int, end_ns: int, seed: int) -> Record
     return replace(recording, observations=observations)
 
 
-_FAULTS: dict[str, Callable[[Recording, int, int, int], Recording]] = {
+_FAULTS: dict[str, Callable[[AnyRecording, int, int, int], AnyRecording]] = {
     "blackout": blackout,
     "dropout": dropout,
     "cut": cut,
@@ -91,10 +117,15 @@ _FAULTS: dict[str, Callable[[Recording, int, int, int], Recording]] = {
 }
 
 
-def _row(seed: int, fault: str, motion: str) -> list[str]:
+def _simulated(motion: str, seed: int, duration_s: float, cache: Path) -> Simulation | EventSimulation:
+    if motion in EVENT_SCENARIOS:
+        return sequence(motion, seed, duration_s, cache)
+    return simulate(replace(SCENARIOS[motion], duration_s=duration_s, seed=seed, tracks=_TRACKS))
+
+
+def _row(seed: int, fault: str, motion: str, cache: Path) -> list[str]:
     begin_s, end_s, duration_s = _TIMES[fault]
-    scenario = replace(SCENARIOS[motion], duration_s=duration_s, seed=seed, tracks=_TRACKS)
-    simulation: Simulation = simulate(scenario)
+    simulation = _simulated(motion, seed, duration_s, cache)
     start_ns = simulation.truth.start_ns
     begin_ns, end_ns = (start_ns + round(s * NS_PER_S) for s in (begin_s, end_s))
     recording = _FAULTS[fault](simulation.recording, begin_ns, end_ns, seed)
@@ -168,13 +199,15 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--faults", nargs="+", default=list(_FAULTS), choices=list(_FAULTS))
-    parser.add_argument("--motions", nargs="+", default=["moderate"], choices=sorted(SCENARIOS))
+    motions = sorted([*SCENARIOS, *EVENT_SCENARIOS])
+    parser.add_argument("--motions", nargs="+", default=["moderate"], choices=motions)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     options = parser.parse_args()
     rows = []
     for fault in options.faults:
         for motion in options.motions:
-            task = partial(_row, fault=fault, motion=motion)
+            task = partial(_row, fault=fault, motion=motion, cache=options.cache)
             rows += parallel(task, range(options.seeds), f"{fault}, {motion}", options.jobs)
     header = ["fault", "motion", "seed", "states", "recovery s", "cm in doubt", "cm after", "sigmas"]
     print(table([*header, "cm RMSE of segments", "whole"], rows))

@@ -34,7 +34,13 @@ DEFAULT_CACHE = Path(tempfile.gettempdir()) / "asyneio-sequences"
 _CHUNKS, _POSES = 2, 200
 
 
-def sequence(scene: str, seed: int, seconds: float | None, cache: Path) -> EventSimulation:
+def sequence(
+    scene: str,
+    seed: int,
+    seconds: float | None,
+    cache: Path,
+    pause_s: tuple[float, float] | None = None,
+) -> EventSimulation:
     """A simulated sequence, from the cache where it is there.
 
     Args:
@@ -42,10 +48,11 @@ def sequence(scene: str, seed: int, seconds: float | None, cache: Path) -> Event
         seed: added to the scenario's own.
         seconds: length; None for the scenario's own.
         cache: folder.
+        pause_s: begin and end of a rest.
     """
     base = EVENT_SCENARIOS[scene]
     duration_s = base.duration_s if seconds is None else seconds
-    scenario = replace(base, seed=base.seed + seed, duration_s=duration_s)
+    scenario = replace(base, seed=base.seed + seed, duration_s=duration_s, pause_s=pause_s)
     simulation = simulate_events(scenario, np.empty(0, dtype=EVENT_DTYPE))
     path = cache / f"{simulation.recording.name}-{duration_s:g}-{fingerprint(simulation)}.npy"
     if not path.is_file():

@@ -1,13 +1,14 @@
 """Standing still for a minute: how far does the estimate wander, and does it go on afterwards?
 
-Evidence: simulation (feature tracks and IMU with exact truth; biases walk). As with an event camera there
-are no tracks while nothing moves; `--frames` keeps them, as of a camera with frames. Measured from the first
-to the last knot at rest: how far the estimate moved at most, and its error against the truth at both ends.
-The two differ: a gyroscope at rest tells its bias, and what is learned of the bias corrects the pose
-that was reached with it. `--before 0` rests from the start, when there is nothing to correct: all that moves
-is drift.
+Evidence: simulation with exact truth; biases walk. Feature tracks and IMU, or, with `--events SCENE`, events
+and IMU through the front end. As with an event camera there are no tracks while nothing moves; `--frames`
+keeps them, as of a camera with frames. Measured from the first to the last knot at rest: how far the estimate
+moved at most, and its error against the truth at both ends. The two differ: a gyroscope at rest tells its
+bias, and what is learned of the bias corrects the pose that was reached with it. `--before 0` rests from the
+start, when there is nothing to correct: all that moves is drift.
 
     python benchmarks/standing_still.py [--seeds 2] [--before 12] [--seconds 60] [--scheme gpif] [--frames]
+        [--events SCENE] [--cache DIR]
 """
 
 from __future__ import annotations
@@ -15,14 +16,16 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.config import Config
-from asyneio.simulation import SCENARIOS, Simulation, simulate
+from asyneio.simulation import EVENT_SCENARIOS, SCENARIOS, EventSimulation, Simulation, simulate
 from asyneio.types import NS_PER_S, Estimate, FloatArray, Recording
 from common import parallel, run, table
+from sequences import DEFAULT_CACHE, sequence
 
 _AFTER_S = 8.0
 #: The end of a rest may be noticed so late: motion begins softly.
@@ -56,14 +59,19 @@ def without_tracks_at_rest(recording: Recording, begin_ns: int, end_ns: int) -> 
     return replace(recording, observations=recording.observations[seen])
 
 
-def one_run(seed: int, before_s: float, rest_s: float, scheme: str, frames: bool) -> list[str]:
+def one_run(
+    seed: int, before_s: float, rest_s: float, scheme: str, frames: bool, events: str | None, cache: Path
+) -> list[str]:
     """A row of the table."""
-    simulation = simulated(seed, before_s, rest_s)
-    begin_ns, end_ns = (
-        simulation.truth.start_ns + round(t * NS_PER_S) for t in (before_s, before_s + rest_s)
-    )
+    pause_s = before_s, before_s + rest_s
+    simulation: Simulation | EventSimulation
+    if events is None:
+        simulation = simulated(seed, before_s, rest_s)
+    else:
+        simulation = sequence(events, seed, pause_s[1] + _AFTER_S, cache, pause_s)
+    begin_ns, end_ns = (simulation.truth.start_ns + round(t * NS_PER_S) for t in pause_s)
     recording = simulation.recording
-    if not frames:
+    if isinstance(recording, Recording) and not frames:
         recording = without_tracks_at_rest(recording, begin_ns, end_ns)
     result = run(recording, Config.model_validate({"inertial": {"scheme": scheme}}))
     at_rest = np.array([r.t_ns for r in result.run.reports if r.still])
@@ -104,7 +112,7 @@ def _yaw(C: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(C[..., 1, 0] - C[..., 0, 1], C[..., 0, 0] + C[..., 1, 1]))
 
 
-def _error_after(simulation: Simulation, estimates: list[Estimate], end_ns: int) -> float:
+def _error_after(simulation: Simulation | EventSimulation, estimates: list[Estimate], end_ns: int) -> float:
     """Largest difference [m] between the ways gone since the rest, estimated and true, both in the axes that
     the body has at its end."""
     after = [e for e in estimates if e.t_ns >= end_ns]
@@ -126,8 +134,18 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="of standing still")
     parser.add_argument("--scheme", default="gpif")
     parser.add_argument("--frames", action="store_true", help="tracks at rest too")
+    parser.add_argument("--events", choices=sorted(EVENT_SCENARIOS), help="scene, in place of tracks")
+    parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of the scenes")
     o = parser.parse_args()
-    task = partial(one_run, before_s=o.before, rest_s=o.seconds, scheme=o.scheme, frames=o.frames)
+    task = partial(
+        one_run,
+        before_s=o.before,
+        rest_s=o.seconds,
+        scheme=o.scheme,
+        frames=o.frames,
+        events=o.events,
+        cache=o.cache,
+    )
     header = [
         "seed",
         "noticed after s",

@@ -1,8 +1,9 @@
-"""Shared fixtures: real data where they are, one reproducible hypothesis profile, printed seeds."""
+"""Shared fixtures: real data and a browser where they are, one hypothesis profile, printed seeds."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Generator
 from pathlib import Path
 
@@ -18,6 +19,10 @@ SEED = 20_241_121
 
 settings.register_profile("asyneio", derandomize=True, deadline=None)
 settings.load_profile("asyneio")
+
+#: Fixtures that skip where something is missing, and the variables that turn such a skip into a failure.
+_REQUIRED = {"data_dir": "ASYNEIO_REQUIRE_DATA", "chromium": "ASYNEIO_REQUIRE_BROWSER"}
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 _REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -36,12 +41,13 @@ def pytest_report_header() -> str:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Where ASYNEIO_REQUIRE_DATA is set, a test on real data that skips has failed."""
+    """A test that skips for want of what a variable says must be there has failed."""
     report = yield
-    if os.environ.get("ASYNEIO_REQUIRE_DATA") and report.skipped and "data_dir" in _fixtures(item):
-        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
-        report.outcome = "failed"
-        report.longrepr = f"skipped although ASYNEIO_REQUIRE_DATA is set: {reason}"
+    for fixture, variable in _REQUIRED.items():
+        if os.environ.get(variable) and report.skipped and fixture in _fixtures(item):
+            reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+            report.outcome = "failed"
+            report.longrepr = f"skipped although {variable} is set: {reason}"
     return report
 
 
@@ -56,6 +62,17 @@ def data_dir() -> Path:
     if data is None:
         pytest.skip("real data absent: set ASYNEIO_DATA to the folder that holds tumvi_calib")
     return data
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Path of a Chromium. Tests that need it are skipped where there is none."""
+    found = next((path for path in map(shutil.which, _BROWSERS) if path), None)
+    if found is None:
+        pytest.skip(
+            f"no browser among {', '.join(_BROWSERS)}: install one (Debian: apt-get install chromium)"
+        )
+    return found
 
 
 @pytest.fixture

@@ -79,7 +79,7 @@ def test_an_error_of_the_front_end_reaches_the_caller(
 def test_events_need_an_imu_and_a_calibration(recording: EventRecording) -> None:
     with pytest.raises(RecordingError, match="no samples of the gyroscope"):
         usable_span(replace(recording, gyroscope=np.empty(0, dtype=INERTIAL_DTYPE)))
-    with pytest.raises(RecordingError, match="without extrinsics"):
+    with pytest.raises(RecordingError, match="without a whole calibration"):
         usable_span(replace(recording, calibration=None))
     with pytest.raises(RecordingError, match="no events"):
         usable_span(replace(recording, events=recording.events[:0]))

@@ -5,13 +5,18 @@ Components receive the section they need, never the whole tree. Seconds here, na
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from asyneio.errors import ConfigError
+
+#: Of a file that is something else altogether, a few mistakes are enough.
+_MOST_ERRORS = 4
 
 
 class _Section(BaseModel):
@@ -176,31 +181,75 @@ class Config(_Section):
     health: HealthConfig = HealthConfig()
 
 
-def load_config(path: Path | None) -> Config:
+def load_config(path: Path | None, base: Mapping[str, Mapping[str, Any]] | None = None) -> Config:
     """Read a YAML file of overrides. `None` gives the defaults.
+
+    Args:
+        path: the file.
+        base: sections of values that go before the defaults and after the file.
 
     Raises:
         ConfigError: the file is missing, is not a mapping, or holds an unknown key or a wrong value.
     """
-    if path is None:
-        return Config()
+    given = _read(path) if path is not None else {}
+    merged: dict[Any, Any] = {name: dict(section) for name, section in (base or {}).items()}
+    for name, section in given.items():
+        both = isinstance(section, dict) and isinstance(merged.get(name), dict)
+        merged[name] = {**merged[name], **section} if both else section
     try:
-        raw = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise ConfigError(f"cannot read the configuration {path}: {error.strerror}") from error
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path} is not valid YAML: {error}") from error
-    if raw is None:
-        return Config()
-    if not isinstance(raw, dict):
-        raise ConfigError(f"{path} holds a {type(raw).__name__}; expected a mapping of sections")
-    try:
-        return Config.model_validate(raw)
+        return Config.model_validate(merged)
     except ValidationError as error:
-        lines = [f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors()]
-        raise ConfigError(f"{path}: " + "; ".join(lines)) from error
+        lines = [_explained(tuple(map(str, e["loc"])), e["type"], e["msg"]) for e in error.errors()]
+        more = f"; and {len(lines) - _MOST_ERRORS} more" if len(lines) > _MOST_ERRORS else ""
+        raise ConfigError(
+            f"{path or 'the settings'}: {'; '.join(lines[:_MOST_ERRORS])}{more}; "
+            "expected names and values as `asyneio config show` prints them"
+        ) from error
 
 
 def dump_config(config: Config) -> str:
     """The resolved configuration as YAML, every key written out."""
     return yaml.safe_dump(config.model_dump(), sort_keys=False)
+
+
+def _read(path: Path) -> dict[Any, Any]:
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(
+            f"cannot read the configuration {path}: {error.strerror}; check the path"
+        ) from error
+    except Exception as error:
+        # PyYAML's constructors let IndexError, ValueError, RecursionError and others out.
+        raise ConfigError(
+            f"{path} is not valid YAML: {' '.join(str(error).split())[:200]}; "
+            "expected sections with settings, as in config.yaml of a run"
+        ) from error
+    if raw is None:
+        return {}
+    if not isinstance(raw, dict):
+        raise ConfigError(f"{path} holds a {type(raw).__name__}; expected a mapping of sections")
+    return raw
+
+
+def _explained(location: tuple[str, ...], kind: str, message: str) -> str:
+    """One complaint; an unknown key with the nearest that is known, here or in another section."""
+    where = ".".join(location)
+    if kind != "extra_forbidden":
+        return f"{where}: {message}"
+    sections = {name: tuple(type(section).model_fields) for name, section in Config()}
+    known = sections.get(location[0], ()) if len(location) > 1 else tuple(sections)
+    elsewhere = [f"{name}.{location[-1]}" for name, fields in sections.items() if location[-1] in fields]
+    close = elsewhere or difflib.get_close_matches(location[-1], known, n=1, cutoff=0.5)
+    meant = f"did you mean {close[0]}?" if close else f"expected one of {', '.join(known)}"
+    return f"{where} is no setting; {meant}"
+
+
+def differences(first: Config, second: Config) -> dict[str, tuple[Any, Any]]:
+    """Settings that differ: `section.name`, and both values."""
+    return {
+        f"{name}.{key}": (value, getattr(getattr(second, name), key))
+        for name, section in first
+        for key, value in section
+        if value != getattr(getattr(second, name), key)
+    }

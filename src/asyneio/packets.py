@@ -60,7 +60,7 @@ def packets(
     then tell.
     """
     ends_ns = start_ns + interval_ns * np.arange(count + 1, dtype=np.int64)
-    events = _event_counts(recording, ends_ns)
+    events = [None] * count if isinstance(recording, Recording) else event_counts(recording, ends_ns)
     inertial = [_batches(stream, ends_ns) for stream in (recording.gyroscope, recording.accelerometer)]
     batches = _batches(observations_of(recording), ends_ns) if tracked is None else tracked
     columns = zip(ends_ns[1:], batches, *inertial, events, strict=True)
@@ -68,10 +68,12 @@ def packets(
         yield Packet(int(end_ns), observations, gyroscope, accelerometer, count_of_events)
 
 
-def _event_counts(recording: Recording | EventRecording, ends_ns: IntArray) -> list[int] | list[None]:
-    """Number of events of each packet; None for a recording of tracks."""
-    if isinstance(recording, Recording):
-        return [None] * (ends_ns.size - 1)
+def event_counts(recording: EventRecording, ends_ns: IntArray) -> list[int]:
+    """Number of events of each of N packets, from the start of the first and all ends (N+1,) [ns, IMU clock].
+
+    Raises:
+        RecordingError: the recording has no calibration.
+    """
     # Searched bit by bit: of a memory map only a few pages are read.
     t_ns = recording.events["t_ns"]
     shift_ns = calibration_of(recording).timeshift_ns
@@ -99,7 +101,8 @@ def calibration_of(recording: Recording | EventRecording) -> Calibration:
     """
     if recording.calibration is None:
         raise RecordingError(
-            f"{recording.name} comes without extrinsics and IMU noise; expected camchain-imucam.yaml and "
-            "imu.yaml (Kalibr) beside it, or given with --calibration and --imu"
+            f"{recording.name} comes without a whole calibration (lens, extrinsics, IMU noise); expected "
+            "camchain-imucam.yaml and imu.yaml (Kalibr, or another usual kind) beside it, or given with "
+            "--calibration and --imu; --preset fills in what is published of a camera"
         )
     return recording.calibration

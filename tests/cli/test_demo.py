@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from asyneio.evaluation import evaluate, protocol_named
 from asyneio.io import open_recording, read_estimates, to_trajectory
 from asyneio.types import EventRecording
+from tests.viz.chromium import Browser, browser
 
 
 @pytest.fixture(scope="module")
@@ -51,3 +53,79 @@ def test_its_outputs_agree(demo: tuple[Path, subprocess.CompletedProcess[str]]) 
     # Two and a half seconds from a cold start: centimetres, where a wrong frame or clock makes decimetres.
     assert score.position_m.rmse < 0.05
     assert score.orientation_deg.rmse < 2.0
+
+
+@pytest.fixture(scope="module")
+def page(chromium: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with browser(chromium, tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+_INK = """(() => {
+    const canvas = document.querySelector("canvas"), copy = new OffscreenCanvas(canvas.width, canvas.height);
+    const brush = copy.getContext("2d", { willReadFrequently: true });
+    brush.drawImage(canvas, 0, 0);
+    const data = brush.getImageData(0, 0, canvas.width, canvas.height).data;
+    let drawn = 0, sum = 0;
+    for (let i = 3; i < data.length; i += 4)
+        if (data[i]) { drawn += 1; sum = (sum * 31 + i) % 1000003; }
+    return [drawn / (canvas.width * canvas.height), sum];
+})()"""
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "dark"), [(360, 800, False), (360, 800, True), (1280, 900, False)]
+)
+def test_its_report_in_a_browser(
+    page: Browser,
+    demo: tuple[Path, subprocess.CompletedProcess[str]],
+    width: int,
+    height: int,
+    dark: bool,
+) -> None:
+    page.open(demo[0] / "report.html", width, height, dark)
+    assert page.errors == []
+    assert page.requests
+    assert {request.partition(":")[0] for request in page.requests} <= {"file", "data"}
+    assert page.run("innerWidth") == width
+    assert page.run("document.documentElement.scrollWidth") <= width
+    # Nothing sticks out of its card, and no letter of a figure is too small to read.
+    assert page.run(
+        "[...document.querySelectorAll('main *')].filter(e => !e.closest('svg') || e.tagName == 'svg')"
+        ".every(e => e.getBoundingClientRect().right <= innerWidth)"
+    )
+    least = page.run(
+        "Math.min(...[...document.querySelectorAll('svg text')].filter(e => e.getClientRects().length)"
+        ".map(e => [parseFloat(getComputedStyle(e).fontSize), e.getScreenCTM()])"
+        ".map(([size, to]) => size * Math.hypot(to.c, to.d)))"
+    )
+    assert least > 8.0
+    share, before = page.run(_INK)
+    assert 0.01 < share < 0.9
+    left, top = page.run(
+        "(c => { c.scrollIntoView(); const box = c.getBoundingClientRect(); return [box.left, box.top]; })"
+        "(document.querySelector('canvas'))"
+    )
+    page.drag((left + 150, top + 100), (left + 60, top + 130))
+    turned, after = page.run(_INK)
+    assert 0.01 < turned < 0.9
+    assert after != before
+    ground = page.run("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
+    assert (max(ground) < 60) == dark
+    assert page.errors == []
+
+
+def test_its_report_without_script_and_on_paper(
+    page: Browser, demo: tuple[Path, subprocess.CompletedProcess[str]]
+) -> None:
+    still = "document.querySelector('.space svg').getBoundingClientRect().height"
+    page.open(demo[0] / "report.html", 360, 800)
+    assert page.run(still) == 0.0
+    page.open(demo[0] / "report.html", 800, 1100, dark=True, media="print")
+    assert page.run(still) > 100.0
+    assert page.run("document.querySelector('canvas').getBoundingClientRect().height") == 0.0
+    assert page.run("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    page.open(demo[0] / "report.html", 360, 800, script=False)
+    assert page.run(still) > 100.0
+    assert page.run("document.querySelector('canvas') === null")
+    assert page.errors == []

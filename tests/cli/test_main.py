@@ -58,13 +58,6 @@ def test_version(asyneio: Asyneio) -> None:
     assert asyneio("--version") == (0, f"asyneio {__version__}\n", "")
 
 
-@pytest.mark.parametrize("command", [(), ("run",), ("evaluate",), ("simulate",), ("demo",)])
-def test_help_shows_an_example(asyneio: Asyneio, command: tuple[str, ...]) -> None:
-    status, out, _ = asyneio(*command, "--help")
-    assert status == 0
-    assert "Example: asyneio " in out
-
-
 def test_start_up_imports_nothing_heavy() -> None:
     code = (
         "import sys, asyneio.cli.main; print(*({'numpy', 'numba', 'scipy', 'pydantic'} & set(sys.modules)))"
@@ -94,7 +87,7 @@ def test_run_writes_everything_and_shows_a_table(asyneio: Asyneio, folder: Path,
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == files
     for wanted in ("tracking", "times real time", "knots", "position error, RMSE", "mean life"):
         assert wanted in out
-    assert "note: camchain-imucam.yaml: extrinsics read from T_imu_cam" in err
+    assert "note: camchain-imucam.yaml: extrinsics of cam0 read from T_imu_cam" in err
     assert all(f"wrote {tmp_path / 'out' / name}" in err for name in files)
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["mean_track_life_s"] < 1.0
 
@@ -115,7 +108,7 @@ def test_run_without_truth_has_a_report_but_no_errors(asyneio: Asyneio, folder: 
     assert status == 0
     assert "RMSE" not in out
     assert "Position error" not in (tmp_path / "out" / "report.html").read_text()
-    assert not (tmp_path / "out" / "overview.png").exists()
+    assert (tmp_path / "out" / "overview.png").exists()
 
 
 def test_truth_of_another_time_is_a_note(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
@@ -137,6 +130,48 @@ def test_a_run_that_never_starts_fails(
     assert "never" in out
     assert err.splitlines()[-1].startswith("asyneio: the estimator never started")
     assert not (tmp_path / "out" / "trajectory.tum").exists()
+
+
+@pytest.mark.usefixtures("_reports")
+def test_a_run_that_never_starts_has_a_report_that_says_why(
+    asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
+    assert asyneio("run", folder, "-o", tmp_path / "out")[0] == 1
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "too few feature tracks" in page
+    assert "the estimator never started" in page
+    assert not (tmp_path / "out" / "overview.png").exists()
+
+
+@pytest.mark.usefixtures("_reports")
+def test_json_and_figures(
+    asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("asyneio.cli.execute.render_report", lambda *_: "page")
+    stale = tmp_path / "out" / "figures" / "stale.png"
+    stale.parent.mkdir(parents=True)
+    stale.write_bytes(b"")
+    status, out, err = asyneio("run", folder, "-o", tmp_path / "out", "--png", "--json")
+    assert status == 0
+    printed = json.loads(out)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert {name: printed[name] for name in summary} == summary
+    assert printed["evaluation"][0]["segment"] == 0
+    assert all(Path(name).exists() for name in printed["files"])
+    figures = sorted(path.name for path in (tmp_path / "out" / "figures").iterdir())
+    assert {"path.png", "space.png", "position_error.png", "velocity.png", "health.png"} <= set(figures)
+    assert not stale.exists()
+    assert "note: " in err
+
+
+def test_a_run_that_fails_prints_json_too(
+    asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
+    status, out, _ = asyneio("run", folder, "-o", tmp_path / "out", "--json")
+    assert status == 1
+    assert "never started" in json.loads(out)["failure"]
 
 
 def test_a_run_that_loses_track_fails_but_keeps_what_it_has(

@@ -51,7 +51,7 @@ def _workplace(recording: EventRecording, tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_commands(monkeypatch: pytest.MonkeyPatch) -> None:
     commands = re.findall(r"^    (asyneio .*)$", _README, re.MULTILINE)
-    assert len(commands) == 6
+    assert len(commands) == 7
     for command in commands:
         monkeypatch.setattr(sys, "argv", shlex.split(command.replace("COMMAND", "run")))
         with pytest.raises(SystemExit) as stop:
@@ -59,6 +59,7 @@ def test_commands(monkeypatch: pytest.MonkeyPatch) -> None:
         assert stop.value.code in (0, None), command
     for written in ("demo/trajectory.tum", "desk/trajectory.tum", "desk-tracks/tracks.csv"):
         assert Path("results", written).exists()
+    assert Path("recordings/desk.h5").exists()
     assert Path("recordings/fast/events.txt").exists()
 
 

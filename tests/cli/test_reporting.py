@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asyneio.cli.reporting import count_features, report_data
+from asyneio.cli.report_streams import count_features, event_rate, track_scene
+from asyneio.cli.reporting import report_data
+from asyneio.config import Config, differences
 from asyneio.errors import RecordingError
 from asyneio.evaluation import evaluate, protocol_named
 from asyneio.io import to_trajectory
 from asyneio.pipeline import RunResult
-from asyneio.summary import Summary
+from asyneio.summary import Summary, Transition
 from asyneio.types import (
     NS_PER_S,
     OBSERVATION_DTYPE,
@@ -26,12 +28,17 @@ from asyneio.types import (
     Run,
     StepReport,
 )
-from asyneio.viz import render_report
+from asyneio.viz.figures import report_figures
+from asyneio.viz.tracks import shown_instants
+from tests.io.event_recordings import make_event_recording
 from tests.io.recordings import START_NS, make_estimate, make_recording
 
 _SUMMARY = Summary(
     "r", "0", 1.0, 1.0, 0.0, 1.0, 0.0, 0.1, 1, 0, 1, 1, 1.0, 1.0, 0, 0.1, Health.TRACKING, {}, (), (), "", ()
 )
+
+
+CONFIG = Config.model_validate({"window": {"knot_interval_s": 0.05}})
 
 
 def curve(s: np.ndarray) -> tuple[np.ndarray, Rotation]:
@@ -73,14 +80,15 @@ def test_a_perfect_estimate_has_no_error(recording: Recording, covariance: np.nd
     result = RunResult(Run(estimates, reports), _SUMMARY, recording.observations, origins=(estimates[0],))
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates), truth, protocol_named("posyaw"))
-    data = report_data(result, recording, 0.05, {0: score})
+    data = report_data(result, recording, CONFIG, {0: score})
     assert data.comparison is not None
+    assert data.states is not None
     np.testing.assert_allclose(data.comparison.position_error.value, 0.0, atol=1e-9)
     np.testing.assert_allclose(data.comparison.orientation_error.value, 0.0, atol=1e-6)
     # The velocity is shown in the truth's world.
-    s = data.velocity.t_s + 3_000_001 / NS_PER_S
+    s = data.states.velocity.t_s + 3_000_001 / NS_PER_S
     np.testing.assert_allclose(
-        data.velocity.value, np.stack([-np.sin(s), np.cos(s), 0.2 + 0 * s], axis=1), atol=1e-9
+        data.states.velocity.value, np.stack([-np.sin(s), np.cos(s), 0.2 + 0 * s], axis=1), atol=1e-9
     )
     assert data.timing.step_s.tolist() == [0.01] * len(estimates)
 
@@ -92,7 +100,7 @@ def test_errors_start_at_the_origin_knot(recording: Recording, covariance: np.nd
     result = RunResult(Run(estimates[1:], []), _SUMMARY, recording.observations, origins=(estimates[0],))
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates[1:]), truth, protocol_named("posyaw"))
-    data = report_data(result, recording, 0.05, {0: score})
+    data = report_data(result, recording, CONFIG, {0: score})
     assert data.comparison is not None
     error = data.comparison.position_error
     assert error.t_s.size == len(estimates) - 1
@@ -104,8 +112,9 @@ def test_bounds_match_samples(recording: Recording, covariance: np.ndarray, rng:
     result = RunResult(Run(estimates, []), _SUMMARY, recording.observations)
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates), truth, protocol_named("posyaw"))
-    data = report_data(result, recording, 0.05, {0: score})
+    data = report_data(result, recording, CONFIG, {0: score})
     assert data.comparison is not None
+    assert data.states is not None
     draws = rng.multivariate_normal(np.zeros(STATE_DOF), covariance, 200_000)
     phi, rho, nu_error, bias = (
         draws[:, 3 * STATE_BLOCKS.index(name) :][:, :3] for name in ("phi", "rho", "nu", "bias_gyroscope")
@@ -117,10 +126,10 @@ def test_bounds_match_samples(recording: Recording, covariance: np.ndarray, rng:
     nu = C.inv().apply(velocity)
     sampled_velocity = (C * Rotation.from_rotvec(phi)).apply(nu + nu_error)
     for series, samples in (
-        (data.velocity, sampled_velocity),
+        (data.states.velocity, sampled_velocity),
         (data.comparison.position_error, C.apply(rho)),
         (data.comparison.orientation_error, np.rad2deg(phi)),
-        (data.bias_gyroscope, bias),
+        (data.states.bias_gyroscope, bias),
     ):
         np.testing.assert_allclose(series.sigma[1], samples.std(axis=0), rtol=0.02)
 
@@ -143,13 +152,14 @@ def test_segments_are_never_joined(recording: Recording, covariance: np.ndarray)
         n: evaluate(to_trajectory(segment), truth, protocol_named("posyaw"))
         for n, segment in enumerate(segments)
     }
-    data = report_data(result, recording, 0.05, scores)
-    assert [path.shape[0] for path in data.paths] == [half, len(later)]
+    data = report_data(result, recording, CONFIG, scores)
+    assert data.states is not None
+    assert [path.shape[0] for path in data.states.paths] == [half, len(later)]
     assert data.health.segment.tolist() == [0] * half + [1] * len(later)
     assert data.comparison is not None
     for series in (
-        data.velocity,
-        data.bias_gyroscope,
+        data.states.velocity,
+        data.states.bias_gyroscope,
         data.comparison.position_error,
         data.comparison.orientation_error,
     ):
@@ -157,9 +167,9 @@ def test_segments_are_never_joined(recording: Recording, covariance: np.ndarray)
     np.testing.assert_allclose(np.delete(data.comparison.position_error.value, half, axis=0), 0.0, atol=1e-9)
     with pytest.raises(RecordingError, match="several segments"):
         to_trajectory(estimates)
-    page = render_report("two", "", (), data, "0")
-    assert "each segment on its own" in page
-    assert page.count("<h2>Health</h2>") == 1
+    figures = list(report_figures(data))
+    assert "each segment on its own" in figures[0].caption
+    assert [figure.name for figure in figures].count("health") == 1
 
 
 def shifted(T_w_b: np.ndarray) -> np.ndarray:
@@ -177,3 +187,72 @@ def test_features_are_counted_from_first_to_last_observation() -> None:
     assert features.alive.tolist() == [1, 2, 2, 1, 0]
     np.testing.assert_allclose(features.age_s[:4, 1], [0.0, 0.5, 1.5, 2.0])
     assert np.isnan(features.age_s[4]).all()
+
+
+def test_features_of_many_tracks_match_a_plain_count(rng: np.random.Generator) -> None:
+    observations = np.zeros(3000, dtype=OBSERVATION_DTYPE)
+    observations["id"] = rng.integers(0, 200, 3000)
+    observations["t_ns"] = 20_000_000 * observations["id"] + rng.integers(0, 700_000_000, 3000)
+    times = np.sort(rng.integers(0, 5 * NS_PER_S, 300))
+    features = count_features(observations, times, 0)
+    for now, alive, age_s in zip(times, features.alive, features.age_s, strict=True):
+        stamps = [observations["t_ns"][observations["id"] == n] for n in range(200)]
+        ages = [now - own.min() for own in stamps if own.size and own.min() <= now <= own.max()]
+        assert alive == len(ages)
+        if ages:
+            np.testing.assert_allclose(age_s, np.percentile(ages, [25, 50, 75]) / NS_PER_S)
+
+
+def test_without_tracks_there_are_none() -> None:
+    features = count_features(np.empty(0, dtype=OBSERVATION_DTYPE), np.array([0, 10]), 0)
+    assert features.alive.tolist() == [0, 0]
+
+
+def test_event_rate_is_in_events_a_second(rng: np.random.Generator) -> None:
+    recording = make_event_recording(rng, count=2000)
+    assert recording.calibration is not None
+    shift_ns = recording.calibration.timeshift_ns
+    first, last = (int(recording.events["t_ns"][k]) + shift_ns for k in (0, -1))
+    ends = np.linspace(first, last, 11).astype(np.int64)
+    rate = event_rate(recording, ends[1:], int(ends[0]), 0.5)
+    # The first packet begins after the first event, which lies on its border.
+    assert round(rate.rate.sum() * 0.5) == 2000 - np.count_nonzero(
+        recording.events["t_ns"] + shift_ns == first
+    )
+
+
+def test_scene_keeps_what_is_shown(rng: np.random.Generator) -> None:
+    recording = make_event_recording(rng, count=2000)
+    assert recording.calibration is not None
+    t_ns = recording.events["t_ns"]
+    observations = np.zeros(500, dtype=OBSERVATION_DTYPE)
+    observations["t_ns"] = np.linspace(t_ns[0], t_ns[-1], 500).astype(np.int64) + 5_000_000
+    observations["id"] = np.arange(500) // 100
+    shifted_by = replace(recording.calibration, timeshift_ns=5_000_000)
+    scene = track_scene(replace(recording, calibration=shifted_by), observations)
+    assert scene is not None
+    assert set(scene.observations["t_ns"] + 5_000_000) <= set(observations["t_ns"])
+    for instant in shown_instants(t_ns):
+        alive = [
+            n
+            for n in range(5)
+            if observations["t_ns"][100 * n] <= instant + 5_000_000 <= observations["t_ns"][100 * n + 99]
+        ]
+        assert [identity for identity, _ in scene.trails(instant)] == alive
+    assert track_scene(recording, observations[:0]) is None
+
+
+def test_settings_that_differ() -> None:
+    assert differences(Config(), Config()) == {}
+    assert differences(CONFIG, Config()) == {"window.knot_interval_s": (0.05, 0.1)}
+
+
+def test_a_run_without_estimates_has_its_reasons(recording: Recording) -> None:
+    report = StepReport(START_NS + 10**8, Health.INITIALIZING, "no motion")
+    summary = replace(
+        _SUMMARY, failure="never started", transitions=(Transition(0.1, report.health, 0, "no motion"),)
+    )
+    data = report_data(RunResult(Run([], [report]), summary, recording.observations), recording, CONFIG, {})
+    assert data.states is None
+    assert data.failure == "never started"
+    assert [change.reason for change in data.health.changes] == ["no motion"]

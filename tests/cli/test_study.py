@@ -26,12 +26,6 @@ def _stub(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(STUDIES, "schemes", study)
 
 
-def test_help_shows_an_example(asyneio: Asyneio) -> None:
-    status, out, _ = asyneio("study", "--help")
-    assert status == 0
-    assert "Example: asyneio study expressiveness" in out
-
-
 def test_names_are_those_of_the_studies() -> None:
     assert [name.value for name in StudyName] == list(STUDIES)
 
@@ -39,8 +33,11 @@ def test_names_are_those_of_the_studies() -> None:
 @pytest.mark.usefixtures("_stub")
 def test_everything_is_written_and_a_second_run_measures_nothing(asyneio: Asyneio, tmp_path: Path) -> None:
     arguments = ("study", "schemes", "-o", tmp_path / "out", "--seeds", "4", "--jobs", "1")
-    status, _, err = asyneio(*arguments)
+    status, out, err = asyneio(*arguments, "--json")
     assert status == 0, err
+    printed = json.loads(out)
+    assert (printed["study"], printed["tasks"], printed["failures"]) == ("schemes", 24, [])
+    assert str(tmp_path / "out" / "README.md") in printed["files"]
     assert "schemes: 24 tasks, 1 at a time" in err
     index = (tmp_path / "out" / "README.md").read_text()
     assert "    asyneio study schemes --seeds 4\n" in index

@@ -154,12 +154,6 @@ def test_a_tracks_folder_is_refused(asyneio: Asyneio, tmp_path: Path, simulated:
     assert not (tmp_path / "out").exists()
 
 
-def test_help_shows_an_example(asyneio: Asyneio) -> None:
-    status, out, _ = asyneio("track", "--help")
-    assert status == 0
-    assert "Example: asyneio track" in out
-
-
 def test_an_empty_recording(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     empty = EventRecording(
         "empty", np.empty(0, dtype=EVENT_DTYPE), 240, 180, *(np.empty(0),) * 2, notes=(f"since {START_NS}",)

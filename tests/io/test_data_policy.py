@@ -1,4 +1,4 @@
-"""Tests on real data skip without them, and fail where continuous integration says they must be there."""
+"""Tests on real data, or in a browser, skip without them, and fail where they are said to be there."""
 
 from __future__ import annotations
 
@@ -33,3 +33,18 @@ def test_outcome(tmp_path: Path, required: str, present: bool, outcome: str) -> 
     )
     assert outcome in done.stdout
     assert done.returncode == (outcome == "1 error")
+
+
+@pytest.mark.parametrize(("required", "outcome"), [("", "1 skipped"), ("1", "1 error")])
+def test_browser(tmp_path: Path, required: str, outcome: str) -> None:
+    shutil.copy(_CONFTEST, tmp_path)
+    (tmp_path / "test_it.py").write_text("def test_it(chromium):\n    assert chromium\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", ".", "."],
+        cwd=tmp_path,
+        env={**os.environ, "PATH": str(tmp_path), "ASYNEIO_REQUIRE_BROWSER": required},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert outcome in done.stdout

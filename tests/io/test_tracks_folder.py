@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
-from asyneio.io import read_tracks_folder, write_tracks_folder
+from asyneio.io import ReadOptions, read_tracks_folder, write_tracks_folder
 from asyneio.types import Recording
 from tests.io.recordings import START_NS, make_recording
 
@@ -292,7 +292,7 @@ def test_path_that_is_no_folder(tmp_path: Path) -> None:
 def test_calibration_may_lie_elsewhere(folder: Path, recording: Recording) -> None:
     camchain = (folder / "camchain-imucam.yaml").rename(folder.parent / "camera.yaml")
     imu = (folder / "imu.yaml").rename(folder.parent / "noise.yaml")
-    assert_equal(read_tracks_folder(folder, camchain, imu), recording)
+    assert_equal(read_tracks_folder(folder, ReadOptions(camchain, imu)), recording)
 
 
 _NOISE = st.one_of(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -158,12 +159,14 @@ def test_a_large_change_of_scale_is_told_once() -> None:
     assert told == pytest.approx([0.1, 0.265, 0.0, -0.2, 0.0])
 
 
-def follow(continuity: Continuity, ids: list[range], turned: float = 0.01) -> list[bool]:
-    """One observation of each track in every interval of 0.1 s."""
+def follow(continuity: Continuity, ids: list[range], *turns: tuple[float, float, float]) -> list[bool]:
+    """One observation of each track in every interval of 0.1 s, in which the camera turns, by turns."""
     answers = []
+    given = cycle(turns or [(0.01, 0.0, 0.0)])
     for k, alive in enumerate(ids):
         stamps = k * STEP_NS + np.linspace(1, STEP_NS, len(alive)).astype(np.int64)
-        answers.append(continuity.renewed((k + 1) * STEP_NS, stamps, np.array(alive, dtype=np.int64), turned))
+        turn = np.array(next(given))
+        answers.append(continuity.renewed((k + 1) * STEP_NS, stamps, np.array(alive, dtype=np.int64), turn))
     return answers
 
 
@@ -175,7 +178,10 @@ def test_tracks_that_end_together() -> None:
     # One that goes on, a pause, a fast turn, or hardly any tracks: nothing to conclude.
     assert not any(follow(Continuity(view), before + [range(29, 60)] * 8))
     assert not any(follow(Continuity(view), before + [range(0)] * 2 + after))
-    assert not any(follow(Continuity(view), before + after, turned=0.2))
+    assert not any(follow(Continuity(view), before + after, (0.0, 0.25, 0.0)))
+    # Roll and shaking carry nothing out of the image.
+    assert any(follow(Continuity(view), before + after, (0.0, 0.0, 0.4)))
+    assert any(follow(Continuity(view), before + after, (0.0, 0.25, 0.0), (0.0, -0.25, 0.0)))
     assert not any(follow(Continuity(view), [range(15)] * 8 + [range(100, 115)] * 8))
 
 

@@ -92,7 +92,7 @@ def test_other_settings_are_measured_anew_and_both_are_kept(tmp_path: Path) -> N
 def test_results_of_other_code_are_kept_but_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run(stub.stub_study(seeds=1), tmp_path)
     code = json.loads(lines(tmp_path)[0])["code"]
-    monkeypatch.setattr("asyneio.studies.runner.code_fingerprint", lambda: "edited")
+    monkeypatch.setattr("asyneio.studies.measuring.code_fingerprint", lambda: "edited")
     result = run(stub.stub_study(seeds=2), tmp_path)
     assert (result.reused, result.other_code) == (6, (code,))
     assert f"other code: {code}" in (tmp_path / "README.md").read_text()

@@ -21,27 +21,28 @@ def demo(
     ),
     seed: Annotated[int, typer.Option(help="Seed of the simulation.", min=0)] = 0,
     duration: Annotated[float, typer.Option(help="Seconds to simulate.")] = 15.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Simulate a recording, run it, compare with the truth and write a report page."""
     from asyneio.cli import console
     from asyneio.cli.execute import REPORT_FILE, Job, execute
-    from asyneio.cli.progress import share_progress
-    from asyneio.cli.simulate import HDF5_FILE, named_event_scenario
+    from asyneio.cli.progress import reading_progress
+    from asyneio.cli.simulate import EventFormat, named_event_scenario, write_simulated_events
     from asyneio.config import Config
-    from asyneio.io import open_recording, write_events_hdf5
+    from asyneio.io import open_recording
     from asyneio.io.atomic import make_folder
-    from asyneio.simulation import simulate_events
 
     folder = output / "recording"
     make_folder(folder)
     console.say(
         f"Simulating {duration:g} s of events ({_SCENARIO}, seed {seed}), about as long as that takes ..."
     )
-    simulation = simulate_events(named_event_scenario(_SCENARIO, seed, duration))
-    write_events_hdf5(simulation.recording, folder / HDF5_FILE)
+    scenario = named_event_scenario(_SCENARIO, seed, duration)
+    simulation, _ = write_simulated_events(scenario, folder, EventFormat.HDF5)
     # Read back, so that the demonstration takes the same way as a recording of one's own.
-    with share_progress("reading") as progress:
+    with reading_progress(folder) as progress:
         recording = open_recording(folder, progress=progress)
-    execute(Job(recording, Config(), output, _EVIDENCE, simulation.truth.at))
+    job = Job(recording, Config(), output, _EVIDENCE, simulation.truth.at, as_json=as_json)
+    execute(job)
     if (output / REPORT_FILE).exists():
         console.say(f"Open {(output / REPORT_FILE).resolve().as_uri()}")

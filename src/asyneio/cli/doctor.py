@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from asyneio.cli.options import CameraOption, EventsOption, PresetOption, SamplesOption
+
 if TYPE_CHECKING:
     from asyneio.doctor.verdict import Diagnosis
 
@@ -18,19 +20,16 @@ def doctor(
         Path, typer.Argument(help="A recording of any kind, inertial samples or a calibration alone.")
     ],
     calibration: Annotated[
-        Path | None, typer.Option(help="Camera calibration.", show_default="beside the data")
+        Path | None,
+        typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
     ] = None,
     imu: Annotated[
-        Path | None, typer.Option(help="Noise of the IMU.", show_default="beside the data")
+        Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
     ] = None,
-    events: Annotated[
-        str | None,
-        typer.Option(help="Which events: a topic, a stream, a camera.", show_default="the only ones"),
-    ] = None,
-    samples: Annotated[
-        str | None,
-        typer.Option(help="Which inertial samples: a topic, a stream, a file.", show_default="the only ones"),
-    ] = None,
+    camera: CameraOption = None,
+    preset: PresetOption = None,
+    events: EventsOption = None,
+    samples: SamplesOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
 ) -> None:
     """Examine a recording as it stands in its files.
@@ -45,7 +44,9 @@ def doctor(
     from asyneio.io import ReadOptions
 
     with share_progress("examining") as progress:
-        diagnosis = examine(recording, ReadOptions(calibration, imu, events, samples), progress)
+        diagnosis = examine(
+            recording, ReadOptions(calibration, imu, events, samples, camera, preset), progress
+        )
     if as_json:
         typer.echo(json.dumps(diagnosis.to_dict(), indent=2, allow_nan=False))
     else:

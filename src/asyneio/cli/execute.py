@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
 from asyneio import __version__
 from asyneio.cli import console
 from asyneio.cli.figures import run_figures
+from asyneio.cli.progress import share_progress
 from asyneio.cli.reporting import KnownStates, report_data
 from asyneio.config import Config
 from asyneio.errors import EstimationError, EvaluationError
@@ -16,10 +18,11 @@ from asyneio.io import to_trajectory
 from asyneio.io.atomic import atomic_file, make_folder, write_text
 from asyneio.pipeline import RunResult, run_recording, write_outputs
 from asyneio.types import EventRecording, Recording
-from asyneio.viz import available, render_overview, render_report
+from asyneio.viz import available, render_overview, render_pictures, render_report
 
 REPORT_FILE = "report.html"
 OVERVIEW_FILE = "overview.png"
+FIGURES_FOLDER = "figures"
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,8 @@ class Job:
     """What to run and where the results go.
 
     `evidence` tells the reader of the report where the data come from; `known` gives true velocity and biases
-    at chosen times, where a simulation knows them.
+    at chosen times, where a simulation knows them; `png`: also every figure as a file; `as_json`: figures on
+    standard output as JSON instead of a table.
     """
 
     recording: Recording | EventRecording
@@ -35,6 +39,8 @@ class Job:
     folder: Path
     evidence: str
     known: KnownStates | None = None
+    png: bool = False
+    as_json: bool = False
 
 
 def execute(job: Job) -> RunResult:
@@ -50,8 +56,11 @@ def execute(job: Job) -> RunResult:
     written = write_outputs(result, job.config, job.folder)
     scores = _scores(result, job.recording)
     figures = run_figures(result.summary, scores)
-    console.table(job.recording.name, figures)
+    if not job.as_json:
+        console.table(job.recording.name, figures)
     written += _write_report(job, result, scores, figures)
+    if job.as_json:
+        print(_json(result, scores, written))
     for path in written:
         console.say(f"wrote {path}")
     if result.summary.failure:
@@ -78,20 +87,37 @@ def _write_report(
     job: Job, result: RunResult, scores: dict[int, Evaluation], figures: tuple[tuple[str, str], ...]
 ) -> list[Path]:
     report, overview = job.folder / REPORT_FILE, job.folder / OVERVIEW_FILE
-    for stale in (report, overview):
+    figures_folder = job.folder / FIGURES_FOLDER
+    for stale in (report, overview, *figures_folder.glob("*.png")):
         stale.unlink(missing_ok=True)
-    if not result.run.estimates:
-        return []
     if not available():
         console.say("note: no report without matplotlib: pip install 'asyneio[report]'")
         return []
-    data = report_data(result, job.recording, job.config.window.knot_interval_s, scores, job.known)
-    write_text(report, render_report(job.recording.name, job.evidence, figures, data, __version__))
-    if data.comparison is None:
-        return [report]
-    with atomic_file(overview) as stream:
-        stream.write(render_overview(data.comparison))
-    return [report, overview]
+    data = report_data(result, job.recording, job.config, scores, job.known)
+    with share_progress("drawing") as advance:
+        name = job.recording.name
+        write_text(report, render_report(name, job.evidence, figures, data, __version__, advance))
+    pictures = [(overview, render_overview(data))]
+    if job.png:
+        with share_progress("drawing") as advance:
+            named = render_pictures(data, advance)
+            pictures += [(figures_folder / f"{name}.png", picture) for name, picture in named]
+    written = [report]
+    for path, picture in pictures:
+        if picture is not None:
+            with atomic_file(path) as stream:
+                stream.write(picture)
+            written.append(path)
+    return written
+
+
+def _json(result: RunResult, scores: dict[int, Evaluation], written: list[Path]) -> str:
+    """The summary, the evaluation of each segment that the truth covers, and the files."""
+    more = {
+        "evaluation": [{"segment": number, **score.to_dict()} for number, score in scores.items()],
+        "files": [str(path) for path in written],
+    }
+    return json.dumps(json.loads(result.summary.to_json()) | more, indent=2)
 
 
 def _advice(result: RunResult) -> str:

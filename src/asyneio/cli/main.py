@@ -12,6 +12,9 @@ from typing import Annotated
 import typer
 
 from asyneio import __version__
+from asyneio.cli.bench import bench
+from asyneio.cli.config import config
+from asyneio.cli.convert import convert
 from asyneio.cli.demo import demo
 from asyneio.cli.doctor import doctor
 from asyneio.cli.evaluate import evaluate
@@ -31,7 +34,6 @@ app = typer.Typer(
     help="Asynchronous event-inertial odometry with Gaussian-process regression.",
     epilog="Example: asyneio demo",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 app.command(epilog="Example: asyneio run recordings/desk -o results/desk --max-track-seconds 1")(run)
@@ -43,7 +45,10 @@ app.command(epilog="Example: asyneio simulate moderate -o recordings/simulated -
 )
 app.command(epilog="Example: asyneio track recordings/slider_depth -o results/slider --animation")(track)
 app.command(epilog="Example: asyneio doctor recordings/desk")(doctor)
+app.command(epilog="Example: asyneio convert recordings/desk.bag recordings/desk.h5 --resume")(convert)
 app.command(epilog="Example: asyneio demo -o results/demo")(demo)
+app.add_typer(config, name="config")
+app.add_typer(bench, name="bench")
 app.command(epilog="Example: asyneio study expressiveness -o results/expressiveness --quick")(study)
 
 

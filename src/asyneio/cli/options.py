@@ -3,10 +3,33 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 if TYPE_CHECKING:
     from asyneio.config import Config
+
+
+CameraOption = Annotated[
+    str | None,
+    typer.Option(help="Camera of the calibration, by name or topic.", show_default="the one that fits"),
+]
+PresetOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Model of the camera: its published figures fill in what no file tells (DAVIS240C ...)."
+    ),
+]
+EventsOption = Annotated[
+    str | None,
+    typer.Option("--events", help="Which events, where there are several: a topic, a stream, a file."),
+]
+SamplesOption = Annotated[
+    str | None,
+    typer.Option("--samples", help="Which inertial samples, where there are several: a topic or a stream."),
+]
 
 
 class TrackerName(StrEnum):
@@ -23,6 +46,18 @@ class SchemeName(StrEnum):
     GPP = "gpp"
     PREINT = "preint"
     EXTPREINT = "extpreint"
+
+
+def settings_of(config: Path | None, preset: str | None) -> Config:
+    """The settings of a file, above those that a preset brings along.
+
+    Raises:
+        ConfigError: the file is missing or wrong, or there is no such preset.
+    """
+    from asyneio.config import load_config
+    from asyneio.presets import preset_named
+
+    return load_config(config, preset_named(preset).settings if preset else None)
 
 
 def with_scheme(config: Config, scheme: SchemeName | None) -> Config:

@@ -1,15 +1,17 @@
-"""A progress bar for work that knows only what share of it is done."""
+"""Progress bars on standard error: the share done, the rate, the time left."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     TaskProgressColumn,
     TextColumn,
     TimeRemainingColumn,
@@ -17,14 +19,32 @@ from rich.progress import (
 
 
 @contextmanager
-def share_progress(what: str) -> Iterator[Callable[[float], None]]:
-    """A bar on standard error, gone when done; call what is given with the share done, 0 to 1."""
-    columns = (TextColumn("{task.description:10}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    # Where there is no terminal, even a bar that is gone when done leaves an empty line.
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=1.0)
-        yield lambda share: bar.update(task, completed=share)
+def share_progress(what: str, amount: float = 0.0, unit: str = "") -> Iterator[Callable[[float], None]]:
+    """A bar on standard error, gone when done; call what is given with the share done, 0 to 1.
+
+    Where the whole is a known `amount`, it also shows the rate, in a `unit` such as MB/s.
+    """
+    with _bar(TaskProgressColumn()) as bar:
+        task = bar.add_task(what, total=1.0, rate="")
+
+        def advance(share: float) -> None:
+            elapsed_s = bar.tasks[0].elapsed or 0.0
+            rate = f"{share * amount / elapsed_s:.3g} {unit}" if amount and elapsed_s > 0.5 else ""
+            bar.update(task, completed=share, rate=rate)
+
+        yield advance
+
+
+@contextmanager
+def reading_progress(path: Path) -> Iterator[Callable[[float], None]]:
+    """The same for reading a file, or the files of a folder."""
+    files = [path] if path.is_file() else path.glob("*") if path.is_dir() else ()
+    size = 0
+    for file in files:
+        with suppress(OSError):
+            size += file.stat().st_size
+    with share_progress("reading", size / 1e6, "MB/s") as advance:
+        yield advance
 
 
 @contextmanager
@@ -33,25 +53,62 @@ def task_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
 
     Call what is given with the numbers of tasks done, of all tasks, and of those that failed.
     """
+    with _bar(MofNCompleteColumn()) as bar, _counting(bar, what) as count:
+
+        def advance(done: int, total: int, failed: int) -> None:
+            rate = count(done, total)
+            shown = f"{rate:.2f}/s" if rate else ""
+            bar.update(bar.tasks[0].id, rate=f"{shown}, {failed} failed" if failed else shown)
+
+        yield advance
+
+
+@contextmanager
+def event_progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A bar on standard error for a count of events, with their rate and the time left.
+
+    Call what is given with the number done; what the first call says took no time.
+    """
+    with _bar(TaskProgressColumn()) as bar, _counting(bar, what) as count:
+
+        def advance(done: int) -> None:
+            rate = count(done, total)
+            bar.update(bar.tasks[0].id, rate=f"{rate / 1e6:.1f} Mev/s" if rate else "")
+
+        yield advance
+
+
+@contextmanager
+def _bar(share: ProgressColumn) -> Iterator[Progress]:
+    """A bar whose tasks have a `rate`, with a column for the share done."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description:10}"),
         BarColumn(),
-        MofNCompleteColumn(),
+        share,
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
     console = Console(stderr=True)
+    # Where there is no terminal, even a bar that is gone when done leaves an empty line.
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=None, rate="")
-        reused: list[int] = []
+        yield bar
 
-        def advance(done: int, total: int, failed: int) -> None:
-            # Results of an earlier run took no time: only what comes after the first call has a rate.
-            if not reused:
-                reused.append(done)
-                bar.reset(task, total=total, completed=done)
-            elapsed_s = bar.tasks[0].elapsed or 0.0
-            rate = f"{(done - reused[0]) / elapsed_s:.2f}/s" if elapsed_s > 1.0 else ""
-            bar.update(task, completed=done, rate=f"{rate}, {failed} failed" if failed else rate)
 
-        yield advance
+@contextmanager
+def _counting(bar: Progress, what: str) -> Iterator[Callable[[int, int], float]]:
+    """Call what is given with how many are done of how many: the rate [1/s], 0 in the first second.
+
+    What was done before the first call took no time and has no rate.
+    """
+    task = bar.add_task(what, total=None, rate="")
+    reused: list[int] = []
+
+    def count(done: int, total: int) -> float:
+        if not reused:
+            reused.append(done)
+            bar.reset(task, total=total, completed=done)
+        bar.update(task, completed=done)
+        elapsed_s = bar.tasks[0].elapsed or 0.0
+        return (done - reused[0]) / elapsed_s if elapsed_s > 1.0 else 0.0
+
+    yield count

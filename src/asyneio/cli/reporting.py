@@ -7,25 +7,24 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from asyneio.evaluation import AlignmentKind, Association, Evaluation, Similarity, align, associate
-from asyneio.io import to_trajectory
+from asyneio.cli.report_errors import bias_series, compare, velocity_sigma
+from asyneio.cli.report_streams import count_features, event_rate, health_changes, track_scene
+from asyneio.config import Config, differences
+from asyneio.evaluation import Evaluation
 from asyneio.io.estimates_file import stack_estimates
 from asyneio.packets import usable_span
 from asyneio.pipeline import RunResult
 from asyneio.types import (
     NS_PER_S,
-    STATE_BLOCKS,
     Estimate,
     EventRecording,
     FloatArray,
     Health,
     IntArray,
-    RecordArray,
     Recording,
 )
-from asyneio.viz import Comparison, Features, HealthTimeline, ReportData, Series, Timing
+from asyneio.viz import Comparison, HealthTimeline, ReportData, Series, States, Timing
 
 
 class KnownState(Protocol):
@@ -50,43 +49,66 @@ KnownStates = Callable[[IntArray], KnownState]
 def report_data(
     result: RunResult,
     recording: Recording | EventRecording,
-    interval_s: float,
+    config: Config,
     scores: dict[int, Evaluation],
     known: KnownStates | None = None,
 ) -> ReportData:
-    """Everything the report plots; there must be at least one estimate.
+    """Everything the report plots.
 
     Args:
         result: the run.
         recording: what was run.
-        interval_s: time between knots, the budget of one step.
+        config: the settings it was run with.
         scores: comparison of segments with the ground truth, by number; none where there is none.
         known: true velocity and biases at given times, None where they are not known.
     """
-    start_ns = usable_span(recording)[0]
-    segments = result.run.segments()
-    parts = [_segment_data(result, recording, segment, scores, start_ns, known) for segment in segments]
-    comparisons = [part.comparison for part in parts if part.comparison]
+    start_ns, interval_s = usable_span(recording)[0], config.window.knot_interval_s
     reports = result.run.reports
     stamps = np.array([report.t_ns for report in reports], dtype=np.int64)
     t_s = (stamps - start_ns) / NS_PER_S
     names = tuple(map(str, Health))
+    with_events = recording if isinstance(recording, EventRecording) else None
+    states, comparison = _estimated(result, recording, scores, start_ns, known)
     return ReportData(
-        paths=tuple(part.position for part in parts),
         health=HealthTimeline(
             t_s,
             np.array([names.index(report.health) for report in reports], dtype=np.int64),
             np.array([report.segment for report in reports], dtype=np.int64),
             names,
+            health_changes(result.summary.transitions),
         ),
-        velocity=_joined([part.velocity for part in parts]),
-        bias_gyroscope=_joined([part.bias_gyroscope for part in parts]),
-        bias_accelerometer=_joined([part.bias_accelerometer for part in parts]),
         features=count_features(result.observations, stamps, start_ns),
         timing=Timing(t_s, np.array([report.seconds for report in reports]), interval_s),
-        notes=recording.notes,
-        comparison=_joined_comparisons(comparisons) if comparisons else None,
+        states=states,
+        comparison=comparison,
+        events=event_rate(with_events, stamps, start_ns, interval_s) if with_events else None,
+        scene=track_scene(with_events, result.observations) if with_events else None,
+        settings=_changed(config),
+        notes=result.summary.notes,
+        failure=result.summary.failure,
     )
+
+
+def _estimated(
+    result: RunResult,
+    recording: Recording | EventRecording,
+    scores: dict[int, Evaluation],
+    start_ns: int,
+    known: KnownStates | None,
+) -> tuple[States | None, Comparison | None]:
+    """All segments one after another; None without any."""
+    segments = result.run.segments()
+    parts = [_segment_data(result, recording, segment, scores, start_ns, known) for segment in segments]
+    if not parts:
+        return None, None
+    comparisons = [part.comparison for part in parts if part.comparison]
+    states = States(
+        tuple(part.position for part in parts),
+        _joined([part.velocity for part in parts]),
+        _joined([part.bias_gyroscope for part in parts]),
+        _joined([part.bias_accelerometer for part in parts]),
+    )
+    return states, _joined_comparisons(comparisons) if comparisons else None
 
 
 @dataclass(frozen=True)
@@ -113,16 +135,16 @@ def _segment_data(
     t_s = (t_ns - start_ns) / NS_PER_S
     states = stack_estimates(estimates)
     origin, score = result.origin_of(number), scores.get(number)
-    comparison, R = _compare(estimates, origin, recording, score, start_ns)
+    comparison, R = compare(estimates, origin, recording, score, start_ns)
     truth = known(t_ns) if known else None
     velocity = Series(
-        t_s, states["velocity_w"] @ R.T, _velocity_sigma(states, R), truth.velocity_w if truth else None
+        t_s, states["velocity_w"] @ R.T, velocity_sigma(states, R), truth.velocity_w if truth else None
     )
     return _SegmentData(
         states["T_w_b"][:, :3, 3],
         velocity,
-        _bias(states, "bias_gyroscope", t_s, truth.bias_gyroscope if truth else None),
-        _bias(states, "bias_accelerometer", t_s, truth.bias_accelerometer if truth else None),
+        bias_series(states, "bias_gyroscope", t_s, truth.bias_gyroscope if truth else None),
+        bias_series(states, "bias_accelerometer", t_s, truth.bias_accelerometer if truth else None),
         comparison,
     )
 
@@ -152,95 +174,7 @@ def _stacked(parts: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate([piece for part in parts for piece in (gap, part)][1:])
 
 
-def count_features(observations: RecordArray, t_ns: IntArray, start_ns: int) -> Features:
-    """Tracks alive at each time (first observation passed, last not yet), and the quartiles of their ages."""
-    order = np.lexsort((observations["t_ns"], observations["id"]))
-    ids, stamps = observations["id"][order], observations["t_ns"][order]
-    heads = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]])
-    first, last = stamps[heads], stamps[np.r_[heads[1:], ids.size] - 1]
-    alive = np.zeros(t_ns.size, dtype=np.int64)
-    age_s = np.full((t_ns.size, 3), np.nan)
-    for index, now in enumerate(t_ns.tolist()):
-        ages = now - first[(first <= now) & (now <= last)]
-        alive[index] = ages.size
-        if ages.size:
-            age_s[index] = np.percentile(ages, [25.0, 50.0, 75.0]) / NS_PER_S
-    return Features((t_ns - start_ns) / NS_PER_S, alive, age_s)
-
-
-def _compare(
-    estimates: list[Estimate],
-    origin: Estimate | None,
-    recording: Recording | EventRecording,
-    score: Evaluation | None,
-    start_ns: int,
-) -> tuple[Comparison | None, FloatArray]:
-    """The comparison of one segment, and the rotation (3,3) from its world to the truth's.
-
-    The covariance speaks of errors relative to the knot that defines the segment's world. So they are taken
-    from there, or from the first estimate that the truth covers.
-    """
-    if score is None or recording.ground_truth is None:
-        return None, np.eye(3)
-    with_origin = [origin, *estimates] if origin and origin.t_ns < estimates[0].t_ns else estimates
-    matched = associate(to_trajectory(with_origin), recording.ground_truth)
-    alignment = align(AlignmentKind.ORIGIN, matched.estimate, matched.truth)
-    position_error, orientation_error = _errors(estimates, matched, alignment, start_ns)
-    comparison = Comparison(
-        position_estimate=score.position_estimate_w,
-        position_truth=score.position_truth_w,
-        position_error=position_error,
-        orientation_error=orientation_error,
-    )
-    return comparison, alignment.R
-
-
-def _errors(
-    estimates: list[Estimate], matched: Association, alignment: Similarity, start_ns: int
-) -> tuple[Series, Series]:
-    """Errors of position [m, world axes] and orientation [deg, body axes] at the estimates, with sigmas."""
-    t_ns = np.array([estimate.t_ns for estimate in estimates])
-    index = np.minimum(np.searchsorted(t_ns, matched.t_ns), t_ns.size - 1)
-    # The origin took part in the alignment only.
-    kept = t_ns[index] == matched.t_ns
-    covariance = stack_estimates(estimates)["covariance"][index[kept]]
-    aligned = alignment.apply(matched.estimate)
-    C = aligned.C[kept]
-    offset = (aligned.position - matched.truth.position)[kept]
-    turn = Rotation.from_matrix(np.swapaxes(matched.truth.C[kept], 1, 2) @ C).as_rotvec()
-    t_s = (matched.t_ns[kept] - start_ns) / NS_PER_S
-    return (
-        Series(t_s, offset, _sigma(C @ _block(covariance, "rho", "rho") @ np.swapaxes(C, 1, 2))),
-        Series(t_s, np.rad2deg(turn), np.rad2deg(_sigma(_block(covariance, "phi", "phi")))),
-    )
-
-
-def _velocity_sigma(states: dict[str, FloatArray], R: FloatArray) -> FloatArray:
-    """Of the world velocity `C nu`: the error is `C (d nu + phi^ nu)`, with `phi^ nu = -nu^ phi`."""
-    C = states["T_w_b"][:, :3, :3]
-    nu = np.einsum("nji,nj->ni", C, states["velocity_w"])
-    # Row i is nu x e_i, column i of nu^; the transpose of a skew matrix is its negative.
-    minus_nu_hat = np.cross(nu[:, None, :], np.eye(3))
-    jacobian = R @ C @ np.concatenate([minus_nu_hat, np.broadcast_to(np.eye(3), C.shape)], axis=2)
-    phi, rate = _slice("phi"), _slice("nu")
-    wanted = np.r_[phi, rate]
-    covariance = states["covariance"][:, wanted[:, None], wanted]
-    return _sigma(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2))
-
-
-def _bias(states: dict[str, FloatArray], name: str, t_s: FloatArray, truth: FloatArray | None) -> Series:
-    return Series(t_s, states[name], _sigma(_block(states["covariance"], name, name)), truth)
-
-
-def _slice(name: str) -> IntArray:
-    start = 3 * STATE_BLOCKS.index(name)
-    return np.arange(start, start + 3)
-
-
-def _block(covariance: FloatArray, rows: str, columns: str) -> FloatArray:
-    return covariance[:, _slice(rows)[:, None], _slice(columns)]
-
-
-def _sigma(covariance: FloatArray) -> FloatArray:
-    """Standard deviations (N,3) of covariances (N,3,3); rounding may leave a variance of -1e-20."""
-    return np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))
+def _changed(config: Config) -> tuple[tuple[str, str], ...]:
+    """Settings that differ from the defaults, and their values."""
+    found = differences(config, Config())
+    return tuple((name, f"{value} (default: {usual})") for name, (value, usual) in found.items())

@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from asyneio.cli.options import SchemeName, TrackerName, with_scheme, with_tracker
+from asyneio.cli.options import (
+    CameraOption,
+    EventsOption,
+    PresetOption,
+    SamplesOption,
+    SchemeName,
+    TrackerName,
+    settings_of,
+    with_scheme,
+    with_tracker,
+)
 
 _EVIDENCE = (
     "A recording, processed causally: each estimate uses only what was measured before it; observations of "
@@ -17,7 +27,8 @@ _EVIDENCE = (
 
 def run(
     recording: Annotated[
-        Path, typer.Argument(help="Events with an IMU (UZH folder, HDF5, AEDAT), or a tracks folder.")
+        Path,
+        typer.Argument(help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT), or a tracks folder."),
     ],
     output: Annotated[
         Path | None,
@@ -25,9 +36,15 @@ def run(
     ] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Kalibr camera file.", show_default="beside the data"),
+        typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
     ] = None,
-    imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
+    imu: Annotated[
+        Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
+    ] = None,
+    camera: CameraOption = None,
+    preset: PresetOption = None,
+    events: EventsOption = None,
+    samples: SamplesOption = None,
     config: Annotated[
         Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
     ] = None,
@@ -43,23 +60,28 @@ def run(
         float | None,
         typer.Option(help="Of a tracks folder: cut tracks into pieces shorter than this, with new ids."),
     ] = None,
+    png: Annotated[
+        bool, typer.Option("--png", help="Also every figure of the report as a file, in figures.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Estimate the trajectory of a recording.
 
     Writes trajectory.tum, estimates.npz (velocity, biases, covariance), health.csv, config.yaml, summary.json
-    and, with matplotlib, report.html. Where the estimator lost track and began again, trajectory_1.tum, ...
-    follow, each in a world of its own; where attitude was known but no pose, attitude.csv. The exit status is
-    not 0 when the trajectory is missing or incomplete.
+    and, with matplotlib, report.html and overview.png. Where the estimator lost track and began again,
+    trajectory_1.tum, ... follow, each in a world of its own; where attitude was known but no pose,
+    attitude.csv. The exit status is not 0 when the trajectory is missing or incomplete.
     """
     from asyneio.cli import console
     from asyneio.cli.execute import Job, execute
-    from asyneio.cli.progress import share_progress
-    from asyneio.config import load_config
+    from asyneio.cli.progress import reading_progress
     from asyneio.io import ReadOptions, open_recording
 
-    settings = with_scheme(with_tracker(load_config(config), tracker), scheme)
-    with share_progress("reading") as progress:
-        loaded = open_recording(recording, ReadOptions(calibration, imu), progress, max_track_seconds)
+    settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
+    options = ReadOptions(calibration, imu, events, samples, camera, preset)
+    with reading_progress(recording) as progress:
+        loaded = open_recording(recording, options, progress, max_track_seconds)
     for note in loaded.notes:
         console.say(f"note: {note}")
-    execute(Job(loaded, settings, output or Path("results") / loaded.name, _EVIDENCE))
+    folder = output or Path("results") / loaded.name
+    execute(Job(loaded, settings, folder, _EVIDENCE, png=png, as_json=as_json))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
-    from asyneio.simulation import EventScenario, Scenario
+    from asyneio.simulation import EventScenario, EventSimulation, Scenario
+    from asyneio.types import EventRecording, RecordArray, Recording
 
 #: File of a simulated recording of events in HDF5; by its content `asyneio` finds it in the folder.
 HDF5_FILE = "recording.h5"
@@ -40,22 +42,27 @@ def simulate(
     event_format: Annotated[
         EventFormat, typer.Option("--format", help="Of a recording of events: text as of UZH, or HDF5.")
     ] = EventFormat.UZH,
+    as_json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
 ) -> None:
     """Simulate feature tracks or events, inertial samples and ground truth.
 
     Tracks are written as a tracks folder, events as a folder of the UZH layout or as one file of HDF5.
     """
+    import json
+
     from asyneio.io.atomic import make_folder
     from asyneio.simulation import EVENT_SCENARIOS
 
     if scenario in EVENT_SCENARIOS:
         chosen = named_event_scenario(scenario, seed, duration)
         make_folder(output)
-        _simulate_events(chosen, output, event_format)
+        written = _simulate_events(chosen, output, event_format)
     else:
         chosen_tracks = named_scenario(scenario, seed, duration)
         make_folder(output)
-        _simulate_tracks(chosen_tracks, output)
+        written = _simulate_tracks(chosen_tracks, output)
+    if as_json:
+        typer.echo(json.dumps({"folder": str(output), **written}, indent=2))
 
 
 def named_scenario(name: str, seed: int | None, duration_s: float | None) -> Scenario:
@@ -89,7 +96,44 @@ def named_event_scenario(name: str, seed: int | None, duration_s: float | None) 
     return scenario if duration_s is None else replace(scenario, duration_s=duration_s)
 
 
-def _simulate_tracks(scenario: Scenario, folder: Path) -> None:
+def write_simulated_events(
+    scenario: EventScenario, folder: Path, event_format: EventFormat
+) -> tuple[EventSimulation, int]:
+    """Simulate events piece by piece into a folder, whatever their number; the rest of the simulation
+    (without events), and how many there were.
+
+    Raises:
+        SimulationError: the scenario is impossible.
+        RecordingError: a file cannot be written.
+    """
+    import numpy as np
+
+    from asyneio.cli.progress import share_progress
+    from asyneio.io import write_events_hdf5, write_uzh_folder
+    from asyneio.simulation import simulate_events, stream_events
+    from asyneio.types import EVENT_DTYPE, NS_PER_S
+
+    simulation = simulate_events(scenario, np.empty(0, dtype=EVENT_DTYPE))
+    count = 0
+    with share_progress("simulating", scenario.duration_s, "x real time") as advance:
+
+        def pieces() -> Iterator[RecordArray]:
+            nonlocal count
+            for piece in stream_events(scenario):
+                count += int(piece.size)
+                if piece.size:
+                    since_ns = int(piece["t_ns"][-1]) + scenario.timeshift_ns - scenario.start_ns
+                    advance(since_ns / NS_PER_S / scenario.duration_s)
+                yield piece
+
+        if event_format is EventFormat.UZH:
+            write_uzh_folder(simulation.recording, folder, pieces())
+        else:
+            write_events_hdf5(simulation.recording, folder / HDF5_FILE, pieces())
+    return simulation, count
+
+
+def _simulate_tracks(scenario: Scenario, folder: Path) -> dict[str, Any]:
     from asyneio.cli import console
     from asyneio.io import write_tracks_folder
     from asyneio.simulation import simulate as run_simulation
@@ -100,27 +144,36 @@ def _simulate_tracks(scenario: Scenario, folder: Path) -> None:
         f"wrote {folder}: {scenario.duration_s:g} s, {recording.observations.size} observations, "
         f"{recording.gyroscope.size} gyroscope and {recording.accelerometer.size} accelerometer samples"
     )
+    return _figures(scenario, recording, observations=int(recording.observations.size))
 
 
-def _simulate_events(scenario: EventScenario, folder: Path, event_format: EventFormat) -> None:
+def _simulate_events(scenario: EventScenario, folder: Path, event_format: EventFormat) -> dict[str, Any]:
     import time
 
     from asyneio.cli import console
-    from asyneio.io import write_events_hdf5, write_uzh_folder
-    from asyneio.simulation import simulate_events
 
     console.say(f"simulating {scenario.name}, seed {scenario.seed}, {scenario.duration_s:g} s ...")
     started = time.perf_counter()
-    recording = simulate_events(scenario).recording
-    seconds = time.perf_counter() - started
-    if event_format is EventFormat.UZH:
-        write_uzh_folder(recording, folder)
-    else:
-        write_events_hdf5(recording, folder / HDF5_FILE)
-    mega = recording.events.size / 1e6
+    simulation, count = write_simulated_events(scenario, folder, event_format)
+    seconds, recording = time.perf_counter() - started, simulation.recording
+    mega = count / 1e6
     console.say(
         f"wrote {folder}: {scenario.duration_s:g} s, {mega:.2f} Mev "
         f"({mega / scenario.duration_s:.2f} Mev/s of the camera, made at {mega / seconds:.2f} Mev/s), "
         f"{recording.gyroscope.size} gyroscope and "
         f"{recording.accelerometer.size} accelerometer samples"
     )
+    return _figures(scenario, recording, events=count)
+
+
+def _figures(
+    scenario: Scenario | EventScenario, recording: Recording | EventRecording, **counts: int
+) -> dict[str, Any]:
+    return {
+        "recording": recording.name,
+        "seed": scenario.seed,
+        "duration_s": scenario.duration_s,
+        **counts,
+        "gyroscope": int(recording.gyroscope.size),
+        "accelerometer": int(recording.accelerometer.size),
+    }

@@ -38,6 +38,9 @@ def study(
         int | None, typer.Option(help="Processes at a time.", min=1, show_default="number of cores")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few conditions and seeds, in a minute.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print what was measured and written as JSON.")
+    ] = False,
 ) -> None:
     """Compare priors, preintegration rules or inertial schemes over many conditions and seeds.
 
@@ -45,6 +48,8 @@ def study(
     results.jsonl as it comes: the same command goes on where it was stopped, and measures only what is
     missing. The exit status is not 0 when a measurement failed.
     """
+    import json
+
     from asyneio.cli import console
     from asyneio.cli.progress import task_progress
     from asyneio.errors import StudyError
@@ -62,12 +67,24 @@ def study(
     with task_progress(name) as progress:
         result = run_study(chosen, folder, workers, command, progress)
     _show(result)
+    if as_json:
+        typer.echo(json.dumps(_index(name, result), indent=2))
     if result.failures:
         reasons = "; ".join(f"{record.task}: {record.failure}" for record in result.failures[:_SHOWN])
         raise StudyError(
             f"{len(result.failures)} of {len(chosen.tasks)} tasks failed, so tables and figures lack them: "
             f"{reasons}. The same command tries them again"
         )
+
+
+def _index(name: str, result: StudyResult) -> dict[str, object]:
+    return {
+        "study": name,
+        "tasks": len(result.records),
+        "reused": result.reused,
+        "failures": [{"task": record.task, "failure": record.failure} for record in result.failures],
+        "files": [str(path) for path in result.written],
+    }
 
 
 def _show(result: StudyResult) -> None:

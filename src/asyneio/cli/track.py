@@ -7,10 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from asyneio.cli.options import TrackerName, with_tracker
+from asyneio.cli.options import (
+    CameraOption,
+    EventsOption,
+    PresetOption,
+    SamplesOption,
+    TrackerName,
+    settings_of,
+    with_tracker,
+)
 
 if TYPE_CHECKING:
     from asyneio.cli.track_run import TrackRun
+    from asyneio.io import ReadOptions
     from asyneio.types import EventRecording, RecordArray
 
 TRACKS_FILE, SUMMARY_FILE = "tracks.csv", "tracks_summary.json"
@@ -19,7 +28,7 @@ PICTURE_FILE, ANIMATION_FILE = "tracks.png", "tracks.gif"
 
 def track(
     recording: Annotated[
-        Path, typer.Argument(help="Events: a folder or a file (UZH text, AEDAT-2.0, AEDAT4, HDF5).")
+        Path, typer.Argument(help="Events: a folder or a file (UZH text or zip, ROS bag, AEDAT, HDF5).")
     ],
     output: Annotated[
         Path | None,
@@ -33,9 +42,16 @@ def track(
         Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Kalibr camera file.", show_default="beside the data")
+        Path | None,
+        typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
     ] = None,
-    imu: Annotated[Path | None, typer.Option(help="Kalibr IMU file.", show_default="beside the data")] = None,
+    imu: Annotated[
+        Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
+    ] = None,
+    camera: CameraOption = None,
+    preset: PresetOption = None,
+    events: EventsOption = None,
+    samples: SamplesOption = None,
     gyroscope: Annotated[
         bool, typer.Option("--gyroscope/--no-gyroscope", help="Turn patches along with the camera's roll.")
     ] = True,
@@ -53,15 +69,15 @@ def track(
     from asyneio.cli import console
     from asyneio.cli.progress import share_progress
     from asyneio.cli.track_run import summarize_tracks, track_recording
-    from asyneio.config import load_config
     from asyneio.errors import RecordingError
+    from asyneio.io import ReadOptions
     from asyneio.io.atomic import make_folder, write_text
 
-    settings = with_tracker(load_config(config), tracker).frontend
-    loaded = _open(recording, calibration, imu)
+    settings = with_tracker(settings_of(config, preset), tracker).frontend
+    loaded = _open(recording, ReadOptions(calibration, imu, events, samples, camera, preset))
     folder = output or Path("results") / f"{loaded.name}-tracks"
     make_folder(folder)
-    with share_progress("tracking") as advance:
+    with share_progress("tracking", loaded.events.size / 1e6, "Mev/s") as advance:
         run = track_recording(loaded, settings, gyroscope, advance)
     summary = summarize_tracks(loaded, run)
     for stale in (TRACKS_FILE, PICTURE_FILE, ANIMATION_FILE):
@@ -83,20 +99,20 @@ def track(
         )
 
 
-def _open(path: Path, calibration: Path | None, imu: Path | None) -> EventRecording:
+def _open(path: Path, options: ReadOptions) -> EventRecording:
     """Read a recording of events.
 
     Raises:
         RecordingError: it cannot be read, has tracks instead of events, or no event.
     """
     from asyneio.cli import console
-    from asyneio.cli.progress import share_progress
+    from asyneio.cli.progress import reading_progress
     from asyneio.errors import RecordingError
-    from asyneio.io import ReadOptions, open_recording
+    from asyneio.io import open_recording
     from asyneio.types import Recording
 
-    with share_progress("reading") as advance:
-        loaded = open_recording(path, ReadOptions(calibration, imu), advance)
+    with reading_progress(path) as advance:
+        loaded = open_recording(path, options, advance)
     for note in loaded.notes:
         console.say(f"note: {note}")
     if isinstance(loaded, Recording):
@@ -125,6 +141,7 @@ def _write_tracks(recording: EventRecording, observations: RecordArray, folder: 
 
 def _draw(recording: EventRecording, run: TrackRun, folder: Path, animation: bool) -> list[Path]:
     from asyneio.cli import console
+    from asyneio.cli.progress import share_progress
     from asyneio.io.atomic import atomic_file
     from asyneio.viz import available
     from asyneio.viz.tracks import TrackScene, render_animation, render_tracks
@@ -138,8 +155,8 @@ def _draw(recording: EventRecording, run: TrackRun, folder: Path, animation: boo
         stream.write(render_tracks(scene, recording.name))
     if animation:
         drawn.append(folder / ANIMATION_FILE)
-        with atomic_file(drawn[1]) as stream:
-            stream.write(render_animation(scene))
+        with share_progress("drawing") as advance, atomic_file(drawn[1]) as stream:
+            stream.write(render_animation(scene, advance))
     return drawn
 
 

@@ -19,9 +19,11 @@ from asyneio.doctor.reading import read_events
 from asyneio.doctor.views import is_beside, is_calibration, view_without
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
 from asyneio.inertial.stillness import possible
+from asyneio.io.calibration import settle
 from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_assembly import USUAL_SIZES, prepare_samples
 from asyneio.io.open_recording import TRACKS_FILE, find_format, open_contents
+from asyneio.io.stamps import median_rate_hz
 from asyneio.io.tracks_checks import MAX_BAD_SHARE
 from asyneio.types import CameraIntrinsics, RecordArray
 
@@ -48,7 +50,7 @@ def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -
         if opened.contents is None:
             return gather_other(path, opened.refusals), 0.0
         started = time.perf_counter()
-        evidence, excerpts = _look_at(path, opened, _part(progress, 0.0, _READING))
+        evidence, excerpts = _look_at(path, options, opened, _part(progress, 0.0, _READING))
         seconds = time.perf_counter() - started
     return _with_alignment(evidence, excerpts, _part(progress, _READING, 1.0)), seconds
 
@@ -86,27 +88,26 @@ def _attempts(source: Path, options: ReadOptions, stack: ExitStack) -> Iterator[
         yield stack.enter_context(view_without(source, dropped)), bare
 
 
-def _look_at(path: Path, opened: _Opened, progress: Progress) -> tuple[Evidence, list[RecordArray]]:
+def _look_at(
+    path: Path, options: ReadOptions, opened: _Opened, progress: Progress
+) -> tuple[Evidence, list[RecordArray]]:
     contents = opened.contents
     assert contents is not None
-    rig = contents.rig
-    declared = contents.size or ((rig.camera.width, rig.camera.height) if rig.camera else None)
+    declared = contents.size or contents.rig.size or options.wanted.size
     read = read_events(contents, declared, progress)
     refusals = [*opened.refusals, *read.refusals]
-    camera, size_guessed = rig.camera, False
-    if camera is None and contents.lens is not None and read.figures.counts.size:
-        try:
-            camera = contents.lens(*(declared or guess_size(read.figures)))
-            size_guessed = declared is None
-        except CalibrationError as error:
-            refusals.append(Refusal("calibration", str(error)))
     samples = contents.samples if contents.samples is not None else read.samples
-    declared_hz = rig.calibration.noise.rate_hz if rig.calibration else None
     streams = None
     try:
-        streams = prepare_samples(samples, declared_hz)
+        streams = prepare_samples(samples, contents.rig.declared_hz)
     except RecordingError as error:
         refusals.append(Refusal("inertial samples", str(error)))
+    rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams and streams.gyroscope.size else None
+    rig = contents.rig
+    try:
+        rig = settle(rig, declared or guess_size(read.figures), options.wanted, contents.lens, rate_hz)
+    except AsyneioError as error:
+        refusals.append(Refusal("calibration", str(error)))
     evidence = Evidence(
         path=path,
         kind=opened.kind,
@@ -114,8 +115,8 @@ def _look_at(path: Path, opened: _Opened, progress: Progress) -> tuple[Evidence,
         size=contents.size,
         samples=samples,
         streams=streams,
-        camera=camera,
-        size_guessed=size_guessed,
+        camera=rig.camera,
+        size_guessed=declared is None,
         calibration=rig.calibration,
         truth=contents.truth,
         refusals=tuple(refusals),
@@ -129,7 +130,7 @@ def guess_size(figures: EventFigures) -> tuple[int, int]:
     for width, height in USUAL_SIZES:
         if figures.count - figures.counts[:height, :width].sum() <= MAX_BAD_SHARE * figures.count:
             return width, height
-    return figures.counts.shape[1], figures.counts.shape[0]
+    return max(figures.counts.shape[1], 1), max(figures.counts.shape[0], 1)
 
 
 def _with_alignment(evidence: Evidence, excerpts: list[RecordArray], progress: Progress | None) -> Evidence:

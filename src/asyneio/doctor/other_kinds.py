@@ -10,19 +10,21 @@ import numpy as np
 from asyneio.doctor.evidence import Evidence, Refusal
 from asyneio.doctor.views import is_calibration
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
+from asyneio.io.beside import SAMPLE_FILES, TRUTH_FILES
+from asyneio.io.calibration import CAMCHAIN_FILE, Rig, find_rig, settle
 from asyneio.io.contents import ReadOptions, Samples
 from asyneio.io.csv_table import read_csv
-from asyneio.io.event_assembly import CAMCHAIN_FILE, IMU_FILE, find_rig, prepare_samples
+from asyneio.io.event_assembly import prepare_samples
 from asyneio.io.inertial_files import InertialStreams, read_inertial
 from asyneio.io.inertial_text import read_inertial_file
-from asyneio.io.kalibr import read_calibration
+from asyneio.io.stamps import median_rate_hz
 from asyneio.io.tracks_folder import read_tracks_folder
 from asyneio.io.truth_text import read_truth_file
-from asyneio.types import INERTIAL_DTYPE, Calibration, CameraIntrinsics, PoseTrajectory
+from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, PoseTrajectory
 
-#: Where data sets put inertial samples, below the folder that is named; then any file so called.
-_INERTIAL_PLACES = ("imu.csv", "imu.txt", "imu0/data.csv", "mav0/imu0/data.csv", "*imu*.csv", "*imu*.txt")
-_TRUTH_PLACES = ("*groundtruth*.csv", "*groundtruth*.tum", "*groundtruth*.txt", "*/*groundtruth*/data.csv")
+#: Where data sets put samples and poses, below the folder that is named; then any file so called.
+_INERTIAL_PLACES = (*SAMPLE_FILES, "*imu*.csv", "*imu*.txt")
+_TRUTH_PLACES = (*TRUTH_FILES, "*groundtruth*.csv", "*groundtruth*.tum", "*groundtruth*.txt")
 #: What files that are no recordings begin with.
 MATLAB, PICTURES, POSES = "a MATLAB file", "pictures", "a trajectory"
 _OTHER_FILES = {b"MATLAB": MATLAB, b"\x89PNG": PICTURES, b"\xff\xd8\xff": PICTURES}
@@ -33,30 +35,34 @@ def gather_tracks(path: Path, options: ReadOptions) -> Evidence:
     """A tracks folder: tracks, samples and calibration, each as far as it can be read."""
     refusals: list[Refusal] = []
     notes: tuple[str, ...] = ()
-    calibration: Calibration | None = None
-    camera: CameraIntrinsics | None = None
+    rig = Rig()
     try:
-        calibration, _ = read_calibration(
-            options.calibration or path / CAMCHAIN_FILE, options.imu or path / IMU_FILE
-        )
-        camera = calibration.camera
+        rig = find_rig(path, options.calibration, options.imu)
     except CalibrationError as error:
         refusals.append(Refusal("calibration", str(error)))
     samples: Samples | None = None
     streams: InertialStreams | None = None
     try:
         samples = _raw_samples(path)
-        streams = read_inertial(path, calibration.noise.rate_hz if calibration else None)
+        streams = read_inertial(path, rig.declared_hz)
         notes = streams.notes
     except RecordingError as error:
         refusals.append(Refusal("inertial samples", str(error)))
+    try:
+        rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams else None
+        rig = settle(rig, None, options.wanted, rate_hz=rate_hz)
+    except AsyneioError as error:
+        refusals.append(Refusal("calibration", str(error)))
+    calibration = rig.calibration
     tracks, truth = None, None
-    if calibration is not None and streams is not None:
+    if streams is not None and not refusals:
         try:
-            recording = read_tracks_folder(path, options.calibration, options.imu)
+            recording = read_tracks_folder(path, options)
             tracks, truth, notes = recording.observations.copy(), recording.ground_truth, recording.notes
             # Back to the camera's clock, as they stand in the file.
-            tracks["t_ns"] -= calibration.timeshift_ns
+            tracks["t_ns"] -= recording.calibration.timeshift_ns
+        except CalibrationError as error:
+            refusals.append(Refusal("calibration", str(error)))
         except RecordingError as error:
             refusals.append(Refusal("tracks", str(error)))
     return Evidence(
@@ -65,7 +71,7 @@ def gather_tracks(path: Path, options: ReadOptions) -> Evidence:
         tracks=tracks,
         samples=samples,
         streams=streams,
-        camera=camera,
+        camera=rig.camera,
         calibration=calibration,
         truth=truth,
         refusals=tuple(refusals),
@@ -157,7 +163,7 @@ def _calibration_alone(path: Path) -> CameraIntrinsics | None:
     if not file.is_file() or not is_calibration(file):
         return None
     try:
-        return find_rig(file.parent, file, None).camera
+        return settle(find_rig(file.parent, file, None), None).camera
     except AsyneioError:
         return None
 

@@ -8,12 +8,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 _CALIBRATION_SUFFIXES = {".yaml", ".yml", ".json"}
+#: Belongs to a ROS 2 bag itself.
+_OF_A_BAG = "metadata.yaml"
 _TABLE_SUFFIXES = {".txt", ".csv", ".tum"}
 
 
 def is_calibration(path: Path) -> bool:
     """Whether a file may hold a calibration (those of text tables aside)."""
-    return path.suffix.lower() in _CALIBRATION_SUFFIXES
+    return path.suffix.lower() in _CALIBRATION_SUFFIXES and path.name != _OF_A_BAG
 
 
 def is_beside(path: Path) -> bool:

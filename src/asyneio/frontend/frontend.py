@@ -41,7 +41,8 @@ class Frontend:
 
     Args:
         config: the section `frontend`.
-        width, height: of the sensor [px].
+        width: of the sensor [px].
+        height: of the sensor [px].
     """
 
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:

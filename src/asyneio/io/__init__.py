@@ -1,10 +1,11 @@
 """Files in and out: tracks folders, event recordings, Kalibr calibrations, TUM trajectories, estimates."""
 
+from asyneio.io.calibration import read_calibration
+from asyneio.io.calibration.kalibr_writer import write_camchain, write_imu_noise
 from asyneio.io.contents import ReadOptions
 from asyneio.io.estimates_file import read_estimates, to_trajectory, write_estimates
 from asyneio.io.event_hdf5_writer import write_events_hdf5
-from asyneio.io.kalibr import read_calibration
-from asyneio.io.kalibr_writer import write_camchain, write_imu_noise
+from asyneio.io.inertial_text import read_inertial_file
 from asyneio.io.open_recording import open_recording
 from asyneio.io.tracks_folder import read_tracks_folder
 from asyneio.io.tracks_writer import write_tracks_folder
@@ -16,6 +17,7 @@ __all__ = [
     "open_recording",
     "read_calibration",
     "read_estimates",
+    "read_inertial_file",
     "read_tracks_folder",
     "read_tum",
     "to_trajectory",

@@ -21,21 +21,21 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import RecordingError
+from asyneio.io.calibration import find_rig
 from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_assembly import find_rig
 from asyneio.io.event_source import FAR_OUTSIDE, SAMPLE_DTYPE
 from asyneio.io.inertial_files import STANDARD_GRAVITY
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"#!AER-DAT2.0"
 WIDTH, HEIGHT = 240, 180
+WORDS_PER_SAMPLE = 7
+RATE_PER_LSB = np.pi / 180.0 / 32.8
+FORCE_PER_LSB = STANDARD_GRAVITY / 4096.0
 
 _CHIP = "DAVIS240"
 _CHUNK_WORDS = 2**17
 _MAX_HEADER_BYTES = 16 * 2**20
-_WORDS_PER_SAMPLE = 7
-_RATE_PER_LSB = np.pi / 180.0 / 32.8
-_FORCE_PER_LSB = STANDARD_GRAVITY / 4096.0
 _WRAP_US = 2**32
 #: A step back by almost a whole turn of the 32-bit clock is a turn, if no more time than this went by.
 _MAX_PAUSE_US = 60_000_000
@@ -123,18 +123,18 @@ class Aedat2Events:
         t_ns, code = words[:, 0], words[:, 1]
         starts = np.flatnonzero(code == 0)
         last = int(starts[-1]) if starts.size else len(words)
-        waiting = last if len(words) - last < _WORDS_PER_SAMPLE else len(words)
-        starts = starts[starts + _WORDS_PER_SAMPLE <= waiting]
-        index = starts[:, None] + np.arange(_WORDS_PER_SAMPLE)
-        whole = (code[index] == np.arange(_WORDS_PER_SAMPLE)).all(axis=1)
+        waiting = last if len(words) - last < WORDS_PER_SAMPLE else len(words)
+        starts = starts[starts + WORDS_PER_SAMPLE <= waiting]
+        index = starts[:, None] + np.arange(WORDS_PER_SAMPLE)
+        whole = (code[index] == np.arange(WORDS_PER_SAMPLE)).all(axis=1)
         whole &= (t_ns[index] == t_ns[starts, None]).all(axis=1)
         value = words[:, 2][index[whole]]
         samples = np.empty(len(value), dtype=SAMPLE_DTYPE)
         samples["t_ns"] = t_ns[starts[whole]]
-        samples["accelerometer"] = value[:, 0:3] * _FORCE_PER_LSB
-        samples["gyroscope"] = value[:, 4:7] * _RATE_PER_LSB
+        samples["accelerometer"] = value[:, 0:3] * FORCE_PER_LSB
+        samples["gyroscope"] = value[:, 4:7] * RATE_PER_LSB
         self._pieces.append(samples)
-        self._broken += waiting - _WORDS_PER_SAMPLE * len(value)
+        self._broken += waiting - WORDS_PER_SAMPLE * len(value)
         self._loose = words[waiting:]
 
 
@@ -142,6 +142,11 @@ def read_aedat2(path: Path, options: ReadOptions) -> Contents:
     """AEDAT-2.0 of a DAVIS240. Raises CalibrationError: a calibration file is malformed or impossible."""
     rig = find_rig(path.parent, options.calibration, options.imu)
     return Contents(path.resolve().stem, lambda: Aedat2Events(path), (WIDTH, HEIGHT), rig)
+
+
+def inertial_address(code: IntArray, value: IntArray) -> IntArray:
+    """Addresses of inertial words: codes (7,) and signed 16-bit values (N,7)."""
+    return 1 << 31 | code << 28 | (value & 0xFFFF) << 12 | 0xC00
 
 
 @njit(cache=True)

@@ -56,8 +56,10 @@ def make_folder(path: Path) -> None:
     """Make a folder that can be written to, so that a long run does not end in a failure to save.
 
     Raises:
-        RecordingError: it cannot be made or written to.
+        RecordingError: it cannot be made or written to, or is a file.
     """
+    if path.exists() and not path.is_dir():
+        raise RecordingError(f"{path} is a file; expected a folder for the results: name another one")
     probe = path / ".writable"
     write_text(probe, "")
     probe.unlink()

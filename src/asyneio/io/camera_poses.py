@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.errors import RecordingError
-from asyneio.io.contents import Rig
-from asyneio.io.kalibr import inverse_rigid
+from asyneio.io.calibration import Rig
+from asyneio.io.calibration.rigid import inverse_rigid
 from asyneio.io.stamps import drop_equal_stamps, sort_in_time
 from asyneio.io.tum import POSE_DTYPE, poses_of
 from asyneio.types import FloatArray, IntArray, PoseTrajectory
@@ -26,7 +26,7 @@ def truth_of_camera(
     Args:
         t_ns: (K,) camera clock.
         T_w_c: (K,4,4) camera to world.
-        rig: calibration.
+        rig: calibration, settled.
         path: where they come from, for messages.
 
     Raises:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from asyneio.io.calibration import Rig as Rig
+from asyneio.io.calibration import Wanted
 from asyneio.io.event_source import EventSource
-from asyneio.types import INERTIAL_DTYPE, Calibration, CameraIntrinsics, PoseTrajectory, RecordArray
+from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, PoseTrajectory, RecordArray
 
 
 @dataclass(frozen=True)
@@ -17,26 +19,26 @@ class ReadOptions:
     """What the user says about a recording; each is found out where it is None.
 
     Attributes:
-        calibration: file of the camera's calibration.
-        imu: file of the IMU's noise.
+        calibration: file of the camera's calibration, of any understood kind.
+        imu: file of the IMU's noise, of any understood kind.
         events: which events, where there are several: a topic, a stream, a camera.
         samples: which inertial samples, where there are several: a topic or a stream; or the file that holds
             them where the events come without.
+        camera: which camera of the calibration, by name or topic, where it holds several.
+        preset: model of the camera, whose published figures fill in what no file tells.
     """
 
     calibration: Path | None = None
     imu: Path | None = None
     events: str | None = None
     samples: str | None = None
+    camera: str | None = None
+    preset: str | None = None
 
-
-@dataclass(frozen=True)
-class Rig:
-    """What is known of the sensors: the lens, or lens, extrinsics and noise together, or nothing."""
-
-    camera: CameraIntrinsics | None = None
-    calibration: Calibration | None = None
-    notes: tuple[str, ...] = ()
+    @property
+    def wanted(self) -> Wanted:
+        """What the user says of the rig."""
+        return Wanted(self.camera, self.preset)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -55,15 +56,29 @@ def read_csv(path: Path, columns: dict[str, str]) -> CsvTable:
     return CsvTable(ordered, bad_lines_note(path, bad))
 
 
-def read_text(path: Path) -> str:
+class TextFile(Protocol):
+    """What can be read as text: a path, or a file in an archive."""
+
+    @property
+    def name(self) -> str:
+        """Its name without folders."""
+
+    def is_file(self) -> bool:
+        """True where it is there."""
+
+    def read_text(self, encoding: str | None = None, errors: str | None = None) -> str:
+        """All of it."""
+
+
+def read_text(path: TextFile) -> str:
     """The text of a file, undecodable bytes replaced. Raises RecordingError when it cannot be read."""
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}; check the path") from error
 
 
-def bad_lines_note(path: Path, bad: list[int]) -> tuple[str, ...]:
+def bad_lines_note(path: TextFile, bad: list[int]) -> tuple[str, ...]:
     """A sentence on skipped lines (their numbers, from 1), none when there are none."""
     if not bad:
         return ()

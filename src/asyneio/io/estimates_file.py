@@ -131,6 +131,8 @@ def _load(path: Path) -> dict[str, np.ndarray]:
                 )
             return {name: archive[name] for name in wanted}
     except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}; check the path") from error
     except (ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
-        raise RecordingError(f"{path} is no readable estimates.npz: {error}") from error
+        raise RecordingError(
+            f"{path} is no readable estimates.npz: {error}; expected what `asyneio run` writes"
+        ) from error

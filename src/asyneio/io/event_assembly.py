@@ -2,50 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 
 from asyneio.errors import CalibrationError, RecordingError
-from asyneio.io.contents import Contents, Rig, Samples, split_samples
+from asyneio.io.calibration import CAMCHAIN_FILE, Wanted, settle
+from asyneio.io.contents import Contents, Samples, split_samples
 from asyneio.io.event_cache import EventTable, load_events
 from asyneio.io.event_checks import SensorSizeError
 from asyneio.io.event_source import Progress
 from asyneio.io.inertial_files import InertialStreams, check_units
-from asyneio.io.kalibr import parse_camera, read_calibration
-from asyneio.io.safe_yaml import load_mapping
-from asyneio.io.stamps import check_overlap, check_rate, drop_equal_stamps, sort_in_time
+from asyneio.io.stamps import check_overlap, check_rate, drop_equal_stamps, median_rate_hz, sort_in_time
 from asyneio.types import EventRecording, RecordArray
-
-CAMCHAIN_FILE, IMU_FILE = "camchain-imucam.yaml", "imu.yaml"
 
 #: Sensors tried in this order where no file tells the size: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
 USUAL_SIZES = ((240, 180), (320, 240), (346, 260), (640, 480), (1280, 720))
 
 
-def find_rig(folder: Path, calibration_path: Path | None, imu_path: Path | None) -> Rig:
-    """The calibration at the given paths, or in Kalibr's files in the folder where there are any.
-
-    Raises:
-        CalibrationError: a given file is missing, or one that is there is malformed.
-    """
-    camchain, imu = calibration_path or folder / CAMCHAIN_FILE, imu_path or folder / IMU_FILE
-    if calibration_path is None and not camchain.is_file():
-        if imu_path is not None:
-            raise CalibrationError(
-                f"{imu} was given, but no camera file; give {CAMCHAIN_FILE} as well, or put it in {folder}"
-            )
-        return Rig()
-    if imu_path is None and not imu.is_file():
-        note = f"{camchain.name} was read for the lens only: no {IMU_FILE} (IMU noise) beside the events"
-        return Rig(parse_camera(load_mapping(camchain), camchain), None, (note,))
-    calibration, notes = read_calibration(camchain, imu)
-    return Rig(calibration.camera, calibration, notes)
-
-
 def assemble(
-    contents: Contents, progress: Progress | None = None, cache_from: int | None = None
+    contents: Contents,
+    progress: Progress | None = None,
+    cache_from: int | None = None,
+    wanted: Wanted | None = None,
 ) -> EventRecording:
     """Decode and check what a reader found.
 
@@ -53,21 +30,22 @@ def assemble(
         contents: what it found.
         progress: is told the fraction of the events converted.
         cache_from: see `load_events`.
+        wanted: which camera of the calibration, and a preset for what is missing in it.
 
     Raises:
         RecordingError: events or samples that cannot be read or explained, or that do not share one clock.
-        CalibrationError: the calibration speaks of another sensor size.
+        CalibrationError: the calibration is malformed, leaves a choice, or speaks of another sensor size.
+        ConfigError: there is no such preset.
     """
-    rig = contents.rig
-    declared_hz = rig.calibration.noise.rate_hz if rig.calibration else None
+    declared_hz = contents.rig.declared_hz
     # Files of samples are small: what is wrong with them is said before the events are converted.
     inertial = prepare_samples(contents.samples, declared_hz) if contents.samples else None
-    table, size, notes = _load(contents, progress, cache_from)
+    table, size, notes = _load(contents, wanted or Wanted(), progress, cache_from)
     if inertial is None:
         samples = split_samples(table.samples, f"the IMU of {contents.name}")
         inertial = prepare_samples(samples, declared_hz)
-    if rig.camera is None and contents.lens is not None:
-        rig = replace(rig, camera=contents.lens(*size))
+    rate_hz = median_rate_hz(inertial.gyroscope["t_ns"]) if inertial.gyroscope.size else None
+    rig = settle(contents.rig, size, wanted, contents.lens, rate_hz)
     if rig.camera is not None and (rig.camera.width, rig.camera.height) != size:
         raise CalibrationError(
             f"the calibration is for {rig.camera.width} x {rig.camera.height} pixels, but {contents.name} "
@@ -137,12 +115,10 @@ def _in_order(
 
 
 def _load(
-    contents: Contents, progress: Progress | None, cache_from: int | None
+    contents: Contents, wanted: Wanted, progress: Progress | None, cache_from: int | None
 ) -> tuple[EventTable, tuple[int, int], tuple[str, ...]]:
     """Events, the size of the sensor, and a sentence where it was guessed."""
-    size = contents.size
-    if size is None and contents.rig.camera is not None:
-        size = contents.rig.camera.width, contents.rig.camera.height
+    size = contents.size or contents.rig.size or wanted.size
     if size is not None:
         table = load_events(contents.decode(), *size, progress, cache_from, contents.variant)
         return table, size, ()

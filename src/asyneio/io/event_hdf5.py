@@ -18,10 +18,9 @@ import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE, find_rig, parse_calibration, rig_of
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples
-from asyneio.io.event_assembly import CAMCHAIN_FILE, IMU_FILE, find_rig
 from asyneio.io.hdf5_columns import ColumnEvents, ColumnLayout, event_columns
-from asyneio.io.kalibr import parse_calibration, parse_camera
 from asyneio.io.safe_hdf5 import (
     check_columns,
     dataset,
@@ -31,7 +30,6 @@ from asyneio.io.safe_hdf5 import (
     text_attribute,
     whole_attribute,
 )
-from asyneio.io.safe_yaml import parse_mapping
 from asyneio.types import INERTIAL_DTYPE, PoseTrajectory, RecordArray
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -82,13 +80,12 @@ def _rig(file: h5py.File, path: Path) -> Rig:
     if not holds(file, "calibration"):
         return find_rig(path.parent, None, None)
     section = group(file, "calibration", path)
-    camchain_path, imu_path = path / "calibration" / CAMCHAIN_FILE, path / "calibration" / IMU_FILE
-    camchain = parse_mapping(text_attribute(section, "camchain", path), camchain_path)
-    if "imu" not in section.attrs:
-        return Rig(parse_camera(camchain, camchain_path))
-    imu = parse_mapping(text_attribute(section, "imu", path), imu_path)
-    calibration, notes = parse_calibration(camchain, imu, camchain_path, imu_path)
-    return Rig(calibration.camera, calibration, notes)
+    files = [
+        parse_calibration(text_attribute(section, name, path), path / "calibration" / file)
+        for name, file in (("camchain", CAMCHAIN_FILE), ("imu", IMU_FILE))
+        if name == "camchain" or name in section.attrs
+    ]
+    return rig_of(files[0], files[1] if len(files) > 1 else None)
 
 
 def _samples(file: h5py.File, path: Path) -> Samples:

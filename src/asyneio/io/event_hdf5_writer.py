@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 
 from asyneio.io.atomic import atomic_path
+from asyneio.io.calibration.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.io.event_hdf5 import FORMAT, VERSION
 from asyneio.io.hdf5_columns import BLOCK_EVENTS
-from asyneio.io.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
 
 _COLUMNS = {"t": "t_ns", "x": "x", "y": "y", "p": "p"}
@@ -30,7 +30,17 @@ def write_events_hdf5(
     Raises:
         RecordingError: the file cannot be written.
     """
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_path(path) as temporary:
+        fill_hdf5(recording, temporary, pieces_of(recording, BLOCK_EVENTS) if events is None else events)
+
+
+def fill_hdf5(recording: EventRecording, path: Path, events: Iterable[RecordArray]) -> None:
+    """As `write_events_hdf5`, into the very file: where writing is interrupted, half a file remains.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with h5py.File(path, "w") as file:
         file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
         file.attrs["name"] = recording.name
         file.attrs["width"], file.attrs["height"] = recording.width, recording.height
@@ -44,7 +54,7 @@ def write_events_hdf5(
             section["t"] = recording.ground_truth.t_ns
             section["position"] = recording.ground_truth.position
             section["quaternion"] = recording.ground_truth.quaternion
-        _write_events(file, pieces_of(recording, BLOCK_EVENTS) if events is None else events)
+        _write_events(file, events)
 
 
 def pieces_of(recording: EventRecording, length: int) -> Iterator[RecordArray]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numba import njit
@@ -16,6 +17,7 @@ from asyneio.io.csv_table import MAX_BAD_LINES, bad_lines_note
 from asyneio.io.event_checks import MAX_STAMP_NS
 from asyneio.io.event_source import FAR_OUTSIDE, SAMPLE_DTYPE
 from asyneio.io.seconds_table import parse_seconds
+from asyneio.io.zip_member import DAMAGE, ZipMember
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 
 #: Small enough for the allocator to hand out the same memory again: fresh pages cost more than parsing.
@@ -25,8 +27,6 @@ CHUNK_BYTES = 2**20
 _SHORTEST_LINE = 8
 #: No number of an event needs more than this; a longer line is garbage.
 _LONGEST_LINE = 200
-#: More lines of words before the first numbers than this are no header but another kind of text.
-_MAX_HEADERS = 1
 _POLARITY = {"-1": -1, "0": 0, "1": 1, "+1": 1, "true": 1, "false": 0}
 
 _BLANK, _TAB, _RETURN, _NEWLINE, _POINT, _MINUS, _ZERO = (ord(c) for c in " \t\r\n.-0")
@@ -37,10 +37,16 @@ _MAX_SECONDS = MAX_STAMP_NS // NS_PER_S
 
 
 class TextEvents:
-    """An EventSource on a text file. Polarity is 0 and 1, -1 and 1, or true and false."""
+    """An EventSource on a text file. Polarity is 0 and 1, -1 and 1, or true and false.
 
-    def __init__(self, path: Path) -> None:
+    Args:
+        path: the file, or an archive.
+        member: the file in the archive.
+    """
+
+    def __init__(self, path: Path, member: ZipMember | None = None) -> None:
         self.path = path
+        self._file: Path | ZipMember = member or path
         self._bad: list[int] = []
         self._line = 0
         self._cut = False
@@ -50,21 +56,23 @@ class TextEvents:
     def chunks(self) -> Iterator[tuple[RecordArray, float]]:
         """See EventSource. Raises RecordingError: unreadable, binary, or too many bad lines."""
         try:
-            with self.path.open("rb") as stream:
-                size = max(self.path.stat().st_size, 1)
+            with self._open() as stream:
+                size = max(self._size(), 1)
                 rest = b""
                 while block := stream.read(CHUNK_BYTES):
                     text = rest + block
                     end = text.rfind(b"\n") + 1
                     rest = text[end:]
                     if len(rest) > CHUNK_BYTES:
-                        raise RecordingError(f"{self.path} has a line of {len(rest)} bytes; that is no text")
+                        raise RecordingError(f"{self._file} has a line of {len(rest)} bytes; that is no text")
                     yield self._parse(text, end), stream.tell() / size
                 self._cut = bool(rest)
                 if rest:
                     yield self._parse(rest + b"\n", len(rest) + 1), 1.0
         except OSError as error:
-            raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from error
+            raise RecordingError(f"cannot read {self._file}: {error.strerror or error}") from error
+        except DAMAGE as error:
+            raise RecordingError(f"{self._file} is damaged: {error}; get the archive again") from error
 
     def samples(self) -> RecordArray:
         """None: inertial samples are in a file of their own."""
@@ -72,10 +80,18 @@ class TextEvents:
 
     def notes(self) -> tuple[str, ...]:
         """Sentences on skipped lines."""
-        notes = bad_lines_note(self.path, self._bad)
+        notes = bad_lines_note(self._file, self._bad)
         if self._cut and self._line in self._bad:
-            notes += (f"{self.path.name} ends in the middle of line {self._line}: cut off? read up to there",)
+            notes += (
+                f"{self._file.name} ends in the middle of line {self._line}: cut off? read up to there",
+            )
         return notes
+
+    def _open(self) -> IO[bytes]:
+        return self._file.open() if isinstance(self._file, ZipMember) else self._file.open("rb")
+
+    def _size(self) -> int:
+        return self._file.size() if isinstance(self._file, ZipMember) else self._file.stat().st_size
 
     def _parse(self, text: bytes, end: int) -> RecordArray:
         """Events of the whole lines, each with its line feed, that fill `text` up to `end`."""
@@ -98,7 +114,7 @@ class TextEvents:
                 position = stop + 1
         if self._met.all():
             raise RecordingError(
-                f"{self.path} has the polarities -1, 0 and 1; expected two kinds, 0 and 1 or -1 and 1"
+                f"{self._file} has the polarities -1, 0 and 1; expected two kinds, 0 and 1 or -1 and 1"
             )
         return events[:count]
 
@@ -112,7 +128,7 @@ class TextEvents:
             self._bad.append(self._line)
             if len(self._bad) > MAX_BAD_LINES:
                 raise RecordingError(
-                    f"{self.path} has more than {MAX_BAD_LINES} unreadable lines, the last at {self._line}: "
+                    f"{self._file} has more than {MAX_BAD_LINES} unreadable lines, the last at {self._line}: "
                     f"{text[:60]!r}; expected t[s] x y p, polarity 0 and 1 or -1 and 1"
                 )
         return event
@@ -131,15 +147,15 @@ class TextEvents:
 
 def is_event_text(head: bytes) -> bool:
     """True when the first line of numbers in the start of a file has four: seconds, two whole numbers and a
-    polarity."""
-    headers = 0
+    polarity. But for comments, at most one line, of names, may stand before it: matrices are no events."""
+    names = 0
     for line in head.decode("latin-1").split("\n")[:50]:
         tokens = line.split("#", 1)[0].replace(",", " ").split()
         try:
             values = [float(token) for token in tokens]
         except ValueError:
-            headers += 1
-            if headers > _MAX_HEADERS:
+            names += 1
+            if names > 1:
                 return False
             continue
         if len(values) > 2:

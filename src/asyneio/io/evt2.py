@@ -98,12 +98,15 @@ def _decode_words(
             events += one
         elif code == TIME_HIGH:
             step = _signed_step(word, high) if high >= 0 else 0
-            if abs(step) > _MAX_STEP:
+            if high < 0 or abs(step) > _MAX_STEP:
                 after = _next_high(words, k)
                 if after < 0 and not last and words.size - k < _SEARCH_WORDS:
                     done = k
                     break
-                if after >= 0 and abs(_signed_step(after, high)) <= _MAX_STEP:
+                # The first one has no time before it to return to: it is wrong where time then runs back.
+                back = _signed_step(after, word) < -_MAX_STEP if high < 0 else False
+                near = abs(_signed_step(after, high)) <= _MAX_STEP if high >= 0 else False
+                if after >= 0 and (back or near):
                     state[_WRONG_HIGH] += 1
                     continue
             high = word & 0xFFFFFFF if high < 0 else max(high + step, 0)
@@ -120,7 +123,7 @@ def _decode_words(
 def _signed_step(word: int, high: int) -> int:
     """From the unwrapped high time to that of a word, the shorter way round the circle of 28 bits."""
     step = (word - high) & 0xFFFFFFF
-    return step - 0x10000000 if step >= 0x8000000 else step
+    return step - 0x10000000 if step > 0x8000000 else step
 
 
 @njit(cache=True)

@@ -18,9 +18,15 @@ from asyneio.io.hdf5_dsec import is_event_columns, is_sides_folder, read_event_c
 from asyneio.io.hdf5_m3ed import is_m3ed, read_m3ed
 from asyneio.io.hdf5_mvsec import is_mvsec, read_mvsec
 from asyneio.io.hdf5_prophesee import is_prophesee_hdf5, read_prophesee_hdf5
+from asyneio.io.mcap import MAGIC as MCAP_MAGIC
 from asyneio.io.prophesee import read_prophesee
 from asyneio.io.prophesee_header import MAGIC as PROPHESEE_MAGIC
+from asyneio.io.ros_recording import read_rosbag1, read_rosbag2
+from asyneio.io.rosbag1 import MAGIC as ROSBAG_MAGIC
+from asyneio.io.rosbag2 import is_rosbag2_folder, is_rosbag2_sqlite
 from asyneio.io.uzh_folder import EVENTS_FILE, read_uzh_folder
+from asyneio.io.uzh_zip import read_uzh_zip
+from asyneio.io.zip_member import MAGIC as ZIP_MAGIC
 
 
 @dataclass(frozen=True)
@@ -74,6 +80,11 @@ FORMATS = (
     ),
     Format("aedat2", "AEDAT-2.0 of a DAVIS240", lambda _, head: head.startswith(AEDAT2_MAGIC), read_aedat2),
     Format("aedat4", "AEDAT4", lambda _, head: head.startswith(AEDAT4_MAGIC), read_aedat4),
+    Format("zip", "a UZH zip", lambda _, head: head.startswith(ZIP_MAGIC), read_uzh_zip),
+    Format("rosbag1", "a ROS 1 bag", lambda _, head: head.startswith(ROSBAG_MAGIC), read_rosbag1),
+    Format("rosbag2", "a ROS 2 bag (folder)", lambda path, _: is_rosbag2_folder(path), read_rosbag2),
+    Format("mcap", "MCAP", lambda _, head: head.startswith(MCAP_MAGIC), read_rosbag2),
+    Format("sqlite", "SQLite of ROS 2", lambda _, head: is_rosbag2_sqlite(head), read_rosbag2),
     Format("text", "events as text (t[s] x y p)", lambda _, head: is_event_text(head), read_uzh_folder),
 )
 

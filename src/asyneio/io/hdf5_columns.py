@@ -95,8 +95,9 @@ class PolarityCheck:
         """Look at the next piece. Raises RecordingError: a third kind."""
         if p.size == 0 or p.dtype.kind == "b":
             return
-        self._met |= [bool((p == 0).any()), bool((p == -1).any())]
-        if self._met.all() or p.min() < -1 or p.max() > 1:
+        zero, negative = p == 0, p == -1
+        self._met |= [bool(zero.any()), bool(negative.any())]
+        if self._met.all() or not (zero | negative | (p == 1)).all():
             raise RecordingError(
                 f"{self._path}: polarity goes from {p.min()} to {p.max()}; expected 0 and 1, or -1 and 1"
             )
@@ -152,6 +153,8 @@ def likely_size(x: h5py.Dataset, y: h5py.Dataset, sizes: Sequence[tuple[int, int
     A look at a small part saves decoding the whole once for every size that is too small.
     """
     total = x.shape[0]
+    if total == 0:
+        return None
     starts = np.unique(np.linspace(0, max(total - _SAMPLED_ROWS, 0), _SAMPLED_BLOCKS).astype(np.int64))
     columns, rows = (
         np.concatenate([np.asarray(values[start : start + _SAMPLED_ROWS]) for start in starts.tolist()])

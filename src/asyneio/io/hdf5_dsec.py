@@ -22,8 +22,9 @@ import h5py
 
 from asyneio.errors import RecordingError
 from asyneio.io.beside import samples_beside, truth_beside
+from asyneio.io.calibration import find_rig
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples
-from asyneio.io.event_assembly import USUAL_SIZES, find_rig
+from asyneio.io.event_assembly import USUAL_SIZES
 from asyneio.io.event_checks import MAX_STAMP_NS
 from asyneio.io.hdf5_columns import ColumnEvents, ColumnLayout, event_columns, has_event_columns, likely_size
 from asyneio.io.safe_hdf5 import holds, open_hdf5, whole_number
@@ -85,7 +86,7 @@ def read_event_columns(path: Path, options: ReadOptions) -> Contents:
     if layout.offset_ns:
         notes += (f"{path.name}: t_offset of {layout.offset_ns // _US} us added to every event",)
     size = known.size
-    if size is None and known.rig.camera is None and guessed is not None:
+    if size is None and known.rig.size is None and guessed is not None:
         size = guessed
         notes += (
             f"no file tells the sensor's size: taken to be {size[0]} x {size[1]}, which holds the events",

@@ -14,6 +14,7 @@ file: it is read from `imu.yaml`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,14 +23,14 @@ import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.calibration import IMU_FILE, find_rig, open_calibration, rig_of, settle
+from asyneio.io.calibration.kalibr import parse_chain
+from asyneio.io.calibration.rigid import inverse_rigid
 from asyneio.io.camera_poses import truth_of_camera
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples, no_samples
-from asyneio.io.event_assembly import CAMCHAIN_FILE, IMU_FILE, find_rig
 from asyneio.io.event_checks import MAX_STAMP_NS
 from asyneio.io.hdf5_columns import ColumnEvents, ColumnLayout, event_columns, has_event_columns
-from asyneio.io.kalibr import inverse_rigid, parse_calibration, parse_camera
 from asyneio.io.safe_hdf5 import check_columns, dataset, group_at, holds, open_hdf5, table, text
-from asyneio.io.safe_yaml import load_mapping
 from asyneio.io.sides import LEFT, RIGHT, choose_side
 from asyneio.types import INERTIAL_DTYPE, FloatArray, PoseTrajectory
 
@@ -58,7 +59,7 @@ def read_m3ed(path: Path, options: ReadOptions) -> Contents:
         event_columns(file, layout.group, path)
         rig = _rig(file, side, path, options)
         samples = _samples(file, path)
-    truth, truth_notes = _truth(path, side, rig)
+    truth, truth_notes = _truth(path, side, settle(rig, SIZE, options.wanted))
     return Contents(
         path.resolve().stem,
         partial(ColumnEvents, path, layout),
@@ -85,11 +86,9 @@ def _rig(file: h5py.File, side: str, path: Path, options: ReadOptions) -> Rig:
     camchain = {"cam0": _camera(camera, path) | _extrinsics(file, camera, path)}
     said = f"{path.name}: lens read from the file (/prophesee/{side}/calib)"
     noise = options.imu or folder / IMU_FILE
-    if "T_cam_imu" not in camchain["cam0"] or (options.imu is None and not noise.is_file()):
-        more = f"; with {IMU_FILE} (IMU noise) beside it the extrinsics would be used as well"
-        return Rig(parse_camera(camchain, where), None, (said + more,))
-    calibration, notes = parse_calibration(camchain, load_mapping(noise), where / CAMCHAIN_FILE, noise)
-    return Rig(calibration.camera, calibration, (f"{said}, extrinsics too, noise from {noise.name}", *notes))
+    imu = open_calibration(noise) if options.imu or noise.is_file() else None
+    rig = rig_of(parse_chain(camchain, where), imu)
+    return replace(rig, notes=(said, *rig.notes))
 
 
 def _camera(camera: h5py.Group, path: Path) -> dict[str, Any]:

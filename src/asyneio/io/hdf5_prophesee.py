@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from asyneio.io.beside import samples_beside, truth_beside
+from asyneio.io.calibration import find_rig
 from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_assembly import find_rig
 from asyneio.io.hdf5_columns import ColumnEvents, ColumnLayout, event_table
 from asyneio.io.prophesee_header import size_of
 from asyneio.io.safe_hdf5 import group, holds, open_hdf5, text_attribute

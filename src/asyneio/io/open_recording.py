@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 from asyneio.errors import RecordingError
+from asyneio.io.beside import SAMPLE_FILES, first_file
 from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_assembly import assemble
 from asyneio.io.event_source import Progress
 from asyneio.io.formats import FORMATS, Format, format_of
+from asyneio.io.inertial_text import read_inertial_file
+from asyneio.io.resumable import PART_SUFFIX
 from asyneio.io.tracks_folder import read_tracks_folder
 from asyneio.types import EventRecording, Recording
 
@@ -16,10 +21,10 @@ TRACKS_FILE = "tracks.csv"
 
 #: Formats that are recognised only to say what they are.
 _NOT_READ = {
-    b"#ROSBAG": "a ROS 1 bag",
-    b"\x89MCAP": "an MCAP file (ROS 2)",
-    b"SQLite format 3": "a SQLite file (ROS 2 bag?)",
-    b"PK\x03\x04": "a zip archive: unpack it first",
+    b"#ROSBAG": "a ROS bag of another version than 2.0",
+    b"SQLite format 3\0": "a SQLite file, but no ROS 2 bag",
+    b"\x28\xb5\x2f\xfd": "packed with zstd (unpack it: zstd -d FILE)",
+    b"\x1f\x8b": "packed with gzip (unpack it first)",
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
     b"\x89HDF\r\n\x1a\n": "HDF5 of no known layout",
 }
@@ -45,14 +50,15 @@ def open_recording(
 
     Raises:
         RecordingError: nothing there, nothing understood, or more than one; or as the reader says.
-        CalibrationError: a calibration file is missing, malformed or impossible.
+        CalibrationError: a calibration file is missing, malformed or impossible, or leaves a choice.
+        ConfigError: there is no such preset.
     """
     options = options or ReadOptions()
     if (path / TRACKS_FILE).is_file():
-        return read_tracks_folder(path, options.calibration, options.imu, max_track_seconds)
+        return read_tracks_folder(path, options, max_track_seconds)
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} holds events, not tracks; a longest track cannot be set for it")
-    return assemble(open_contents(path, options), progress, cache_from)
+    return assemble(open_contents(path, options), progress, cache_from, options.wanted)
 
 
 def open_contents(path: Path, options: ReadOptions) -> Contents:
@@ -63,13 +69,19 @@ def open_contents(path: Path, options: ReadOptions) -> Contents:
         CalibrationError: a calibration file is missing, malformed or impossible.
     """
     source, format = find_format(path)
-    return format.read(source, options)
+    contents = format.read(source, options)
+    named = Path(options.samples) if options.samples else None
+    if named is None or not named.is_file() or (contents.samples and contents.samples.name == named.name):
+        return contents
+    return replace(contents, samples=read_inertial_file(named))
 
 
 def find_format(path: Path) -> tuple[Path, Format]:
     """The file or folder with the events, and its format. Raises RecordingError, as `open_contents`."""
     if not path.exists():
         raise RecordingError(f"{path} does not exist; expected {_understood()}")
+    if path.name.endswith(PART_SUFFIX):
+        _refuse_part(path)
     format = format_of(path, b"" if path.is_dir() else _head(path))
     if format is not None:
         return path, format
@@ -78,12 +90,19 @@ def find_format(path: Path) -> tuple[Path, Format]:
     raise RecordingError(f"{path} is {_describe(path)}; expected {_understood()}")
 
 
+def _refuse_part(path: Path) -> NoReturn:
+    raise RecordingError(f"{path} is an unfinished conversion: run `asyneio convert` again with --resume")
+
+
 def _only_event_file(folder: Path) -> tuple[Path, Format]:
     """The one file of events in a folder that has no layout. Raises RecordingError where there is not one."""
     try:
-        files = sorted(entry for entry in folder.iterdir() if entry.is_file())
+        entries = sorted(entry for entry in folder.iterdir() if entry.is_file())
     except OSError as error:
         raise RecordingError(f"cannot list {folder}: {error.strerror or error}") from error
+    unfinished = [file for file in entries if file.suffix == PART_SUFFIX]
+    # Hidden files are temporary ones.
+    files = [file for file in entries if not file.name.startswith(".") and file not in unfinished]
     formats = [(file, format_of(file, _head(file))) for file in files]
     found = [(file, format) for file, format in formats if format is not None]
     if len(found) == 1:
@@ -91,6 +110,15 @@ def _only_event_file(folder: Path) -> tuple[Path, Format]:
     if found:
         names = _listed([file.name for file, _ in found])
         raise RecordingError(f"{folder} holds {len(found)} recordings: {names}; name one of them")
+    if unfinished:
+        _refuse_part(unfinished[0])
+    named = [file for file in files if "imu" in file.name.lower() and file.suffix in (".csv", ".txt")]
+    inertial = first_file(folder, SAMPLE_FILES) or (named[0] if named else None)
+    if inertial is not None:
+        raise RecordingError(
+            f"{folder} holds inertial samples ({inertial.relative_to(folder)}) but no events; expected "
+            f"{_understood()}"
+        )
     content = _listed([f"{file.name} ({_describe(file)})" for file in files]) if files else "no file"
     raise RecordingError(f"{folder} holds {content}; expected {_understood()}")
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.beside import samples_beside, truth_beside
+from asyneio.io.calibration import find_rig
 from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_assembly import find_rig
 from asyneio.io.event_source import SAMPLE_DTYPE
 from asyneio.io.evt2 import Evt2Decoder
 from asyneio.io.evt3 import Evt3Decoder

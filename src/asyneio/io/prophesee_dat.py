@@ -16,6 +16,7 @@ VERSION = 2
 CD_KINDS = (0x00, 0x0C)
 RECORD_BYTES = 8
 CLOCK_US = 2**32
+MAX_PIXEL = 2**14 - 1
 
 _US = 1000
 
@@ -37,6 +38,21 @@ class DatDecoder:
     def notes(self, name: str) -> tuple[str, ...]:
         """Nothing is skipped in DAT."""
         return ()
+
+
+def dat_header(width: int, height: int) -> bytes:
+    """The header of a file of version 2, with the kind and the size of its records."""
+    lines = ("Data file containing CD events.", f"Version {VERSION}", f"Height {height}", f"Width {width}")
+    return "".join(f"% {line}\n" for line in lines).encode() + bytes((CD_KINDS[1], RECORD_BYTES))
+
+
+def dat_records(events: RecordArray) -> bytes:
+    """Events at whole microseconds from 0 to CLOCK_US, pixels up to MAX_PIXEL, as records."""
+    records = np.empty((events.size, 2), dtype="<u4")
+    records[:, 0] = events["t_ns"] // _US
+    x, y, p = (events[name].astype(np.uint32) for name in ("x", "y", "p"))
+    records[:, 1] = p << 28 | y << 14 | x
+    return records.tobytes()
 
 
 @njit(cache=True)

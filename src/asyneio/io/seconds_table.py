@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from decimal import Decimal, InvalidOperation
-from pathlib import Path
 
 from asyneio.errors import RecordingError
-from asyneio.io.csv_table import MAX_BAD_LINES, read_text
+from asyneio.io.csv_table import MAX_BAD_LINES, TextFile, read_text
 from asyneio.types import NS_PER_S
 
 Row = tuple[int, tuple[float, ...]]
@@ -38,7 +37,7 @@ def parse_seconds(text: str, decimals: int = 9) -> int | None:
 
 
 def read_rows(
-    path: Path, columns: str, valid: Callable[[tuple[float, ...]], bool] | None = None
+    path: TextFile, columns: str, valid: Callable[[tuple[float, ...]], bool] | None = None
 ) -> tuple[list[Row], list[int]]:
     """Rows of `columns` (names parted by blanks, time first) and the numbers of the lines skipped.
 

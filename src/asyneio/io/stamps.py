@@ -66,7 +66,7 @@ def check_rate(t_ns: IntArray, declared_hz: float | None, what: str) -> tuple[st
     if t_ns.size < 2:
         raise RecordingError(f"{what} holds {t_ns.size} sample(s); at least two are needed")
     steps_ns = np.diff(t_ns).astype(np.float64)
-    rate_hz = NS_PER_S / float(np.median(steps_ns))
+    rate_hz = median_rate_hz(t_ns)
     low, high = PLAUSIBLE_RATE_HZ
     if not low <= rate_hz <= high:
         raise RecordingError(
@@ -82,6 +82,11 @@ def check_rate(t_ns: IntArray, declared_hz: float | None, what: str) -> tuple[st
     if gaps_ns.size:
         notes += (f"{what}: {gaps_ns.size} gap(s) without samples, at most {gaps_ns.max() / 1e6:.1f} ms",)
     return notes
+
+
+def median_rate_hz(t_ns: IntArray) -> float:
+    """The rate [Hz] of the median interval of at least two ascending stamps."""
+    return NS_PER_S / float(np.median(np.diff(t_ns)))
 
 
 def check_overlap(first: IntArray, second: IntArray, first_name: str, second_name: str) -> None:

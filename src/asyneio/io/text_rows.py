@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import IO
 
@@ -23,7 +24,7 @@ _DECIMALS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 _SPELLINGS = {"sec": "s", "seconds": "s", "nsec": "ns", "usec": "us", "µs": "us", "msec": "ms"}
 _TIME = re.compile(r"^(t|time|timestamps?|stamp)(_?(s|sec|ms|us|ns)|\((s|sec|ms|us|ns)\))?$")
 _LONGEST_LINE = 1000
-_MAX_BYTES = 2**31
+_MAX_BYTES = 2**30
 #: So many lines tell the usual count of columns and the rate.
 _FIRST = 1000
 
@@ -37,8 +38,8 @@ class TextRows:
         names: of the columns, lower case without units; empty where there is no header.
         time: position of the column of time.
         unit: of time as the header says; "" where it does not.
-        tokens: the lines, N lists of as many numbers.
-        values: the same as (N, columns).
+        times: what stands in that column, N texts.
+        values: all columns, (N, columns).
         bad: numbers of the lines left out.
     """
 
@@ -46,7 +47,7 @@ class TextRows:
     names: tuple[str, ...]
     time: int
     unit: str
-    tokens: list[list[str]]
+    times: list[str]
     values: FloatArray
     bad: list[int]
 
@@ -58,16 +59,15 @@ class TextRows:
         Raises:
             RecordingError: no unit gives such a rate, or a stamp does not fit.
         """
-        times = [tokens[self.time] for tokens in self.tokens]
-        unit = self.unit or self._unit_by_rate(times[: _FIRST + 1], rates_hz)
-        stamps = [parse_seconds(text, _DECIMALS[unit]) for text in times]
+        unit = self.unit or self._unit_by_rate(rates_hz)
+        stamps = [parse_seconds(text, _DECIMALS[unit]) for text in self.times]
         if None in stamps:
-            text = times[stamps.index(None)]
+            text = self.times[stamps.index(None)]
             raise RecordingError(f"{self.path}: {text[:40]} {unit} is no time that fits into 64 bits of ns")
         return np.array(stamps, dtype=np.int64), unit
 
-    def _unit_by_rate(self, times: list[str], rates_hz: tuple[float, float]) -> str:
-        exact = [Decimal(text) for text in times]
+    def _unit_by_rate(self, rates_hz: tuple[float, float]) -> str:
+        exact = [Decimal(text) for text in self.times[: _FIRST + 1]]
         step = float(np.median([float(after - before) for before, after in pairwise(exact)]))
         for unit, decimals in _DECIMALS.items():
             if step > 0.0 and rates_hz[0] <= NS_PER_S / (step * 10.0**decimals) <= rates_hz[1]:
@@ -87,44 +87,52 @@ def read_text_rows(path: Path, least: int, expected: str) -> TextRows:
     Raises:
         RecordingError: unreadable, fewer than two lines or `least` columns, or too many other lines.
     """
-    header, lines = _read(path, expected)
-    counts = [len(tokens) for _, tokens in islice(lines, _FIRST)]
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise RecordingError(f"{path} has {path.stat().st_size} bytes; expected {expected}")
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            rows = _collect(path, _bounded(stream, path, expected), expected)
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+    if rows.values.shape[1] < least or len(rows.times) < 2:
+        raise RecordingError(
+            f"{path} holds {len(rows.times)} line(s) of {rows.values.shape[1]} numbers; expected {expected}"
+        )
+    return rows
+
+
+def _collect(path: Path, lines: Iterator[tuple[int, str]], expected: str) -> TextRows:
+    header, start = "", []
+    for number, text in lines:
+        if not _is_comment(text) and _is_number(_split(text)[0]):
+            start = [(number, text), *islice(lines, _FIRST)]
+            break
+        header = text
+    if not start:
+        raise RecordingError(f"{path} holds no line of numbers; expected {expected}")
+    counts = [len(_split(text)) for _, text in start if not _is_comment(text)]
     count = max(set(counts), key=counts.count)
     names, time, unit = _header(header, count)
-    tokens, bad = [], []
-    for number, line in lines:
-        if len(line) == count and all(map(_is_number, line)) and math.isfinite(float(line[time])):
-            tokens.append(line)
+    times: list[str] = []
+    values = array("d")
+    bad: list[int] = []
+    for number, text in chain(start, lines):
+        if _is_comment(text):
+            continue
+        tokens = _split(text.split("#", 1)[0])
+        row = _numbers(tokens) if len(tokens) == count else None
+        if row is not None and math.isfinite(row[time]):
+            times.append(tokens[time])
+            values.extend(row)
             continue
         bad.append(number)
         if len(bad) > MAX_BAD_LINES:
             raise RecordingError(
                 f"{path} has more than {MAX_BAD_LINES} unreadable lines, the last at {number}: "
-                f"{' '.join(line)[:60]!r}; expected {expected}"
+                f"{text[:60]!r}; expected {expected}"
             )
-    if count < least or len(tokens) < 2:
-        raise RecordingError(f"{path} holds {len(tokens)} line(s) of {count} numbers; expected {expected}")
-    values = np.array([[float(token) for token in line] for line in tokens])
-    return TextRows(path, names, time, unit, tokens, values, bad)
-
-
-def _read(path: Path, expected: str) -> tuple[str, list[tuple[int, list[str]]]]:
-    header = ""
-    lines: list[tuple[int, list[str]]] = []
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise RecordingError(f"{path} has {path.stat().st_size} bytes; expected {expected}")
-        with path.open(encoding="utf-8-sig", errors="replace") as stream:
-            for number, text in _bounded(stream, path, expected):
-                if text.startswith(("#", "%")) or (not lines and not _is_number(_split(text)[0])):
-                    header = header if lines else text
-                else:
-                    lines.append((number, _split(text.split("#", 1)[0])))
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
-    if not lines:
-        raise RecordingError(f"{path} holds no line of numbers; expected {expected}")
-    return header, lines
+    table = np.array(values, dtype=np.float64).reshape(-1, count)
+    return TextRows(path, names, time, unit, times, table, bad)
 
 
 def _bounded(stream: IO[str], path: Path, expected: str) -> Iterator[tuple[int, str]]:
@@ -172,9 +180,18 @@ def _split(text: str) -> list[str]:
     return text.replace(",", " ").replace(";", " ").split() or [""]
 
 
+def _is_comment(text: str) -> bool:
+    return text.startswith(("#", "%"))
+
+
 def _is_number(token: str) -> bool:
+    return _numbers([token]) is not None
+
+
+def _numbers(tokens: list[str]) -> list[float] | None:
     try:
-        float(token)
+        row = [float(token) for token in tokens]
     except ValueError:
-        return False
-    return "_" not in token
+        return None
+    # Python takes 1_000 for a number.
+    return None if any("_" in token for token in tokens) else row

@@ -3,7 +3,7 @@
 tracks.csv          t_ns,id,u,v            camera clock, distorted pixels
 imu.csv             t_ns,gx,gy,gz,ax,ay,az IMU clock, rad/s and m/s^2
                     or gyroscope.csv (t_ns,gx,gy,gz) and accelerometer.csv (t_ns,ax,ay,az)
-camchain-imucam.yaml, imu.yaml             Kalibr's layout
+camchain-imucam.yaml, imu.yaml             Kalibr's layout, or another calibration (io/calibration)
 groundtruth.tum                            optional, IMU clock
 """
 
@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.calibration import find_rig, require_calibration, settle
+from asyneio.io.contents import ReadOptions
 from asyneio.io.csv_table import read_csv
 from asyneio.io.inertial_files import read_inertial
-from asyneio.io.kalibr import read_calibration
-from asyneio.io.stamps import check_overlap, sort_in_time
+from asyneio.io.stamps import check_overlap, median_rate_hz, sort_in_time
 from asyneio.io.tracks_checks import cut_tracks, drop_outside, drop_repeated
 from asyneio.io.tum import read_tum
 from asyneio.types import OBSERVATION_DTYPE, Calibration, PoseTrajectory, RecordArray, Recording
@@ -28,17 +29,13 @@ _MAX_STAMP_NS = 2**62
 
 
 def read_tracks_folder(
-    path: Path,
-    calibration_path: Path | None = None,
-    imu_path: Path | None = None,
-    max_track_seconds: float | None = None,
+    path: Path, options: ReadOptions | None = None, max_track_seconds: float | None = None
 ) -> Recording:
     """Read and validate a tracks folder.
 
     Args:
         path: the folder.
-        calibration_path: Kalibr camera file; None: `camchain-imucam.yaml` in the folder.
-        imu_path: Kalibr IMU file; None: `imu.yaml` in the folder.
+        options: what the user says: calibration, where it is not the one in the folder.
         max_track_seconds: cut tracks into pieces shorter than this, with new ids; None: leave them whole.
 
     Returns:
@@ -52,11 +49,13 @@ def read_tracks_folder(
         raise RecordingError(
             f"{path} is not a folder; expected a tracks folder: tracks.csv, imu.csv and a Kalibr calibration"
         )
-    calibration, notes = read_calibration(
-        calibration_path or path / "camchain-imucam.yaml", imu_path or path / "imu.yaml"
-    )
+    options = options or ReadOptions()
+    rig = find_rig(path, options.calibration, options.imu)
+    inertial = read_inertial(path, rig.declared_hz)
+    rate_hz = median_rate_hz(inertial.gyroscope["t_ns"])
+    rig = settle(rig, None, options.wanted, rate_hz=rate_hz)
+    calibration = require_calibration(rig, path)
     observations, track_notes = _read_tracks(path / "tracks.csv", calibration)
-    inertial = read_inertial(path, calibration.noise.rate_hz)
     check_overlap(observations["t_ns"], inertial.gyroscope["t_ns"], "tracks.csv", "the gyroscope")
     check_overlap(observations["t_ns"], inertial.accelerometer["t_ns"], "tracks.csv", "the accelerometer")
     truth, truth_notes = _read_truth(path / "groundtruth.tum")
@@ -69,7 +68,7 @@ def read_tracks_folder(
         accelerometer=inertial.accelerometer,
         calibration=calibration,
         ground_truth=truth,
-        notes=notes + track_notes + inertial.notes + truth_notes,
+        notes=rig.notes + track_notes + inertial.notes + truth_notes,
     )
 
 

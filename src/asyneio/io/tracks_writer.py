@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.io.atomic import write_text
-from asyneio.io.kalibr_writer import write_camchain, write_imu_noise
+from asyneio.io.calibration.kalibr_writer import write_camchain, write_imu_noise
 from asyneio.io.tum import write_tum
 from asyneio.types import RecordArray, Recording
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.io.atomic import write_text
-from asyneio.io.csv_table import bad_lines_note
+from asyneio.io.csv_table import TextFile, bad_lines_note
 from asyneio.io.seconds_table import format_seconds, read_rows
 from asyneio.io.stamps import drop_equal_stamps, sort_in_time
 from asyneio.types import PoseTrajectory, RecordArray
@@ -17,12 +17,12 @@ HEADER = "# t[s] px py pz qx qy qz qw: pose of the body (IMU) in the world\n"
 #: One pose: position [m], quaternion x y z w.
 POSE_DTYPE = np.dtype([("t_ns", "<i8"), ("p", "<f8", (3,)), ("q", "<f8", (4,))])
 #: Printed quaternions are of unit length to their digits; further off they are something else.
-_MAX_NORM_ERROR = 1e-2
+MAX_NORM_ERROR = 1e-2
 #: Below this a quaternion is left as it was printed.
 _EXACT_NORM_ERROR = 1e-6
 
 
-def read_tum(path: Path) -> tuple[PoseTrajectory, tuple[str, ...]]:
+def read_tum(path: TextFile) -> tuple[PoseTrajectory, tuple[str, ...]]:
     """Read a trajectory; the second value is sentences on what was skipped or sorted.
 
     Values may be separated by blanks or commas; `#` starts a comment. Quaternions are x y z w.
@@ -54,16 +54,21 @@ def write_tum(path: Path, trajectory: PoseTrajectory, header: str = HEADER) -> N
     Raises:
         RecordingError: the file cannot be written.
     """
+    write_text(path, tum_text(trajectory, header))
+
+
+def tum_text(trajectory: PoseTrajectory, header: str = HEADER) -> str:
+    """What `write_tum` writes."""
     lines = [header]
     values = np.hstack([trajectory.position, trajectory.quaternion]).tolist()
     for t_ns, row in zip(trajectory.t_ns.tolist(), values, strict=True):
         lines.append(f"{format_seconds(t_ns)} {' '.join(map(repr, row))}\n")
-    write_text(path, "".join(lines))
+    return "".join(lines)
 
 
 def _is_pose(values: tuple[float, ...]) -> bool:
     """True when the quaternion has unit length."""
-    return abs(float(np.linalg.norm(values[3:])) - 1.0) <= _MAX_NORM_ERROR
+    return abs(float(np.linalg.norm(values[3:])) - 1.0) <= MAX_NORM_ERROR
 
 
 def _unit(quaternion: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> np.ndarray:

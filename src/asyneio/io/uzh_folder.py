@@ -9,17 +9,18 @@ camchain-imucam.yaml, imu.yaml                  optional; Kalibr's layout: extri
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from asyneio.errors import CalibrationError
-from asyneio.io.contents import Contents, ReadOptions, Samples, no_samples, split_samples
-from asyneio.io.csv_table import bad_lines_note, read_text
-from asyneio.io.event_assembly import find_rig
-from asyneio.io.event_source import SAMPLE_DTYPE
+from asyneio.io.calibration import find_rig
+from asyneio.io.calibration.lens import make_lens
+from asyneio.io.contents import Contents, ReadOptions, Rig, Samples, no_samples, split_samples
+from asyneio.io.csv_table import TextFile, bad_lines_note, read_text
+from asyneio.io.event_source import SAMPLE_DTYPE, EventSource
 from asyneio.io.event_text import TextEvents
-from asyneio.io.kalibr import parse_intrinsics
 from asyneio.io.seconds_table import read_rows
 from asyneio.io.tum import read_tum
 from asyneio.types import CameraIntrinsics, Distortion, PoseTrajectory
@@ -41,21 +42,41 @@ def read_uzh_folder(path: Path, options: ReadOptions) -> Contents:
     events_path = path / EVENTS_FILE if path.is_dir() else path
     folder = events_path.parent
     rig = find_rig(folder, options.calibration, options.imu)
-    truth, truth_notes = _read_truth(folder / TRUTH_FILE)
-    lens = folder / LENS_FILE
+    name = folder.resolve().name if events_path.name == EVENTS_FILE else events_path.stem
+    return uzh_contents(name, lambda: TextEvents(events_path), rig, lambda file: folder / file)
+
+
+def uzh_contents(
+    name: str, decode: Callable[[], EventSource], rig: Rig, file: Callable[[str], TextFile], variant: str = ""
+) -> Contents:
+    """What is in the files beside the events, wherever they are.
+
+    Args:
+        name: of the recording.
+        decode: makes a decoder of its events.
+        rig: what Kalibr's files say.
+        file: gives a file by its name.
+        variant: tells apart recordings in one archive.
+
+    Raises:
+        RecordingError: a file is malformed.
+    """
+    truth, truth_notes = _read_truth(file(TRUTH_FILE))
+    lens = file(LENS_FILE)
     return Contents(
-        name=folder.resolve().name if events_path.name == EVENTS_FILE else events_path.stem,
-        decode=lambda: TextEvents(events_path),
+        name=name,
+        decode=decode,
         size=None,
         rig=rig,
-        samples=_read_samples(folder / SAMPLES_FILE),
+        samples=_read_samples(file(SAMPLES_FILE)),
         lens=(lambda width, height: read_lens(lens, width, height)) if lens.is_file() else None,
         truth=truth,
+        variant=variant,
         notes=truth_notes,
     )
 
 
-def read_lens(path: Path, width: int, height: int) -> CameraIntrinsics:
+def read_lens(path: TextFile, width: int, height: int) -> CameraIntrinsics:
     """`calib.txt`, which does not tell the sensor's size. Raises CalibrationError where it is no lens."""
     tokens = read_text(path).split()
     try:
@@ -64,16 +85,10 @@ def read_lens(path: Path, width: int, height: int) -> CameraIntrinsics:
         values = []
     if len(values) not in (8, 9):
         raise CalibrationError(f"{path} holds no lens; expected nine numbers: fx fy cx cy k1 k2 p1 p2 k3")
-    section = {
-        "intrinsics": values[:4],
-        "resolution": [width, height],
-        "distortion_model": str(Distortion.RADTAN),
-        "distortion_coeffs": values[4:],
-    }
-    return parse_intrinsics(section, path)
+    return make_lens(values[:4], (width, height), Distortion.RADTAN, values[4:], Path(str(path)))
 
 
-def _read_samples(path: Path) -> Samples:
+def _read_samples(path: TextFile) -> Samples:
     """Samples as they stand in the file; none where there is no file."""
     if not path.is_file():
         return no_samples(path.name)
@@ -82,5 +97,5 @@ def _read_samples(path: Path) -> Samples:
     return split_samples(samples, path.name, bad_lines_note(path, bad))
 
 
-def _read_truth(path: Path) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+def _read_truth(path: TextFile) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
     return read_tum(path) if path.is_file() else (None, ())

@@ -10,11 +10,11 @@ from numba import njit
 
 from asyneio.errors import RecordingError
 from asyneio.io.atomic import atomic_file, write_text
-from asyneio.io.event_assembly import CAMCHAIN_FILE, IMU_FILE
+from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
+from asyneio.io.calibration.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.io.event_hdf5_writer import pieces_of
-from asyneio.io.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.io.seconds_table import format_seconds
-from asyneio.io.tum import write_tum
+from asyneio.io.tum import tum_text
 from asyneio.io.uzh_folder import EVENTS_FILE, LENS_FILE, SAMPLES_FILE, TRUTH_FILE
 from asyneio.types import NS_PER_S, CameraIntrinsics, Distortion, EventRecording, IntArray, RecordArray
 
@@ -40,30 +40,37 @@ def write_uzh_folder(
         RecordingError: a file cannot be written, or gyroscope and accelerometer have different times, which
             `imu.txt` cannot hold.
     """
-    gyroscope, accelerometer = recording.gyroscope, recording.accelerometer
-    if not np.array_equal(gyroscope["t_ns"], accelerometer["t_ns"]):
-        raise RecordingError(
-            f"{SAMPLES_FILE} holds both sensors at one time, but their times differ; write HDF5 instead"
-        )
+    texts = beside_texts(recording)
     with atomic_file(folder / EVENTS_FILE) as stream:
         for piece in pieces_of(recording, _PIECE) if events is None else events:
             for start in range(0, piece.size, _PIECE):
-                stream.write(_format(piece[start : start + _PIECE]))
-    texts = {
-        SAMPLES_FILE: _samples_text(gyroscope, accelerometer) if gyroscope.size else None,
-        LENS_FILE: _lens_text(recording.camera) if recording.camera else None,
-        CAMCHAIN_FILE: _camchain_text(recording),
-        IMU_FILE: imu_noise_text(recording.calibration.noise) if recording.calibration else None,
-    }
+                stream.write(event_lines(piece[start : start + _PIECE]))
     for name, text in texts.items():
         if text is None:
             (folder / name).unlink(missing_ok=True)
         else:
             write_text(folder / name, text)
-    if recording.ground_truth is None:
-        (folder / TRUTH_FILE).unlink(missing_ok=True)
-    else:
-        write_tum(folder / TRUTH_FILE, recording.ground_truth, header="")
+
+
+def beside_texts(recording: EventRecording) -> dict[str, str | None]:
+    """The files of a folder but the events: their texts, None for what the recording lacks.
+
+    Raises:
+        RecordingError: gyroscope and accelerometer have different times.
+    """
+    gyroscope, accelerometer = recording.gyroscope, recording.accelerometer
+    if not np.array_equal(gyroscope["t_ns"], accelerometer["t_ns"]):
+        raise RecordingError(
+            f"{SAMPLES_FILE} holds both sensors at one time, but their times differ; write HDF5 instead"
+        )
+    truth = recording.ground_truth
+    return {
+        SAMPLES_FILE: _samples_text(gyroscope, accelerometer) if gyroscope.size else None,
+        LENS_FILE: _lens_text(recording.camera) if recording.camera else None,
+        CAMCHAIN_FILE: _camchain_text(recording),
+        IMU_FILE: imu_noise_text(recording.calibration.noise) if recording.calibration else None,
+        TRUTH_FILE: tum_text(truth, header="") if truth is not None else None,
+    }
 
 
 def _samples_text(gyroscope: RecordArray, accelerometer: RecordArray) -> str:
@@ -89,7 +96,8 @@ def _camchain_text(recording: EventRecording) -> str | None:
     return camera_text(recording.camera) if recording.camera else None
 
 
-def _format(events: RecordArray) -> memoryview:
+def event_lines(events: RecordArray) -> memoryview:
+    """Events as lines of `events.txt`; some thousands at a time, as the text is made in memory."""
     text = np.empty(events.size * _LONGEST_LINE, dtype=np.uint8)
     length = int(_print_events(events["t_ns"], events["x"], events["y"], events["p"], text))
     return text[:length].data

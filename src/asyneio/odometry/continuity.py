@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.ndimage import median_filter
+from scipy.spatial.transform import Rotation
 
 from asyneio.types import (
     INERTIAL_DTYPE,
@@ -31,8 +32,9 @@ _ENOUGH = 20
 _JUMP, _LEAST_JUMPS = 6.0, (0.02, 0.2)
 #: Samples on each side of a jump that tell what is usual.
 _AROUND = 12
-#: Turning by more than this share of the field of view carries every feature out of the image.
-_TURN_SHARE = 0.5
+#: Turning the optical axis by more than this share of the field of view carries all features away:
+#: one whose patch (21 px) reaches over the border is not followed for long.
+_TURN_SHARE = 0.85
 
 
 def field_of_view(camera: CameraIntrinsics) -> float:
@@ -52,21 +54,22 @@ class Continuity:
         self._max_turn = _TURN_SHARE * field_of_view_rad
         self._first: dict[int, int] = {}
         self._last: dict[int, int] = {}
-        self._turns: list[tuple[int, float]] = []
+        #: Turns (3,3) of the intervals of the last horizon, with their ends [ns].
+        self._turns: list[tuple[int, FloatArray]] = []
         self._pause_ns: int | None = None
         self._newest_ns: int | None = None
 
-    def renewed(self, t_ns: int, stamps: IntArray, track: IntArray, turned_rad: float) -> bool:
+    def renewed(self, t_ns: int, stamps: IntArray, track: IntArray, turn_c: FloatArray) -> bool:
         """Whether no track seen now was known shortly before, though nothing explains it.
 
         Args:
             t_ns: end of the interval.
             stamps, track: (N,) times, ascending, and track ids of the observations of the interval.
-            turned_rad: angle by which the gyroscope turned in the interval.
+            turn_c: (3,) rotation vector [rad] of the camera in the interval, in its own axes.
         """
         horizon_ns = round(_HORIZON_S * NS_PER_S)
-        self._turns = [(t, angle) for t, angle in self._turns if t > t_ns - horizon_ns]
-        self._turns.append((t_ns, turned_rad))
+        self._turns = [(t, turn) for t, turn in self._turns if t > t_ns - horizon_ns]
+        self._turns.append((t_ns, Rotation.from_rotvec(turn_c).as_matrix()))
         self._note_pause(stamps)
         for stamp, identity in zip(stamps.tolist(), track.tolist(), strict=True):
             self._first.setdefault(identity, stamp)
@@ -79,10 +82,21 @@ class Continuity:
         gone = [identity for identity, last in self._last.items() if last < t_ns - 2 * horizon_ns]
         for identity in gone:
             del self._first[identity], self._last[identity]
-        turned_away = sum(angle for _, angle in self._turns) > self._max_turn
+        turned_away = self._axis_turned() > self._max_turn
         paused = self._pause_ns is not None and self._pause_ns > t_ns - 2 * horizon_ns
         explained = turned_away or paused
         return not explained and not known_now and now.size >= _ENOUGH and known_before >= _ENOUGH
+
+    def _axis_turned(self) -> float:
+        """Largest angle [rad] between the optical axis now and earlier within the horizon.
+
+        Roll, and shaking to and fro, leave features in the image.
+        """
+        C, cosine = np.eye(3), 1.0
+        for _, turn in reversed(self._turns):
+            C = turn @ C
+            cosine = min(cosine, C[2, 2])
+        return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
     def _note_pause(self, stamps: IntArray) -> None:
         """Remember when the latest pause of all observations ended."""

@@ -64,7 +64,7 @@ class Odometry:
         self._rest = RestDetector(config.inertial, calibration, config.visual.pixel_sigma)
         inertial = config.inertial
         bias_sigma = [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma]
-        self._watch = Watch(config.health, calibration.camera, np.repeat(bias_sigma, 3))
+        self._watch = Watch(config.health, calibration, np.repeat(bias_sigma, 3))
         self._gated = 0.0
         self._latest: Estimate | None = None
         self._settings: Settings | None = None

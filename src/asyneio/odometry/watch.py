@@ -11,7 +11,7 @@ from asyneio.estimation.problem import Problem
 from asyneio.odometry.continuity import Continuity, Jumps, field_of_view
 from asyneio.odometry.health import HealthMonitor
 from asyneio.odometry.vitals import Observed, ScaleChanges, measure_vitals
-from asyneio.types import NS_PER_S, CameraIntrinsics, Estimate, FloatArray, Health, IntArray, Packet
+from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, IntArray, Packet
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,14 @@ class Watch:
 
     Args:
         config: the section `health`.
-        camera: for its field of view.
+        calibration: for the camera's field of view and axes.
         bias_sigma: (6,) of the prior on the first biases.
     """
 
-    def __init__(self, config: HealthConfig, camera: CameraIntrinsics, bias_sigma: FloatArray) -> None:
+    def __init__(self, config: HealthConfig, calibration: Calibration, bias_sigma: FloatArray) -> None:
         self._monitor = HealthMonitor(config)
-        self._continuity = Continuity(field_of_view(camera))
+        self._continuity = Continuity(field_of_view(calibration.camera))
+        self._C_b_c = calibration.T_b_c[:3, :3]
         self._jumps = Jumps()
         self._scale_changes = ScaleChanges()
         self._bias_sigma = bias_sigma
@@ -53,11 +54,11 @@ class Watch:
     def see(self, packet: Packet) -> bool:
         """Whether a packet shows another scene than those before it."""
         span_s = 0.0 if self._packet_ns is None else (packet.t_end_ns - self._packet_ns) / NS_PER_S
-        rates = np.linalg.norm(packet.gyroscope["xyz"], axis=1)
-        turned_rad = float(rates.mean()) * span_s if len(rates) else 0.0
+        rates = packet.gyroscope["xyz"]
+        turn_b = rates.mean(axis=0) * span_s if len(rates) else np.zeros(3)
         seen = packet.observations
         self._jumps.see(packet.gyroscope, packet.accelerometer)
-        replaced = self._continuity.renewed(packet.t_end_ns, seen["t_ns"], seen["id"], turned_rad)
+        replaced = self._continuity.renewed(packet.t_end_ns, seen["t_ns"], seen["id"], turn_b @ self._C_b_c)
         self._renewed = replaced and self._jumps.lately(packet.t_end_ns)
         self._packet_ns = packet.t_end_ns
         return self._renewed

@@ -31,15 +31,6 @@ MEMS_NOISE = ImuNoise(
     accelerometer_walk=5e-4,
 )
 
-#: Noise of the IMU in a DAVIS240C, an MPU-6150. Densities of its data sheet, 0.005 deg/s/sqrt(Hz) and 400
-#: ug/sqrt(Hz); walks, of which that says nothing, as a published system for this camera has them (PA-EVIO).
-MPU6150_NOISE = ImuNoise(
-    gyroscope_density=8.7e-5,
-    accelerometer_density=3.9e-3,
-    gyroscope_walk=2.9e-5,
-    accelerometer_walk=8e-4,
-)
-
 _DEFAULT_TRACKS = TrackSpec()
 
 #: An IMU without noise.
@@ -90,10 +81,11 @@ class RigScenario:
     pause_s: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if self.duration_s <= 0.0 or self.ground_truth_rate_hz <= 0.0:
+        # Not a number is neither positive nor too long.
+        if not (0.0 < self.duration_s <= _LONGEST_S and self.ground_truth_rate_hz > 0.0):
             raise SimulationError(
                 f"duration_s = {self.duration_s}, ground_truth_rate_hz = {self.ground_truth_rate_hz}; "
-                "expected both positive"
+                f"expected both positive, and at most {_LONGEST_S:g} s (a day)"
             )
 
     @property
@@ -117,6 +109,9 @@ class RigScenario:
             self.noise.accelerometer_walk,
             self.initial_accelerometer_bias_sigma,
         )
+
+
+_LONGEST_S = 86_400.0
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from asyneio.studies.execution import run_tasks
-from asyneio.studies.records import Record, append, appending, latest, read_records
+from asyneio.studies.measuring import Progress, measure_missing
+from asyneio.studies.records import Record
 from asyneio.studies.report import Provenance, write_report
-from asyneio.studies.study import Study, code_fingerprint, task_key, task_values
+from asyneio.studies.study import Study
 
 RESULTS_FILE = "results.jsonl"
-
-#: Told how many tasks are done of how many, and how many of those failed.
-Progress = Callable[[int, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -54,25 +50,8 @@ def run_study(
         StudyError: the folder holds damaged results, or a process was killed.
         RecordingError: a file cannot be written.
     """
-    path, code = folder / RESULTS_FILE, code_fingerprint()
-    known = {
-        key: record
-        for key, record in latest(read_records(path), study.fingerprint).items()
-        if not record.failure
-    }
-    keys = [task_key(task_values(task)) for task in study.tasks]
-    missing = [task for task, key in zip(study.tasks, keys, strict=True) if key not in known]
-    reused = len(keys) - len(missing)
-    other_code = tuple(sorted({known[key].code for key in keys if key in known} - {code}))
-    done = failed = 0
-    progress(reused, len(keys), failed)
-    with appending(path) as stream:
-        for task, outcome in run_tasks(study.measure, missing, jobs):
-            record = Record(task_values(task), study.fingerprint, code, outcome.measured, outcome.failure)
-            append(stream, record)
-            known[task_key(record.task)] = record
-            done, failed = done + 1, failed + bool(outcome.failure)
-            progress(reused + done, len(keys), failed)
-    records = tuple(known[key] for key in keys)
-    written = write_report(study, records, Provenance(command, code, other_code), folder)
-    return StudyResult(records, reused, other_code, (path, *written))
+    path = folder / RESULTS_FILE
+    measured = measure_missing(path, study.measure, study.tasks, study.fingerprint, jobs, progress)
+    provenance = Provenance(command, measured.code, measured.other_code)
+    written = write_report(study, measured.records, provenance, folder)
+    return StudyResult(measured.records, measured.reused, measured.other_code, (path, *written))

@@ -92,7 +92,12 @@ class Study:
     @property
     def fingerprint(self) -> str:
         """Hash of the settings and of the version: results of others are not this study's."""
-        return _short_hash([self.name, __version__, self.settings])
+        return fingerprint(self.name, self.settings)
+
+
+def fingerprint(name: str, settings: Mapping[str, Any]) -> str:
+    """Hash of what results depend on beside their task: settings in JSON's types, and the version."""
+    return _short_hash([name, __version__, settings])
 
 
 def task_key(values: Mapping[str, Value]) -> str:

@@ -1,18 +1,34 @@
 """Plots and the report page. matplotlib is imported only when something is drawn."""
 
-from asyneio.viz.data import Comparison, Features, HealthTimeline, ReportData, Series, Timing
-from asyneio.viz.report import render_overview, render_report
+from asyneio.viz.data import (
+    Comparison,
+    EventRate,
+    Features,
+    HealthChange,
+    HealthTimeline,
+    ReportData,
+    Series,
+    States,
+    Timing,
+)
+from asyneio.viz.report import render_overview, render_pictures, render_report
 from asyneio.viz.style import VisualizationError, available
+from asyneio.viz.tracks import TrackScene
 
 __all__ = [
     "Comparison",
+    "EventRate",
     "Features",
+    "HealthChange",
     "HealthTimeline",
     "ReportData",
     "Series",
+    "States",
     "Timing",
+    "TrackScene",
     "VisualizationError",
     "available",
     "render_overview",
+    "render_pictures",
     "render_report",
 ]

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from asyneio.types import FloatArray, IntArray
+from asyneio.viz.tracks import TrackScene
+
+Rows = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -18,6 +23,11 @@ class Series:
     value: FloatArray
     sigma: FloatArray
     truth: FloatArray | None = None
+
+    def scaled(self, factor: float) -> Series:
+        """The same in a unit that is smaller by a factor."""
+        truth = None if self.truth is None else factor * self.truth
+        return Series(self.t_s, factor * self.value, factor * self.sigma, truth)
 
 
 @dataclass(frozen=True)
@@ -36,12 +46,31 @@ class Comparison:
 
 
 @dataclass(frozen=True)
+class States:
+    """What was estimated: `paths`, (N,3) [m] each, of the segments in worlds of their own; velocity in m/s,
+    biases in rad/s and m/s^2, over all segments."""
+
+    paths: tuple[FloatArray, ...]
+    velocity: Series
+    bias_gyroscope: Series
+    bias_accelerometer: Series
+
+
+@dataclass(frozen=True)
 class Features:
     """Feature tracks over time: `t_s` (N,), `alive` (N,) how many, `age_s` (N,3) quartiles of their ages."""
 
     t_s: FloatArray
     alive: IntArray
     age_s: FloatArray
+
+
+@dataclass(frozen=True)
+class EventRate:
+    """Events over time: `t_s` (N,) and `rate` (N,) [events/s] of the packet that ended there."""
+
+    t_s: FloatArray
+    rate: FloatArray
 
 
 @dataclass(frozen=True)
@@ -54,29 +83,48 @@ class Timing:
 
 
 @dataclass(frozen=True)
+class HealthChange:
+    """From `t_s` on the estimator was in `state`, in so-numbered a segment, and said why."""
+
+    t_s: float
+    state: str
+    segment: int
+    reason: str
+
+
+@dataclass(frozen=True)
 class HealthTimeline:
-    """State of the estimator at each step: `t_s` (N,), `state` (N,) index into `names`, `segment` (N,)."""
+    """State of the estimator at each step: `t_s` (N,), `state` (N,) index into `names`, `segment` (N,); and
+    its changes in words."""
 
     t_s: FloatArray
     state: IntArray
     segment: IntArray
     names: tuple[str, ...]
+    changes: tuple[HealthChange, ...] = ()
 
 
 @dataclass(frozen=True)
 class ReportData:
-    """One run. Times count from the start of the recording; biases in rad/s and m/s^2.
+    """One run; times count from the start of the recording.
 
-    `paths`, (N,3) [m] each, are those of the segments in worlds of their own, shown where there is no
-    comparison.
+    `states` is None where nothing was estimated, `comparison` where no truth is known, `events` for a
+    recording of tracks; so is `scene`, the tracks over their events. `settings` are name and value of those
+    that differ from the defaults, `failure` says why the trajectory is not whole.
     """
 
-    paths: tuple[FloatArray, ...]
     health: HealthTimeline
-    velocity: Series
-    bias_gyroscope: Series
-    bias_accelerometer: Series
     features: Features
     timing: Timing
-    notes: tuple[str, ...] = ()
+    states: States | None = None
     comparison: Comparison | None = None
+    events: EventRate | None = None
+    scene: TrackScene | None = None
+    settings: Rows = ()
+    notes: tuple[str, ...] = ()
+    failure: str = ""
+
+
+def finite_rows(position: FloatArray) -> FloatArray:
+    """Rows of (N,3) that hold numbers a picture can show: what diverged beyond a million km has none."""
+    return position[(np.isfinite(position) & (np.abs(position) < 1e9)).all(axis=1)]

@@ -2,46 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import base64
+import hashlib
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from html import escape
-from typing import TYPE_CHECKING
+from importlib import resources
 
-from asyneio.viz import plots
-from asyneio.viz.data import Comparison, ReportData
+from asyneio.viz.data import HealthTimeline, ReportData, Rows
+from asyneio.viz.figures import ReportFigure, plot_overview, report_figures
+from asyneio.viz.space import space_json
 from asyneio.viz.style import plotting, to_png, to_svg
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+Advance = Callable[[float], None]
 
-Rows = tuple[tuple[str, str], ...]
-
-_XYZ = ("x", "y", "z")
-
-_STYLE = """
-:root { color-scheme: light; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 68rem; padding: 1rem; color: #222; background: #fafafa;
-       font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; }
-h1 { font-size: 1.5rem; line-height: 1.25; margin: .3rem 0; overflow-wrap: anywhere; }
-h2 { font-size: 1.05rem; margin: 0 0 .2rem; }
-p { margin: .2rem 0 .6rem; }
-.lead, figcaption, footer { color: #555; }
-figcaption { font-size: .85rem; margin-bottom: .3rem; }
-.grid { display: grid; gap: 1rem; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); }
-figure, section { margin: 0; padding: .9rem; background: #fff;
-                  border: 1px solid #e4e4e4; border-radius: .5rem; }
-figure svg { display: block; width: 100%; height: auto; }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-th, td { padding: .3rem .2rem; border-bottom: 1px solid #eee; text-align: left; vertical-align: top; }
-th { font-weight: 400; color: #555; } td { text-align: right; font-weight: 600; overflow-wrap: anywhere; }
-tr:last-child > * { border-bottom: 0; }
-ul { margin: .2rem 0; padding-left: 1.2rem; }
-footer { font-size: .85rem; margin: 1rem 0; }
-@media print { body { background: #fff; } figure, section { break-inside: avoid; } }
-"""
+#: Dots an inch of pictures on the page and of picture files.
+_PAGE_DPI, _FILE_DPI = 180, 200
+#: More changes of health than this are left to the file.
+_MOST_CHANGES = 100
 
 
-def render_report(title: str, lead: str, table: Rows, data: ReportData, version: str) -> str:
+def render_report(
+    title: str, lead: str, table: Rows, data: ReportData, version: str, advance: Advance | None = None
+) -> str:
     """The page as text.
 
     Args:
@@ -50,67 +33,107 @@ def render_report(title: str, lead: str, table: Rows, data: ReportData, version:
         table: rows of figures: what, and the value with its unit.
         data: what to plot.
         version: of the package, for the foot of the page.
+        advance: is told the share done, 0 to 1.
 
     Raises:
         VisualizationError: matplotlib is not installed.
     """
     with plotting():
-        figures = [_figure(name, caption, to_svg(figure)) for name, caption, figure in _figures(data)]
+        figures = {figure.name: _figure(figure) for figure in _counted(report_figures(data), advance)}
+    sections = list(figures.items())
+    # The figures of the run come right after the first picture.
+    first = [sections.pop(0)[1]] if data.states is not None and sections else []
+    body = [*first, _table("Figures", table, "figures")]
+    for name, text in sections:
+        body.append(text)
+        if name == "health":
+            body.append(_changes(data.health))
+    body += [_notes(data.notes), _settings(data.settings)]
+    failure = f'<p class="failure">{escape(data.failure)}</p>' if data.failure else ""
     return "\n".join(
         (
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
-            f'<header><h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p></header>',
-            f'<main class="grid">\n{figures[0]}\n{_table(table)}',
-            *figures[1:],
-            _notes(data.notes),
-            f"</main>\n<footer>asyneio {escape(version)}</footer>\n</body>\n</html>\n",
+            f'<meta http-equiv="Content-Security-Policy" content="{_policy()}">',
+            f"<title>{escape(title)}</title>\n<style>{_resource('page.css')}</style>\n</head>\n<body>",
+            f'<header><h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p>{failure}</header>',
+            '<main class="grid">',
+            *filter(None, body),
+            f"</main>\n<footer>asyneio {escape(version)}</footer>",
+            f"<script>{_resource('space.js')}</script>\n</body>\n</html>\n",
         )
     )
 
 
-def render_overview(comparison: Comparison) -> bytes:
-    """One picture of a run against the truth, as a PNG file. Raises VisualizationError as `render_report`."""
+def render_overview(data: ReportData) -> bytes | None:
+    """One picture of a run as a PNG file; None where nothing was estimated. Raises as `render_report`."""
     with plotting():
-        return to_png(plots.plot_overview(comparison))
+        figure = plot_overview(data)
+        return None if figure is None else to_png(figure, _FILE_DPI)
 
 
-def _figures(data: ReportData) -> Iterator[tuple[str, str, Figure]]:
-    """Title, caption and figure, in the order of the page."""
-    truth = data.comparison
-    several = len(data.paths) > 1
-    if truth:
-        path = f"Aligned to the truth in position and yaw{', each segment on its own' if several else ''}."
-        yield "Path", path, plots.plot_path(truth.position_estimate, truth)
-    for number, position in enumerate(() if truth else data.paths):
-        title = f"Path of segment {number}" if several else "Path"
-        yield title, "In the estimator's own world, z up.", plots.plot_path(position, None)
-    if truth:
-        relative = "Relative to the first estimate; the band is what the estimator claims."
-        yield "Position error", relative, plots.plot_errors(truth.position_error, "m", _XYZ)
-        yield (
-            "Orientation error",
-            f"About the body's axes. {relative}",
-            plots.plot_errors(truth.orientation_error, "deg", _XYZ),
-        )
-    yield "Velocity", "World axes.", plots.plot_vector(data.velocity, "m/s", _XYZ)
-    yield "Gyroscope bias", "Body axes.", plots.plot_vector(data.bias_gyroscope, "rad/s", _XYZ)
-    yield "Accelerometer bias", "Body axes.", plots.plot_vector(data.bias_accelerometer, "m/s²", _XYZ)
-    states = "What the estimator thinks of itself; dashed: another segment begins, in a world of its own."
-    yield "Health", states, plots.plot_health(data.health)
-    yield "Features", "Tracks alive at each step and their age.", plots.plot_features(data.features)
-    yield "Processing time", "Per knot, compilation apart.", plots.plot_timing(data.timing)
+def render_pictures(data: ReportData, advance: Advance | None = None) -> Iterator[tuple[str, bytes]]:
+    """Every figure of the report by itself: its name, and a PNG file. As `render_report`."""
+    with plotting():
+        for figure in _counted(report_figures(data), advance):
+            yield figure.name, to_png(figure.draw(), _FILE_DPI)
 
 
-def _figure(title: str, caption: str, svg: str) -> str:
-    named = svg.replace("<svg", f'<svg role="img" aria-label="{escape(title)}"', 1)
-    return f"<figure><h2>{escape(title)}</h2><figcaption>{escape(caption)}</figcaption>{named}</figure>"
+def _counted(figures: Iterable[ReportFigure], advance: Advance | None) -> Iterator[ReportFigure]:
+    every = list(figures)
+    for index, figure in enumerate(every, start=1):
+        yield figure
+        if advance:
+            advance(index / len(every))
 
 
-def _table(rows: Rows) -> str:
+@cache
+def _resource(name: str) -> str:
+    return resources.files("asyneio.viz").joinpath(name).read_text(encoding="utf-8")
+
+
+def _policy() -> str:
+    """What a browser may do with the page: fetch nothing, and run this one script."""
+    digest = base64.b64encode(hashlib.sha256(_resource("space.js").encode()).digest()).decode()
+    return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'"
+
+
+def _figure(figure: ReportFigure) -> str:
+    named = f'role="img" aria-label="{escape(figure.title)}"'
+    if figure.raster:
+        data = base64.b64encode(to_png(figure.draw(), _PAGE_DPI)).decode()
+        picture = f'<img alt="{escape(figure.title)}" src="data:image/png;base64,{data}">'
+    else:
+        picture = to_svg(figure.draw()).replace("<svg", f"<svg {named}", 1)
+    turned, kind = "", ""
+    if figure.space is not None:
+        turned = f'<script type="application/json">{space_json(figure.space)}</script>'
+        kind = ' class="space"'
+    caption = f"<h2>{escape(figure.title)}</h2><figcaption>{escape(figure.caption)}</figcaption>"
+    return f"<figure{kind}>{caption}{picture}{turned}</figure>"
+
+
+def _table(title: str, rows: Rows, kind: str) -> str:
     body = "".join(f"<tr><th>{escape(what)}</th><td>{escape(value)}</td></tr>" for what, value in rows)
-    return f"<section><h2>Figures</h2><table>{body}</table></section>"
+    return f'<section class="{kind}"><h2>{escape(title)}</h2><table>{body}</table></section>'
+
+
+def _changes(health: HealthTimeline) -> str:
+    """When the state changed, and why."""
+    if not health.changes:
+        return ""
+    several = any(change.segment for change in health.changes)
+    rows = []
+    for change in health.changes[:_MOST_CHANGES]:
+        state = f"{change.state}, segment {change.segment}" if several else change.state
+        rows.append(
+            f"<tr><td>{change.t_s:.2f} s</td><td>{escape(state)}</td><td>{escape(change.reason)}</td></tr>"
+        )
+    left = len(health.changes) - len(rows)
+    more = f"<p>{left} later changes are in health.csv.</p>" if left > 0 else ""
+    head = "<tr><th>from</th><th>state</th><th>reason</th></tr>"
+    table = f"<table>{head}{''.join(rows)}</table>"
+    return f'<section class="changes"><h2>Changes of health</h2>{table}{more}</section>'
 
 
 def _notes(notes: tuple[str, ...]) -> str:
@@ -118,3 +141,9 @@ def _notes(notes: tuple[str, ...]) -> str:
         return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in notes)
     return f"<section><h2>Notes</h2><ul>{items}</ul></section>"
+
+
+def _settings(rows: Rows) -> str:
+    if not rows:
+        return "<section><h2>Settings</h2><p>All settings are the defaults.</p></section>"
+    return _table("Settings that differ from the defaults", rows, "settings")

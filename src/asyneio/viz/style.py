@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -14,16 +15,28 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Colours that stay apart for colour-blind readers and in grey (Okabe and Ito): x, y, z.
-AXES_COLORS = ("#d55e00", "#009e73", "#0072b2")
-ESTIMATE = "#0072b2"
-TRUTH = "#4d4d4d"
-ACCENT = "#d55e00"
+#: Colours that stay apart for colour-blind readers and in grey (Okabe and Ito).
+BLUE, RED, GREEN, AMBER, SKY = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9"
+INK, FAINT, GRID, TRUTH = "#222222", "#999999", "#e6e6e6", "#4d4d4d"
+AXES_COLORS = (RED, GREEN, BLUE)
+ESTIMATE, ACCENT = BLUE, RED
 #: Of the states of the estimator, in their order: initialising, tracking, degraded, lost.
-HEALTH_COLORS = ("#56b4e9", "#009e73", "#e69f00", "#d55e00")
+HEALTH_COLORS = (SKY, GREEN, AMBER, RED)
+#: What a page calls these colours, so that it may choose others on a dark ground.
+_THEME = {
+    BLUE: "blue",
+    RED: "red",
+    GREEN: "green",
+    AMBER: "amber",
+    SKY: "sky",
+    INK: "ink",
+    FAINT: "faint",
+    GRID: "grid",
+    TRUTH: "truth",
+}
 
 #: Inches. Narrow figures with 9-point type are still legible when a phone shows them at full width.
-WIDTH = 5.0
+WIDTH = 4.0
 
 _STYLE = {
     "font.size": 9.0,
@@ -36,12 +49,14 @@ _STYLE = {
     "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.edgecolor": "#999999",
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "text.color": INK,
     "axes.formatter.useoffset": False,
-    "grid.color": "#e6e6e6",
+    "grid.color": GRID,
     "grid.linewidth": 0.6,
-    "xtick.color": "#444444",
-    "ytick.color": "#444444",
+    "xtick.color": INK,
+    "ytick.color": INK,
     "legend.frameon": False,
     "legend.fontsize": 8.0,
     "lines.linewidth": 1.1,
@@ -78,25 +93,54 @@ def plotting() -> Iterator[None]:
         yield
 
 
-def new_figure(rows: int, height: float, share_y: bool = False) -> tuple[Figure, list[Axes]]:
-    """A figure with panels one above the other on a common time axis. No display is needed."""
+def new_figure(rows: int, height: float, left: float = 0.74) -> tuple[Figure, list[Axes]]:
+    """A figure with panels one above the other on a common time axis, `left` inches from the edge.
+
+    No display is needed. Placed by hand: a layout engine would take most of the time of a page.
+    """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    axes = figure.subplots(rows, 1, sharex=True, sharey=share_y, squeeze=False)[:, 0]
-    return figure, list(axes)
+    figure = Figure(figsize=(WIDTH, height))
+    panels = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
+    right, bottom, top = 1.0 - 0.08 / WIDTH, 0.42 / height, 1.0 - 0.24 / height
+    figure.subplots_adjust(left / WIDTH, bottom, right, top, hspace=0.2)
+    for axes in panels:
+        axes.yaxis.set_label_coords(-0.58 / (right * WIDTH - left), 0.5)
+    return figure, panels
 
 
-def to_png(figure: Figure) -> bytes:
-    """The figure as a PNG file."""
+def to_png(figure: Figure, dpi: int = 110) -> bytes:
+    """The figure as a PNG file on white, so many dots an inch.
+
+    Its colours are put into a table of 256: plots have few, and the file becomes three times smaller.
+    """
+    from PIL import Image
+
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
-    return buffer.getvalue()
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    with Image.open(buffer) as picture:
+        table = picture.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    smaller = io.BytesIO()
+    table.save(smaller, format="PNG", optimize=True)
+    return smaller.getvalue()
 
 
 def to_svg(figure: Figure) -> str:
-    """The figure as an `<svg>` element for a page."""
+    """The figure as an `<svg>` element for a page that defines the colours `--blue`, `--ink`, ...
+
+    The ground is transparent. Points keep two decimals (a hundredth of a pixel), and only ids that something
+    refers to are left: figures of one page do not get into each other's way.
+    """
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
-    return text[text.index("<svg") :]
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
+    text = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text)
+    named = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text))
+    text = re.sub(r' id="([^"]*)"', lambda found: found[0] if found[1] in named else "", text)
+    return re.sub(
+        r"(fill|stroke): (#[0-9a-f]{6})",
+        lambda found: f"{found[1]}: var(--{_THEME[found[2]]})" if found[2] in _THEME else found[0],
+        text,
+    )

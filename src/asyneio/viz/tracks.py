@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import io
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -83,20 +84,33 @@ def render_tracks(scene: TrackScene, title: str) -> bytes:
     Raises:
         VisualizationError: matplotlib is not installed.
     """
-    from matplotlib.figure import Figure
-
     with plotting():
-        shape = scene.height / scene.width
-        figure = Figure(figsize=(10.0, 10.0 * shape + 0.9), layout="constrained")
+        figure = plot_tracks(scene, 10.0)
         figure.suptitle(title, fontsize=10)
-        begin, span = _span(scene)
-        for axes, k in zip(np.ravel(figure.subplots(2, _PANELS // 2)), range(_PANELS), strict=True):
-            _draw(axes, scene, begin + span * (k + 1) // (_PANELS + 1), begin)
         return to_png(figure)
 
 
-def render_animation(scene: TrackScene) -> bytes:
+def plot_tracks(scene: TrackScene, width: float) -> Figure:
+    """Tracks at several instants, `width` inches wide; to be called inside `style.plotting()`."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, width * scene.height / scene.width + 0.9), layout="constrained")
+    instants = shown_instants(scene.events["t_ns"])
+    for axes, t_ns in zip(np.ravel(figure.subplots(2, _PANELS // 2)), instants, strict=True):
+        draw_tracks(axes, scene, t_ns)
+    return figure
+
+
+def shown_instants(t_ns: IntArray) -> list[int]:
+    """The times [ns] that `plot_tracks` shows of events at `t_ns` (N,), ascending, at least one."""
+    begin, span = int(t_ns[0]), int(t_ns[-1]) - int(t_ns[0])
+    return [begin + span * (k + 1) // (_PANELS + 1) for k in range(_PANELS)]
+
+
+def render_animation(scene: TrackScene, advance: Callable[[float], None] | None = None) -> bytes:
     """Four seconds as a GIF file: in real time the middle of a longer recording, slower a shorter one.
+
+    `advance` is told the share done, 0 to 1.
 
     Raises:
         VisualizationError: matplotlib is not installed.
@@ -109,8 +123,10 @@ def render_animation(scene: TrackScene) -> bytes:
         first = begin + (span - shown) // 2
         frames = []
         for k in range(_FRAMES):
-            frame = Image.fromarray(_frame(scene, first + shown * (k + 1) // _FRAMES, begin))
+            frame = Image.fromarray(_frame(scene, first + shown * (k + 1) // _FRAMES))
             frames.append(frame.quantize(_COLORS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE))
+            if advance:
+                advance((k + 1) / _FRAMES)
     buffer = io.BytesIO()
     frames[0].save(
         buffer,
@@ -129,7 +145,7 @@ def _span(scene: TrackScene) -> tuple[int, int]:
     return first, int(scene.events["t_ns"][-1]) - first
 
 
-def _frame(scene: TrackScene, t_ns: int, begin_ns: int) -> np.ndarray:
+def _frame(scene: TrackScene, t_ns: int) -> np.ndarray:
     """One picture (H,W,3) of bytes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -139,12 +155,13 @@ def _frame(scene: TrackScene, t_ns: int, begin_ns: int) -> np.ndarray:
     figure: Figure = Figure(figsize=(wide, high + _TITLE_INCHES), dpi=100)
     canvas = FigureCanvasAgg(figure)
     # Placed by hand: the layout engine would take most of the time.
-    _draw(figure.add_axes((0.0, 0.0, 1.0, high / (high + _TITLE_INCHES))), scene, t_ns, begin_ns)
+    draw_tracks(figure.add_axes((0.0, 0.0, 1.0, high / (high + _TITLE_INCHES))), scene, t_ns)
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]
 
 
-def _draw(axes: Axes, scene: TrackScene, t_ns: int, begin_ns: int) -> None:
+def draw_tracks(axes: Axes, scene: TrackScene, t_ns: int) -> None:
+    """The tracks alive at a time [ns] over the events before it."""
     from matplotlib.collections import LineCollection
 
     trails = scene.trails(t_ns)
@@ -158,9 +175,8 @@ def _draw(axes: Axes, scene: TrackScene, t_ns: int, begin_ns: int) -> None:
     axes.set(xlim=(-0.5, scene.width - 0.5), ylim=(scene.height - 0.5, -0.5), xticks=[], yticks=[])
     axes.grid(visible=False)
     axes.spines[:].set_visible(True)
-    axes.set_title(
-        f"{(t_ns - begin_ns) / NS_PER_S:.3f} s: {len(trails)} tracks", fontsize=9, fontweight="normal"
-    )
+    since_s = (t_ns - int(scene.events["t_ns"][0])) / NS_PER_S
+    axes.set_title(f"{since_s:.3f} s: {len(trails)} tracks", fontsize=9, fontweight="normal")
 
 
 def _color(identity: int) -> tuple[float, float, float]:

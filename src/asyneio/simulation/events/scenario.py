@@ -7,8 +7,9 @@ from enum import StrEnum
 from pathlib import Path
 
 from asyneio.errors import SimulationError
+from asyneio.presets import MPU6150_NOISE
 from asyneio.simulation.events.sensor import SensorSpec
-from asyneio.simulation.scenario import MPU6150_NOISE, RigScenario
+from asyneio.simulation.scenario import RigScenario
 
 _DAVIS = SensorSpec()
 #: A few lux: slow photoreceptors, much noise.

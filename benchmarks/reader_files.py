@@ -1,0 +1,152 @@
+"""Files for the benchmark of readers, made of one set of events; real ones where there are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from asyneio.io.conversion import Source, convert
+from asyneio.io.targets import target_named
+from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, EventRecording, RecordArray
+
+WIDTH, HEIGHT = 240, 180
+_US = 1000
+
+
+@dataclass(frozen=True)
+class BenchmarkFile:
+    """A file, what it is, and the libraries (names in `reader_libraries`) that read it as well."""
+
+    title: str
+    path: Path
+    libraries: tuple[str, ...]
+
+
+def make_recording(count: int) -> EventRecording:
+    """Events as of a moving camera: bursts in rows, about one a microsecond, from 1 s on."""
+    rng = np.random.default_rng(0)
+    events = np.zeros(count, dtype=EVENT_DTYPE)
+    events["t_ns"] = (1_000_000 + np.cumsum(rng.integers(0, 3, count))) * _US
+    events["x"] = (rng.integers(0, WIDTH) + np.cumsum(rng.integers(-3, 4, count))) % WIDTH
+    events["y"] = np.repeat(rng.integers(0, HEIGHT, -(-count // 4)), 4)[:count]
+    events["p"] = rng.integers(0, 2, count)
+    empty = np.empty(0, dtype=INERTIAL_DTYPE)
+    return EventRecording("benchmark", events, WIDTH, HEIGHT, empty, empty)
+
+
+def make_files(folder: Path, count: int, real: Path | None) -> list[BenchmarkFile]:
+    """One file of each format that can be made here, then the real ones."""
+    folder.mkdir(parents=True, exist_ok=True)
+    recording = make_recording(count)
+    files: list[BenchmarkFile] = []
+    converted: list[tuple[str, str, tuple[str, ...]]] = [
+        ("UZH text", "events.txt", ("pandas", "numpy loadtxt")),
+        ("AEDAT-2.0", "x.aedat", ()),
+        ("Prophesee DAT", "x.dat", ("expelliarmus DAT", "faery")),
+        ("Prophesee EVT 2.0", "evt2.raw", ("expelliarmus EVT2", "faery", "evlib")),
+        ("HDF5, ours", "x.h5", ("h5py columns",)),
+    ]
+    for title, name, libraries in converted:
+        output = folder if name == "events.txt" else folder / name
+        target = target_named("uzh" if output == folder else None, output)
+        convert(Source(recording), target, output, lambda done: None, force=True)
+        files.append(BenchmarkFile(title, folder / name, libraries))
+    written: list[tuple[str, str, Callable[[Path, RecordArray], None], tuple[str, ...]]] = [
+        ("Prophesee EVT 3.0", "evt3.raw", write_evt3, ("expelliarmus EVT3", "faery", "evlib", "evt3")),
+        ("DSEC (Blosc Zstd)", "dsec.h5", write_dsec, ("h5py columns", "evlib")),
+        ("MVSEC", "mvsec.hdf5", write_mvsec, ("h5py MVSEC",)),
+        ("M3ED (LZF)", "m3ed.h5", write_m3ed, ("h5py M3ED",)),
+        ("AEDAT4 (LZ4)", "x.aedat4", write_aedat4, ("aedat", "dv-processing", "faery")),
+    ]
+    for title, name, write, libraries in written:
+        if _made(write, folder / name, recording.events):
+            files.append(BenchmarkFile(title, folder / name, libraries))
+    if real is not None:
+        files += [
+            BenchmarkFile(f"real: {path.name}", path, libraries)
+            for path, libraries in (
+                (real / "slider_depth" / "events.txt", ("pandas",)),
+                (real / "davis240_imu" / "IMU_rotDisk.aedat", ()),
+                (real / "formats" / "dvxplorer_static.aedat4", ("aedat", "dv-processing")),
+                (real / "formats" / "gen3.evt2.raw", ("expelliarmus EVT2", "faery", "evlib")),
+                (real / "formats" / "event_packet_evt3.bag", ()),
+            )
+        ]
+    return files
+
+
+def _made(write: Callable[[Path, RecordArray], None], path: Path, events: RecordArray) -> bool:
+    """False, and said, where a file cannot be made for want of a library."""
+    try:
+        write(path, events)
+    except ImportError as error:
+        print(f"{path.name} is left out: {error}")
+        return False
+    return True
+
+
+def write_evt3(path: Path, events: RecordArray) -> None:
+    """EVT 3.0 of single events: a time, a row where one changes, a column for each."""
+    t_us, y = events["t_ns"] // _US, events["y"].astype(np.int64)
+    new_time = np.concatenate([[True], t_us[1:] != t_us[:-1]])
+    new_high = np.concatenate([[True], t_us[1:] >> 12 != t_us[:-1] >> 12])
+    new_row = np.concatenate([[True], y[1:] != y[:-1]])
+    words = np.stack(
+        [
+            8 << 12 | (t_us >> 12 & 0xFFF),
+            6 << 12 | (t_us & 0xFFF),
+            y,
+            2 << 12 | events["p"].astype(np.int64) << 11 | events["x"],
+        ],
+        axis=1,
+    )
+    keep = np.stack([new_high, new_time, new_row, np.ones_like(new_row)], axis=1)
+    header = f"% evt 3.0\n% format EVT3;height={HEIGHT};width={WIDTH}\n% geometry {WIDTH}x{HEIGHT}\n% end\n"
+    path.write_bytes(header.encode() + words[keep].astype("<u2").tobytes())
+
+
+def write_dsec(path: Path, events: RecordArray) -> None:
+    """As DSEC publishes its files, with its codec."""
+    import hdf5plugin
+
+    _columns(path, "events", events, "<u4", {**hdf5plugin.Blosc(cname="zstd")})
+    with h5py.File(path, "r+") as file:
+        file["t_offset"] = np.int64(0)
+
+
+def write_mvsec(path: Path, events: RecordArray) -> None:
+    """(N,4) float64."""
+    columns = [events["x"], events["y"], events["t_ns"] * 1e-9, events["p"] * 2.0 - 1.0]
+    with h5py.File(path, "w") as file:
+        file["davis/left/events"] = np.stack(columns, axis=1)
+
+
+def write_m3ed(path: Path, events: RecordArray) -> None:
+    """Chunks of 40 000, LZF, as in the data set's tool."""
+    _columns(path, "prophesee/left", events, "<i8", {"compression": "lzf", "chunks": (40_000,)})
+
+
+def _columns(path: Path, group: str, events: RecordArray, time: str, options: dict[str, object]) -> None:
+    with h5py.File(path, "w") as file:
+        for name in ("x", "y", "p"):
+            file.create_dataset(f"{group}/{name}", data=events[name], **options)
+        file.create_dataset(f"{group}/t", data=(events["t_ns"] // _US).astype(time), **options)
+
+
+def write_aedat4(path: Path, events: RecordArray) -> None:
+    """Through dv-processing, in packets of 20 000."""
+    import dv_processing
+
+    settings = dv_processing.io.MonoCameraWriter.EventOnlyConfig("DAVIS346_benchmark", (WIDTH, HEIGHT))
+    writer = dv_processing.io.MonoCameraWriter(str(path), settings)
+    columns = [(events["t_ns"] // _US).tolist(), *(events[name].tolist() for name in ("x", "y"))]
+    rows = list(zip(*columns, (events["p"] > 0).tolist(), strict=True))
+    for start in range(0, len(rows), 20_000):
+        store = dv_processing.EventStore()
+        for row in rows[start : start + 20_000]:
+            store.push_back(*row)
+        writer.writeEvents(store)

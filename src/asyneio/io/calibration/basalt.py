@@ -1,0 +1,132 @@
+"""Basalt's `calibration.json`, as TUM-VI, TUM-VIE and others have it: `value0`, cameras by their number.
+
+By Basalt's headers (`calibration.hpp`): `T_imu_cam` maps camera to IMU coordinates; noise and walks are of
+continuous time, and Basalt itself multiplies by the root of the rate; its estimator adds `cam_time_offset_ns`
+to the camera's stamps, so that `t_imu = t_cam + cam_time_offset_ns`. `kb4` is the equidistant model.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from asyneio.errors import CalibrationError
+from asyneio.io.calibration.lens import make_lens
+from asyneio.io.calibration.rigid import read_quaternion_pose
+from asyneio.io.calibration.sections import (
+    CalibrationFile,
+    CameraEntry,
+    CameraReading,
+    NoiseReading,
+    declared_size,
+    read_noise,
+)
+from asyneio.io.calibration.values import integers, mapping, number, numbers, sequence, shown
+from asyneio.types import CameraIntrinsics, Distortion
+
+_NOISE_KEYS = {
+    "gyroscope_density": "gyro_noise_std",
+    "accelerometer_density": "accel_noise_std",
+    "gyroscope_walk": "gyro_bias_std",
+    "accelerometer_walk": "accel_bias_std",
+}
+_UNDERSTOOD = "pinhole, kb4 (equidistant), pinhole-radtan8 without its denominator"
+_MAX_SHIFT_NS = 10**18
+#: The first three numbers are biases, which the estimator finds; the rest is scale and misalignment.
+_BIAS_KEYS = ("calib_accel_bias", "calib_gyro_bias")
+
+
+def is_basalt(content: dict[str, Any]) -> bool:
+    """True where everything stands below `value0`, with cameras."""
+    value = content.get("value0")
+    return isinstance(value, dict) and "intrinsics" in value
+
+
+def parse_basalt(content: dict[str, Any], path: Path) -> CalibrationFile:
+    """Cameras and noise."""
+    section = mapping(content, "value0", path)
+    count = len(sequence(section, "intrinsics", path))
+    cameras = tuple(
+        CameraEntry(f"cam{index}", partial(_read_camera, section, index, path), size=_size(section, index))
+        for index in range(count)
+    )
+    has_noise = any(key in section for key in _NOISE_KEYS.values())
+    return CalibrationFile(
+        "Basalt calibration", path, cameras, partial(_read_noise, section, path) if has_noise else None
+    )
+
+
+def _size(section: dict[str, Any], index: int) -> tuple[int, int] | None:
+    sizes = section.get("resolution")
+    size = sizes[index] if isinstance(sizes, list) and index < len(sizes) else None
+    return declared_size(*size) if isinstance(size, list) and len(size) == 2 else None
+
+
+def _read_camera(section: dict[str, Any], index: int, path: Path) -> CameraReading:
+    lens = _read_lens(section, index, path)
+    shift = None
+    if section.get("cam_time_offset_ns") is not None:
+        shift = round(number(section, "cam_time_offset_ns", path))
+        if abs(shift) > _MAX_SHIFT_NS:
+            raise CalibrationError(f"{path}: cam_time_offset_ns is {shift}; expected nanoseconds")
+    notes = _corrections(section, path)
+    if "T_imu_cam" not in section:
+        return CameraReading(lens, None, shift, notes)
+    poses = _at(section, "T_imu_cam", index, path)
+    T_b_c, repaired = read_quaternion_pose(poses, f"T_imu_cam of cam{index}", path)
+    said = f"{path.name}: extrinsics of cam{index} read from T_imu_cam (camera to IMU)"
+    return CameraReading(lens, T_b_c, shift, (*repaired, said, *notes))
+
+
+def _read_lens(section: dict[str, Any], index: int, path: Path) -> CameraIntrinsics:
+    camera = _at(section, "intrinsics", index, path)
+    kind, values = camera.get("camera_type"), mapping(camera, "intrinsics", path)
+    size = integers({"resolution": _item(section, "resolution", index, path)}, "resolution", 2, path)
+    focal = [number(values, key, path) for key in ("fx", "fy", "cx", "cy")]
+    if kind == "pinhole":
+        return make_lens(focal, size, Distortion.NONE, (), path)
+    if kind == "kb4":
+        coefficients = [number(values, f"k{n}", path) for n in range(1, 5)]
+        return make_lens(focal, size, Distortion.EQUIDISTANT, coefficients, path)
+    if kind == "pinhole-radtan8" and not any(number(values, f"k{n}", path) for n in (4, 5, 6)):
+        coefficients = [number(values, key, path) for key in ("k1", "k2", "p1", "p2", "k3")]
+        coefficients = coefficients if coefficients[-1] else coefficients[:-1]
+        return make_lens(focal, size, Distortion.RADTAN, coefficients, path)
+    raise CalibrationError(
+        f"{path}: camera_type of cam{index} is {shown(kind)}; understood are {_UNDERSTOOD}: "
+        "calibrate with one of these"
+    )
+
+
+def _corrections(section: dict[str, Any], path: Path) -> tuple[str, ...]:
+    largest = 0.0
+    for key in _BIAS_KEYS:
+        if section.get(key) is not None:
+            largest = max([largest, *map(abs, numbers(section, key, None, path)[3:])])
+    if largest == 0.0:
+        return ()
+    return (
+        f"{path.name}: {' and '.join(_BIAS_KEYS)} correct scale and misalignment of the IMU by up to "
+        f"{largest:.2g}; they are not applied: use samples that are calibrated already",
+    )
+
+
+def _read_noise(section: dict[str, Any], path: Path) -> NoiseReading:
+    figures: dict[str, Any] = {"imu_update_rate": section.get("imu_update_rate")}
+    for key in _NOISE_KEYS.values():
+        # One figure for the sensor, or one an axis, of which the largest is safe.
+        value = section.get(key)
+        figures[key] = max(numbers(section, key, 3, path)) if isinstance(value, list) else value
+    return NoiseReading(read_noise(figures, _NOISE_KEYS, "imu_update_rate", path))
+
+
+def _item(section: dict[str, Any], key: str, index: int, path: Path) -> Any:
+    items = sequence(section, key, path)
+    if index >= len(items):
+        raise CalibrationError(f"{path}: {key} has {len(items)} entries; expected one for each camera")
+    return items[index]
+
+
+def _at(section: dict[str, Any], key: str, index: int, path: Path) -> dict[str, Any]:
+    return mapping({key: _item(section, key, index, path)}, key, path)

@@ -1,0 +1,130 @@
+"""Calibration files from strangers, as plain mappings: YAML, OpenCV's dialect of it, JSON.
+
+Nothing in them can run: a safe loader, with caps on size, aliases and brackets. OpenCV begins its files with
+`%YAML:1.0`, which YAML does not allow, and marks matrices with `!!opencv-matrix`; both are taken, and a
+matrix becomes the mapping of rows, cols and data that it is.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from asyneio.errors import CalibrationError
+
+#: Calibration files in YAML hold a few kilobytes.
+MAX_BYTES = 64 * 1024
+#: Those in JSON may hold a vignette as well; the parser takes linear time.
+MAX_JSON_BYTES = 1024 * 1024
+#: A handful of aliases is style; many nested ones expand without bound.
+MAX_ALIASES = 32
+#: YAML's parser takes quadratic time on nested brackets; a calibration needs a few dozen.
+MAX_BRACKETS = 1000
+
+_OPENCV_HEADER = "%YAML:1.0"
+
+
+class _Loader(yaml.SafeLoader):
+    """The safe loader, with OpenCV's matrices as plain mappings."""
+
+
+def _opencv_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> dict[Any, Any]:
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.YAMLError("!!opencv-matrix stands before something that is no mapping")
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
+
+
+def load_mapping(path: Path) -> dict[str, Any]:
+    """Read a file whose top level is a mapping.
+
+    Raises:
+        CalibrationError: unreadable, too large, too many aliases, neither YAML nor JSON, or not a mapping.
+    """
+    return parse_mapping(_read_capped(path), path)
+
+
+def parse_mapping(text: str, path: Path) -> dict[str, Any]:
+    """As `load_mapping`, from text that was found at `path`."""
+    text = text.removeprefix("\ufeff")
+    content = _parse_json(text, path) if text.lstrip().startswith("{") else _parse_yaml(text, path)
+    if not isinstance(content, dict):
+        raise CalibrationError(
+            f"{path} holds a {type(content).__name__}; expected a mapping of keys to values"
+        )
+    return {str(key): value for key, value in content.items()}
+
+
+def load_sibling(path: Path, name: Any) -> tuple[Path, dict[str, Any]]:
+    """Another file that the one at `path` names, in the same folder or below it, and its content.
+
+    Raises:
+        CalibrationError: the name is none, leads elsewhere, or the file is as `load_mapping` refuses it.
+    """
+    if not isinstance(name, str) or not name or len(name) > 255 or "\0" in name:
+        raise CalibrationError(f"{path} names no file where it should name one of its own folder")
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise CalibrationError(
+            f"{path} names {name}, which is not in its folder; put the two files side by side"
+        )
+    sibling = path.parent / name
+    return sibling, load_mapping(sibling)
+
+
+def _parse_json(text: str, path: Path) -> Any:
+    if len(text) > MAX_JSON_BYTES:
+        raise _too_large(path, MAX_JSON_BYTES)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        if len(text) <= MAX_BYTES:
+            # What begins with a brace may be YAML in flow style.
+            return _parse_yaml(text, path)
+        raise _invalid(path, "JSON", error) from error
+
+
+def _parse_yaml(text: str, path: Path) -> Any:
+    if len(text) > MAX_BYTES:
+        raise _too_large(path, MAX_BYTES)
+    if text.startswith(_OPENCV_HEADER):
+        # The first line goes, its end stays: line numbers in messages remain right.
+        text = text[text.find("\n") :] if "\n" in text else ""
+    if text.count("[") + text.count("{") > MAX_BRACKETS:
+        raise CalibrationError(
+            f"{path} holds more than {MAX_BRACKETS} brackets; that is not a calibration file"
+        )
+    try:
+        aliases = sum(isinstance(token, yaml.AliasToken) for token in yaml.scan(text))
+        content = yaml.load(text, _Loader) if aliases <= MAX_ALIASES else None
+    except Exception as error:
+        # PyYAML's scalar constructors let IndexError, KeyError, AttributeError, ValueError and
+        # RecursionError out on malformed tags and deep nesting; all mean the same to the user.
+        raise _invalid(path, "YAML", error) from error
+    if aliases > MAX_ALIASES:
+        raise CalibrationError(f"{path} uses more than {MAX_ALIASES} YAML aliases; write the values out")
+    return content
+
+
+def _invalid(path: Path, language: str, error: Exception) -> CalibrationError:
+    reason = " ".join(str(error).split())[:200] or type(error).__name__
+    return CalibrationError(f"{path} is not valid {language}: {reason}")
+
+
+def _too_large(path: Path, limit: int) -> CalibrationError:
+    return CalibrationError(f"{path} is larger than {limit // 1024} KiB; that is not a calibration file")
+
+
+def _read_capped(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(MAX_JSON_BYTES + 1)
+    except OSError as error:
+        raise CalibrationError(
+            f"cannot read the calibration {path}: {error.strerror or error}; check the path"
+        ) from error
+    return data.decode("utf-8", errors="replace")

@@ -1,0 +1,89 @@
+"""The calibration of the Robotics and Perception Group's tools (SVO, Ultimate SLAM): `cameras`, `imu_params`.
+
+`T_B_C` maps camera to body coordinates, row by row, and the body is the IMU. `delay_imu_cam` is the camera's
+stamp less the IMU's (SVO Pro, `ImuCalibration`), so that `t_imu = t_cam - delay_imu_cam`. Noise is in
+densities of continuous time, `sigma_*_c` (there).
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from asyneio.errors import CalibrationError
+from asyneio.io.calibration.lens import distortion_named, make_lens
+from asyneio.io.calibration.rigid import read_rigid
+from asyneio.io.calibration.sections import (
+    CalibrationFile,
+    CameraEntry,
+    CameraReading,
+    NoiseReading,
+    declared_size,
+    read_noise,
+    shift_ns,
+)
+from asyneio.io.calibration.values import image_size, mapping, numbers, sequence, shown
+
+_NOISE_KEYS = {
+    "gyroscope_density": "sigma_omega_c",
+    "accelerometer_density": "sigma_acc_c",
+    "gyroscope_walk": "sigma_omega_bias_c",
+    "accelerometer_walk": "sigma_acc_bias_c",
+}
+
+
+def is_rpg(content: dict[str, Any]) -> bool:
+    """True for a list of cameras or the IMU's parameters under their keys."""
+    return isinstance(content.get("cameras"), list) or "imu_params" in content
+
+
+def parse_rpg(content: dict[str, Any], path: Path) -> CalibrationFile:
+    """Cameras and noise, of which each may be missing."""
+    rigs = sequence(content, "cameras", path) if "cameras" in content else []
+    cameras = tuple(_entry(content, rig, index, path) for index, rig in enumerate(rigs))
+    noise = partial(_read_noise, content, path) if "imu_params" in content else None
+    return CalibrationFile("rpg camera rig", path, cameras, noise)
+
+
+def _entry(content: dict[str, Any], rig: Any, index: int, path: Path) -> CameraEntry:
+    camera = rig.get("camera") if isinstance(rig, dict) else None
+    if not isinstance(camera, dict):
+        raise CalibrationError(f"{path}: entry {index} of cameras holds no 'camera' with keys and values")
+    label = camera.get("label")
+    size = declared_size(camera.get("image_width"), camera.get("image_height"))
+    name = label if isinstance(label, str) and label else f"cam{index}"
+    return CameraEntry(name, partial(_read_camera, content, rig, name, path), size=size)
+
+
+def _read_camera(content: dict[str, Any], rig: dict[str, Any], name: str, path: Path) -> CameraReading:
+    camera = mapping(rig, "camera", path)
+    if camera.get("type") != "pinhole":
+        raise CalibrationError(
+            f"{path}: the type of {name} is {shown(camera.get('type'))}; only 'pinhole' is supported, with "
+            "the distortions none, radial-tangential and equidistant"
+        )
+    values = numbers(mapping(camera, "intrinsics", path), "data", 4, path, of="intrinsics")
+    size = image_size(camera, path)
+    distortion = mapping(camera, "distortion", path) if camera.get("distortion") is not None else {}
+    model = distortion_named(distortion.get("type"), path, "the distortion's type")
+    parameters = mapping(distortion, "parameters", path) if distortion.get("parameters") is not None else {}
+    coefficients = numbers(parameters, "data", None, path, of="distortion") if parameters else ()
+    shift, notes = _shift(content, path)
+    T_b_c = None
+    if "T_B_C" in rig:
+        T_b_c, repaired = read_rigid(rig, "T_B_C", path)
+        notes = (*repaired, f"{path.name}: extrinsics of {name} read from T_B_C (camera to body)", *notes)
+    return CameraReading(make_lens(values, size, model, coefficients, path), T_b_c, shift, notes)
+
+
+def _shift(content: dict[str, Any], path: Path) -> tuple[int | None, tuple[str, ...]]:
+    if "imu_params" not in content:
+        return None, ()
+    shift = shift_ns(mapping(content, "imu_params", path), "delay_imu_cam", path, sign=-1)
+    said = f"{path.name}: time shift read from delay_imu_cam (camera's stamp less the IMU's), sign turned"
+    return shift, (said,) if shift else ()
+
+
+def _read_noise(content: dict[str, Any], path: Path) -> NoiseReading:
+    return NoiseReading(read_noise(mapping(content, "imu_params", path), _NOISE_KEYS, "imu_rate", path))

@@ -1,0 +1,125 @@
+"""What a calibration file holds, whatever its kind: cameras to choose from, and the noise of an IMU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from asyneio.errors import CalibrationError
+from asyneio.io.calibration.lens import MAX_PIXELS
+from asyneio.io.calibration.values import number
+from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, ImuNoise
+
+#: Sensor noise above this (SI, per sqrt(Hz)) is a wrong unit, not a bad sensor.
+_MAX_NOISE = 10.0
+_MAX_SHIFT_S = 1e9
+#: Names and topics are a few words; a longer one is cut in messages.
+_MAX_NAME = 60
+
+
+@dataclass(frozen=True)
+class CameraReading:
+    """One camera as its file has it.
+
+    `T_b_c` (4,4) maps camera to body coordinates, `t_imu = t_cam + timeshift_ns`; None where the file says
+    nothing of them. `notes` tell which convention was read and what is in doubt.
+    """
+
+    lens: CameraIntrinsics
+    T_b_c: FloatArray | None = None
+    timeshift_ns: int | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class CameraEntry:
+    """A camera that may be chosen by name, topic or size [px]; `read` raises CalibrationError."""
+
+    name: str
+    read: Callable[[], CameraReading]
+    topic: str = ""
+    size: tuple[int, int] | None = None
+
+    def __str__(self) -> str:
+        size = f"{self.size[0]} x {self.size[1]}" if self.size else ""
+        described = ", ".join(part for part in (self.topic[:_MAX_NAME], size) if part)
+        return f"{self.name[:_MAX_NAME]} ({described})" if described else self.name[:_MAX_NAME]
+
+
+@dataclass(frozen=True)
+class NoiseReading:
+    """Noise of an IMU as its file has it.
+
+    `assumed_rate_hz`: the file holds figures of a sample and not its rate; the densities hold if it is this.
+    """
+
+    noise: ImuNoise
+    assumed_rate_hz: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class CalibrationFile:
+    """A file of a kind that is understood. `read_noise` is None where it says nothing of the IMU.
+
+    `others` are files that this one names and that belong to it.
+    """
+
+    kind: str
+    path: Path
+    cameras: tuple[CameraEntry, ...] = ()
+    read_noise: Callable[[], NoiseReading] | None = None
+    others: tuple[Path, ...] = ()
+
+
+def declared_size(width: Any, height: Any) -> tuple[int, int] | None:
+    """Width and height to choose a camera by, where both are whole numbers that a size may have."""
+    if all(type(length) is int and 0 < length <= MAX_PIXELS for length in (width, height)):
+        return width, height
+    return None
+
+
+def shift_ns(section: dict[str, Any], key: str, path: Path, sign: int = 1) -> int | None:
+    """A time shift [s] in nanoseconds; None where it is not there.
+
+    Raises:
+        CalibrationError: it is no number of seconds.
+    """
+    if section.get(key) is None:
+        return None
+    seconds = number(section, key, path)
+    if abs(seconds) > _MAX_SHIFT_S:
+        raise CalibrationError(f"{path}: {key} is {seconds:g}; expected seconds")
+    return round(sign * seconds * NS_PER_S)
+
+
+def read_noise(
+    section: dict[str, Any],
+    keys: dict[str, str],
+    rate_key: str,
+    path: Path,
+) -> ImuNoise:
+    """Densities, walks and rate of an IMU.
+
+    Args:
+        section: what the file says of the IMU.
+        keys: the key in it for each field of ImuNoise but the rate.
+        rate_key: of the sample rate [Hz], which may be absent.
+        path: for messages.
+
+    Raises:
+        CalibrationError: a figure is absent or impossible.
+    """
+    values = {field: number(section, key, path) for field, key in keys.items()}
+    for field, value in values.items():
+        if not 0.0 < value <= _MAX_NOISE:
+            raise CalibrationError(
+                f"{path}: {keys[field]} is {value:g}; expected a positive figure in SI units "
+                f"per sqrt(Hz), at most {_MAX_NOISE:g}"
+            )
+    rate_hz = number(section, rate_key, path) if section.get(rate_key) is not None else None
+    if rate_hz is not None and rate_hz <= 0.0:
+        raise CalibrationError(f"{path}: {rate_key} is {rate_hz:g}; expected a positive rate in Hz")
+    return ImuNoise(rate_hz=rate_hz, **values)

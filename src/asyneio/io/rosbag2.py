@@ -1,0 +1,169 @@
+"""Recordings of ROS 2: SQLite or MCAP files, alone or in a folder with `metadata.yaml`."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
+from asyneio.errors import RecordingError
+from asyneio.io.bag import MAX_UNPACKED, Bag, Message, Topic, unpack
+from asyneio.io.calibration.documents import load_mapping
+from asyneio.io.mcap import MAGIC as MCAP_MAGIC
+from asyneio.io.mcap import McapFile
+
+SQLITE_MAGIC = b"SQLite format 3\0"
+METADATA_FILE = "metadata.yaml"
+
+_INFORMATION = "rosbag2_bagfile_information"
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+
+class SqliteBag:
+    """A Bag on one SQLite file; `packed` where every message is packed with zstd."""
+
+    identity = ""
+
+    def __init__(self, path: Path, packed: bool = False) -> None:
+        self.path = path
+        self._packed = packed
+        self._topics: dict[int, Topic] = {}
+
+    def topics(self) -> list[Topic]:
+        """See Bag: all."""
+        return list(self._topics.values())
+
+    def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
+        """See Bag. Raises RecordingError: no database of ROS messages, or damaged before the first."""
+        count = 0
+        # What a recorder that was killed left in its log is read too; without one, nothing is written beside.
+        logs = [self.path.with_name(f"{self.path.name}{end}") for end in ("-wal", "-journal")]
+        logged = any(log.is_file() for log in logs)
+        uri = f"{self.path.resolve().as_uri()}?mode=ro" + ("" if logged else "&immutable=1")
+        try:
+            database = sqlite3.connect(uri, uri=True)
+        except sqlite3.Error as error:
+            raise RecordingError(f"cannot read {self.path}: {error}") from error
+        try:
+            database.execute("PRAGMA trusted_schema=OFF")
+            self._read_topics(database)
+            last = database.execute("SELECT max(id) FROM messages").fetchone()[0] or 1
+            rows = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY id")
+            for number, topic_id, logged_ns, data in rows:
+                topic = self._topics.get(topic_id)
+                if topic is None or not isinstance(data, bytes) or not isinstance(logged_ns, int):
+                    continue
+                if self._packed:
+                    data = unpack(data, "zstd", MAX_UNPACKED)
+                count += 1
+                yield Message(topic, logged_ns, data), min(number / last, 1.0)
+        except (sqlite3.Error, UnicodeDecodeError) as error:
+            if count == 0:
+                raise RecordingError(
+                    f"{self.path} is no readable SQLite file of ROS 2: {error}; if it was cut off, try "
+                    f"sqlite3 {self.path.name} .recover | sqlite3 repaired.db3"
+                ) from error
+            notes.append(f"{self.path.name} is damaged ({error}): read up to there, {count} message(s)")
+        finally:
+            database.close()
+
+    def _read_topics(self, database: sqlite3.Connection) -> None:
+        definitions: dict[str, str] = {}
+        if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
+            definitions = {
+                str(name): str(text)
+                for name, encoding, text in database.execute(
+                    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+                )
+                if encoding == "ros2msg"
+            }
+        for number, name, kind, encoding in database.execute(
+            "SELECT id, name, type, serialization_format FROM topics"
+        ):
+            if encoding == "cdr":
+                self._topics[number] = Topic(str(name), str(kind), definitions.get(kind, ""), cdr=True)
+
+
+class SplitBag:
+    """A Bag on the files of one recording, one after the other."""
+
+    def __init__(self, parts: list[Bag]) -> None:
+        self._parts = parts
+        self.path = parts[0].path
+        stamps = [f"{part.path}:{_size_and_time(part.path)}" for part in parts[1:]]
+        self.identity = "|".join(stamps)
+
+    def topics(self) -> list[Topic]:
+        """See Bag."""
+        return list(dict.fromkeys(topic for part in self._parts for topic in part.topics()))
+
+    def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
+        """See Bag."""
+        for number, part in enumerate(self._parts):
+            for message, fraction in part.messages(notes):
+                yield message, (number + fraction) / len(self._parts)
+
+
+def is_rosbag2_folder(path: Path) -> bool:
+    """True for a folder whose `metadata.yaml` says that it is a recording of ROS 2."""
+    try:
+        with (path / METADATA_FILE).open("rb") as stream:
+            return _INFORMATION.encode() in stream.read(4096)
+    except OSError:
+        return False
+
+
+def is_rosbag2_sqlite(head: bytes) -> bool:
+    """True for the start of a database that has a table of topics."""
+    return head.startswith(SQLITE_MAGIC) and b"serialization_format" in head
+
+
+def open_rosbag2(path: Path) -> Bag:
+    """The bag in a file, or of the files in a folder as its `metadata.yaml` lists them.
+
+    Raises:
+        RecordingError: the folder lists a file that is not there, or packed as a whole.
+    """
+    if path.is_file():
+        return _open_file(path, packed=False)
+    try:
+        information = load_mapping(path / METADATA_FILE)[_INFORMATION]
+        names = [Path(str(name)).name for name in information["relative_file_paths"]]
+        mode, method = (str(information.get(f"compression_{key}", "")) for key in ("mode", "format"))
+    except (KeyError, TypeError, AttributeError) as error:
+        raise RecordingError(f"{path / METADATA_FILE} does not list the files of a recording") from error
+    # Only names count: a path that leads elsewhere is none of this recording.
+    files = [path / name for name in names]
+    missing = [file.name for file in files if not file.is_file()]
+    if missing or not files:
+        raise RecordingError(
+            f"{path / METADATA_FILE} lists {', '.join(missing) or 'no file'}, which is not there; "
+            "name the file to read"
+        )
+    if mode.upper() == "FILE" and any(_head(file).startswith(_ZSTD_MAGIC) for file in files):
+        raise RecordingError(
+            f"the files of {path} are packed as a whole ({method}); unpack them first (zstd -d FILE)"
+        )
+    return SplitBag([_open_file(file, mode.upper() == "MESSAGE") for file in files])
+
+
+def _open_file(path: Path, packed: bool) -> Bag:
+    head = _head(path)
+    if head.startswith(MCAP_MAGIC):
+        return McapFile(path)
+    if head.startswith(SQLITE_MAGIC):
+        return SqliteBag(path, packed)
+    raise RecordingError(f"{path} is neither MCAP nor SQLite; is it damaged?")
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(16)
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def _size_and_time(path: Path) -> str:
+    status = path.stat()
+    return f"{status.st_size}:{status.st_mtime_ns}"

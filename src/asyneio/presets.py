@@ -1,0 +1,147 @@
+"""Cameras by name: what their makers and users have published of them, each figure with its source.
+
+A preset fills in what no file tells: sensor size, noise of the built-in IMU, and, for the one camera of which
+they are published, lens, extrinsics and time shift. What nobody has published is None. iniVation's page on
+its IMUs (docs.inivation.com, hardware, advanced usage, IMU) says that their axes are those of the image
+sensor, but describes a left-handed frame; that is no ground for an extrinsic rotation, so there is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from asyneio.errors import ConfigError
+from asyneio.types import CameraIntrinsics, Distortion, FloatArray, ImuNoise
+
+
+@dataclass(frozen=True)
+class Preset:
+    """What is known of a model of camera.
+
+    Attributes:
+        name, title: to choose it by, and for people.
+        size: width and height of the sensor [px].
+        noise: of the built-in IMU.
+        lens: of one specimen, with the extrinsics `T_b_c` (4,4), camera to body, and `timeshift_ns`.
+        sources: where each of them comes from.
+        missing: why there are no extrinsics, and what to do.
+        settings: sections of the configuration that this camera needs, with values other than the defaults.
+    """
+
+    name: str
+    title: str
+    size: tuple[int, int]
+    noise: ImuNoise | None = None
+    lens: CameraIntrinsics | None = None
+    T_b_c: FloatArray | None = None
+    timeshift_ns: int | None = None
+    sources: Mapping[str, str] = field(default_factory=dict)
+    missing: str = ""
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+#: Noise of the IMU in a DAVIS240C, an MPU-6150. Densities of its data sheet, 0.005 deg/s/sqrt(Hz) and 400
+#: ug/sqrt(Hz); walks, of which that says nothing, as a published system for this camera has them (PA-EVIO).
+MPU6150_NOISE = ImuNoise(
+    gyroscope_density=8.7e-5,
+    accelerometer_density=3.9e-3,
+    gyroscope_walk=2.9e-5,
+    accelerometer_walk=8e-4,
+)
+
+#: MPU-6500, data sheet PS-MPU-6500A-01: 0.01 deg/s/sqrt(Hz) and 300 ug/sqrt(Hz); walks of the MPU-6150.
+_MPU6500_NOISE = ImuNoise(
+    gyroscope_density=1.75e-4,
+    accelerometer_density=2.94e-3,
+    gyroscope_walk=MPU6150_NOISE.gyroscope_walk,
+    accelerometer_walk=MPU6150_NOISE.accelerometer_walk,
+)
+
+_BMI160_NOISE = ImuNoise(
+    gyroscope_density=8.09e-5,
+    accelerometer_density=1.49e-3,
+    gyroscope_walk=2.29e-6,
+    accelerometer_walk=8.69e-5,
+)
+_BMI160_SOURCE = "BMI160 of a DVXplorer, README of iniVation's dv-imu-cam-calibration"
+
+_ULTIMATE_SLAM = "calibration/DAVIS-IJRR17.yaml of Ultimate SLAM (T_B_C of the data set's camera)"
+_CALIBRATE = "calibrate camera and IMU together (Kalibr) and give the file with --calibration"
+_NOT_PUBLISHED = f"no extrinsics are published that hold for every specimen: {_CALIBRATE}"
+
+PRESETS: dict[str, Preset] = {
+    preset.name: preset
+    for preset in (
+        Preset(
+            "DAVIS240C",
+            "DAVIS240C of the UZH event camera data set",
+            (240, 180),
+            MPU6150_NOISE,
+            CameraIntrinsics(
+                199.092366542, 198.82882047, 132.192071378, 110.712660011, 240, 180, Distortion.RADTAN,
+                (-0.368436311798, 0.150947243557, -0.000296130534385, -0.000759431726241, 0.0),
+            ),
+            np.array(
+                [
+                    [0.999905117246, -0.0122374970355, 0.00632456886338, 0.00674696422488],
+                    [0.0121780171243, 0.999882045134, 0.00935904469797, 0.0007279224709],
+                    [-0.00643835413146, -0.00928113597812, 0.99993620202, 0.0342573613538],
+                    [0.0, 0.0, 0.0, 1.0],
+                ]
+            ),
+            2_400_000,
+            {
+                "noise": "data sheet of the MPU-6150 (densities), PA-EVIO (walks)",
+                "lens": "calib.txt of the data set",
+                "extrinsics": _ULTIMATE_SLAM,
+                "time shift": "ijrr17.launch of Ultimate SLAM (delay of the IMU's low-pass filter)",
+            },
+        ),
+        Preset(
+            "DAVIS346",
+            "iniVation DAVIS346",
+            (346, 260),
+            _MPU6500_NOISE,
+            sources={"noise": "data sheet of the MPU-6500 (densities); walks of the MPU-6150 (PA-EVIO)"},
+            missing=_NOT_PUBLISHED,
+        ),
+        Preset(
+            "DVXplorer",
+            "iniVation DVXplorer",
+            (640, 480),
+            _BMI160_NOISE,
+            sources={"noise": _BMI160_SOURCE},
+            missing=_NOT_PUBLISHED,
+        ),
+        Preset(
+            "DVXplorer-Lite",
+            "iniVation DVXplorer Lite",
+            (320, 240),
+            _BMI160_NOISE,
+            sources={"noise": _BMI160_SOURCE},
+            missing=_NOT_PUBLISHED,
+        ),
+        Preset(
+            "EVK4",
+            "Prophesee EVK4 (IMX636)",
+            (1280, 720),
+            missing=f"it has no IMU, so that noise and extrinsics are those of your own: {_CALIBRATE}",
+        ),
+    )
+}  # fmt: skip
+
+
+def preset_named(name: str) -> Preset:
+    """Look a preset up, whatever the case of its letters.
+
+    Raises:
+        ConfigError: there is no such preset.
+    """
+    found = {key.lower(): preset for key, preset in PRESETS.items()}.get(name.lower())
+    if found is None:
+        raise ConfigError(f"preset {name!r} is unknown; expected one of {', '.join(PRESETS)}")
+    return found

@@ -1,0 +1,69 @@
+"""Measure the tasks that a file holds no result of, and keep every result as it comes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from asyneio.studies.execution import run_tasks
+from asyneio.studies.records import Record, append, appending, latest, read_records
+from asyneio.studies.study import Task, code_fingerprint, task_key, task_values
+
+#: Told how many tasks are done of how many, and how many of those failed.
+Progress = Callable[[int, int, int], None]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Records of the tasks in their order, and how many of them were reused.
+
+    `code` is the fingerprint of this program, `other_code` those of others that reused results come from.
+    """
+
+    records: tuple[Record, ...]
+    reused: int
+    code: str
+    other_code: tuple[str, ...]
+
+
+def measure_missing(
+    path: Path,
+    measure: Callable[[Any], dict[str, float]],
+    tasks: Sequence[Task],
+    settings: str,
+    jobs: int,
+    progress: Progress = lambda *_: None,
+) -> Measured:
+    """Every result is on disk as soon as it is there: a run that is stopped resumes where it was. Tasks that
+    failed are tried again.
+
+    Args:
+        path: the file of results; made where there is none.
+        measure: as for `run_tasks`.
+        tasks: what is wanted.
+        settings: fingerprint of all that results depend on beside their task.
+        jobs: processes at a time.
+        progress: is told of each task that ends.
+
+    Raises:
+        StudyError: the file holds damaged results, or a process was killed.
+    """
+    code = code_fingerprint()
+    found = latest(read_records(path), settings)
+    known = {key: record for key, record in found.items() if not record.failure}
+    keys = [task_key(task_values(task)) for task in tasks]
+    missing = [task for task, key in zip(tasks, keys, strict=True) if key not in known]
+    reused = len(keys) - len(missing)
+    other_code = tuple(sorted({known[key].code for key in keys if key in known} - {code}))
+    done = failed = 0
+    progress(reused, len(keys), failed)
+    with appending(path) as stream:
+        for task, outcome in run_tasks(measure, missing, jobs):
+            record = Record(task_values(task), settings, code, outcome.measured, outcome.failure)
+            append(stream, record)
+            known[task_key(record.task)] = record
+            done, failed = done + 1, failed + bool(outcome.failure)
+            progress(reused + done, len(keys), failed)
+    return Measured(tuple(known[key] for key in keys), reused, code, other_code)

@@ -1,0 +1,64 @@
+"""What others have published on the UZH event camera data set (DAVIS240C): mean position error, % of path.
+
+Each figure is its authors' own, under the alignment that they state; where they state none, none is given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+#: The eight sequences on which odometry is usually compared, in the order of the tables.
+COMPARED = (
+    "boxes_translation",
+    "hdr_boxes",
+    "boxes_6dof",
+    "dynamic_translation",
+    "dynamic_6dof",
+    "poster_translation",
+    "hdr_poster",
+    "poster_6dof",
+)
+
+
+@dataclass(frozen=True)
+class Published:
+    """A method's figures in the order of COMPARED; `uses`: E events, F frames, I inertial samples.
+
+    `alignment` is the protocol by our names, or in words; empty where it is not stated.
+    """
+
+    method: str
+    uses: str
+    mpe_percent: tuple[float, ...]
+    alignment: str = ""
+
+    def of(self, sequence: str) -> float:
+        """The figure of one of the compared sequences."""
+        return self.mpe_percent[COMPARED.index(sequence)]
+
+
+PUBLISHED = (
+    Published("Zhu 2017 (EVIO)", "E+I", (2.69, 1.23, 3.61, 1.90, 4.07, 0.94, 2.63, 3.56)),
+    Published("Rebecq 2017", "E+I", (0.57, 0.92, 0.69, 0.47, 0.54, 0.89, 0.59, 0.82)),
+    Published("Ultimate SLAM 2018", "E+I", (0.76, 0.67, 0.44, 0.59, 0.38, 0.15, 0.49, 0.30), "uslam"),
+    Published(
+        "Ultimate SLAM, one parameter set, zero bias start",
+        "E+F+I",
+        (1.12, 1.01, 0.68, 0.63, 0.76, 0.24, 1.48, 0.59),
+        "uslam",
+    ),
+    Published("HASTE-VIO", "E+I", (2.55, 1.75, 2.03, 1.32, 0.52, 1.34, 0.57, 1.50), "uslam"),
+    Published("EKLT-VIO 2022", "E+F+I", (0.48, 0.46, 0.84, 0.40, 0.79, 0.35, 0.65, 0.35), "uslam"),
+    Published("Dai 2022", "E+I", (1.0, 1.8, 1.5, 0.9, 1.5, 1.9, 2.8, 1.2)),
+    Published("Mono-EIO 2022", "E+I", (0.34, 0.40, 0.61, 0.26, 0.43, 0.40, 0.40, 0.26), "hku"),
+    Published("Tang 2024", "E+I", (0.36, 0.31, 0.32, 0.59, 0.49, 0.23, 0.18, 0.31)),
+    Published("PL-EVIO 2023", "E+F+I", (0.06, 0.10, 0.21, 0.24, 0.48, 0.54, 0.12, 0.14), "hku"),
+    Published("EVI-SAM 2024", "E+F+I", (0.11, 0.13, 0.16, 0.30, 0.27, 0.34, 0.15, 0.24), "hku"),
+    Published("DEVO 2024 (learned, GPU)", "E", (0.06, 0.06, 0.71, 0.09, 0.08, 0.06, 0.14, 0.44), "sim3"),
+    Published(
+        "DEIO 2025 (learned, GPU)",
+        "E+I",
+        (0.07, 0.09, 0.05, 0.06, 0.04, 0.04, 0.06, 0.08),
+        "scale fitted over most of the run",
+    ),
+)

@@ -1,0 +1,267 @@
+"""`asyneio bench uzh` on a small set in the data set's layout: whole, resumed, failing in part."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asyneio import pipeline
+from asyneio.config import Config
+from asyneio.errors import StudyError
+from asyneio.io import write_uzh_folder
+from asyneio.io.ros1_writer import write_rosbag
+from asyneio.presets import PRESETS
+from asyneio.studies import uzh
+from asyneio.studies.published import COMPARED, PUBLISHED
+from asyneio.studies.uzh import (
+    BenchSettings,
+    camera_trajectory,
+    find_sequences,
+    first_seconds,
+    measure_sequence,
+)
+from asyneio.types import EventRecording, PoseTrajectory
+from tests.cli.conftest import Asyneio
+from tests.cli.fakes import FakeOdometry, NeverStarts
+from tests.io.event_recordings import make_event_recording, make_events
+from tests.io.recordings import START_NS, make_calibration, make_estimate, make_stream, straight_path
+
+_SECONDS = 4.0
+
+
+@pytest.fixture
+def asyneio(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> Asyneio:
+    """With an estimator that knows where the IMU is, to a millimetre."""
+    monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
+    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    return asyneio
+
+
+@pytest.fixture(scope="module")
+def recording() -> EventRecording:
+    """Four seconds with the camera's pose, in its clock, as the truth; no extrinsics and no noise."""
+    rng = np.random.default_rng(7)
+    preset, body = PRESETS["DAVIS240C"], straight_path(_SECONDS)
+    assert preset.T_b_c is not None
+    assert preset.timeshift_ns is not None
+    R_w_b = Rotation.from_quat(body.quaternion)
+    camera = PoseTrajectory(
+        body.t_ns - preset.timeshift_ns,
+        body.position + R_w_b.apply(preset.T_b_c[:3, 3]),
+        (R_w_b * Rotation.from_matrix(preset.T_b_c[:3, :3])).as_quat(),
+    )
+    return replace(
+        make_event_recording(rng),
+        events=make_events(rng, 3000, _SECONDS),
+        gyroscope=make_stream(rng, 200.0, _SECONDS, [0.1, 0.0, -0.2]),
+        accelerometer=make_stream(rng, 200.0, _SECONDS, [0.0, 0.0, 9.81]),
+        calibration=None,
+        ground_truth=camera,
+    )
+
+
+def write_sequence(recording: EventRecording, folder: Path) -> Path:
+    """As the data set has it: events.txt, imu.txt, groundtruth.txt, calib.txt."""
+    write_uzh_folder(recording, folder)
+    (folder / "camchain-imucam.yaml").unlink()
+    return folder
+
+
+@pytest.fixture
+def data(tmp_path: Path, recording: EventRecording) -> Path:
+    """One sequence at the top, another one folder down."""
+    write_sequence(recording, tmp_path / "data" / "boxes_6dof")
+    write_sequence(recording, tmp_path / "data" / "hdr" / "hdr_poster")
+    return tmp_path / "data"
+
+
+def test_end_to_end(asyneio: Asyneio, data: Path, tmp_path: Path) -> None:
+    status, out, err = asyneio("bench", "uzh", "--data", data, "-o", tmp_path / "out")
+    assert status == 0, err
+    assert "| boxes_6dof | 3.9" in out
+    assert "| mean of 2 |" in out
+    assert "| Mono-EIO 2022 | E+I | hku | 0.61 | 0.4 | 0.505 |" in out
+    assert (tmp_path / "out" / "README.md").read_text().rstrip() == out.rstrip()
+    found = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert set(found["sequences"]) == {"boxes_6dof", "hdr_poster"}
+    for measured in found["sequences"].values():
+        # The estimator is off by a millimetre on a way of two metres.
+        assert 0.02 < measured["mpe_percent_posyaw"] < 0.2
+        assert measured["path_m"] == pytest.approx(1.8, abs=0.2)
+        assert None not in measured.values()
+
+
+def test_estimates_are_moved_into_the_camera() -> None:
+    calibration = make_calibration()
+    estimates = [make_estimate(START_NS + k * 10**8) for k in range(5)]
+    found = camera_trajectory(estimates, calibration)
+    for k, estimate in enumerate(estimates):
+        T_w_c = estimate.T_w_b @ calibration.T_b_c
+        np.testing.assert_allclose(found.position[k], T_w_c[:3, 3], atol=1e-15)
+        R = Rotation.from_quat(found.quaternion[k]).as_matrix()
+        np.testing.assert_allclose(R, T_w_c[:3, :3], atol=1e-12)
+    # t_imu = t_cam + timeshift: the camera's stamp of the same instant.
+    assert found.t_ns[0] == START_NS - calibration.timeshift_ns
+
+
+def test_it_goes_on_where_it_stopped(
+    asyneio: Asyneio, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = ("bench", "uzh", "--data", data, "-o", tmp_path / "out")
+    assert asyneio(*command, "--sequences", "boxes_6dof")[0] == 0
+    first = json.loads((tmp_path / "out" / "results.json").read_text())
+    measured: list[str] = []
+
+    def watched(task: uzh.SequenceTask, settings: BenchSettings) -> dict[str, float]:
+        measured.append(task.sequence)
+        return measure_sequence(task, settings)
+
+    monkeypatch.setattr(uzh, "measure_sequence", watched)
+    status, _, err = asyneio(*command)
+    assert (status, measured) == (0, ["hdr_poster"])
+    assert "note: 1 result(s) of an earlier run were kept" in err
+    again = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert again["sequences"]["boxes_6dof"] == first["sequences"]["boxes_6dof"]
+    settings = tmp_path / "settings.yaml"
+    settings.write_text("visual: {pixel_sigma: 0.7}\n")
+    assert asyneio(*command, "--config", settings)[0] == 0
+    assert asyneio(*command, "--seconds", "2")[0] == 0
+    assert asyneio(*command)[0] == 0
+    assert measured == ["hdr_poster"] + 2 * ["boxes_6dof", "hdr_poster"]
+
+
+def test_a_short_part_does_not_pass_for_the_whole(asyneio: Asyneio, data: Path, tmp_path: Path) -> None:
+    status, out, _ = asyneio("bench", "uzh", "--data", data, "-o", tmp_path / "out", "--seconds", "2")
+    assert status == 0
+    assert "Ours are of the first 2 s of each sequence, theirs of all: they do not compare." in out
+    found = json.loads((tmp_path / "out" / "results.json").read_text())["sequences"]["boxes_6dof"]
+    assert found["duration_s"] == pytest.approx(1.9, abs=0.15)
+    # Two seconds reach no pose that SE(3) on seconds 3-8 could be fitted on.
+    assert found["mpe_percent_uslam"] is None
+    assert found["mpe_percent_hku"] is not None
+
+
+def test_a_sequence_that_fails_is_listed(
+    asyneio: Asyneio, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (data / "hdr" / "hdr_poster" / "groundtruth.txt").unlink()
+    command = ("bench", "uzh", "--data", data, "-o", tmp_path / "out")
+    status, out, err = asyneio(*command)
+    assert status == 1
+    assert "| hdr_poster | failed |" in out
+    assert "- hdr_poster: EvaluationError: " in out
+    assert "asyneio: 1 of 2 sequences failed: hdr_poster: EvaluationError: " in err
+    assert "has no ground truth" in err
+    assert "| mean of 1 |" in out
+    monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
+    status, out, err = asyneio(*command, "--preset", "", "--json")
+    assert status == 1
+    failures = {name: found["failure"] for name, found in json.loads(out)["sequences"].items()}
+    assert "without a whole calibration" in failures["boxes_6dof"]
+    status, out, _ = asyneio(*command, "--sequences", "boxes_6dof", "--seconds", "2")
+    assert status == 1
+    assert "the estimator never started" in out
+
+
+def _zipped(recording: EventRecording, path: Path) -> None:
+    folder = write_sequence(recording, path.parent / "unpacked" / "in" / path.stem)
+    with zipfile.ZipFile(path.with_suffix(".zip"), "w") as packed:
+        for file in folder.iterdir():
+            packed.write(file, file.name)
+
+
+def _bagged(recording: EventRecording, path: Path) -> None:
+    write_rosbag(recording, path.with_suffix(".bag"))
+
+
+@pytest.mark.parametrize("write", [_zipped, _bagged])
+def test_archives_and_bags(
+    asyneio: Asyneio,
+    tmp_path: Path,
+    recording: EventRecording,
+    write: Callable[[EventRecording, Path], None],
+) -> None:
+    write_sequence(recording, tmp_path / "folders" / "poster_6dof")
+    (tmp_path / "packed").mkdir()
+    write(recording, tmp_path / "packed" / "poster_6dof")
+    figures = []
+    for data in ("folders", "packed"):
+        status, out, err = asyneio(
+            "bench", "uzh", "--data", tmp_path / data, "-o", tmp_path / "out", "--json"
+        )
+        assert status == 0, err
+        figures.append(json.loads(out)["sequences"]["poster_6dof"])
+        for name in ("processing_s", "real_time_factor"):
+            del figures[-1][name]
+    assert figures[0] == pytest.approx(figures[1])
+
+
+def test_what_is_found(tmp_path: Path) -> None:
+    def touch(path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+
+    for name in (
+        "boxes_6dof.zip", "boxes_6dof.bag", "sub/poster_6dof.zip", "poster_6dof/notes.txt",
+        "hdr_boxes.bag", "hdr_boxes/events.txt", "shapes_rotation/events.txt", "other.bag",
+    ):  # fmt: skip
+        touch(tmp_path / name)
+    found = {task.sequence: Path(task.source).name for task in find_sequences(tmp_path)}
+    assert found == {
+        "boxes_6dof": "boxes_6dof.bag",
+        "hdr_boxes": "hdr_boxes",
+        "poster_6dof": "poster_6dof.zip",
+    }
+    named = find_sequences(tmp_path, ("shapes_rotation",), 5.0)
+    assert [(task.sequence, task.seconds) for task in named] == [("shapes_rotation", 5.0)]
+    with pytest.raises(StudyError, match="no sequence urban, walk below"):
+        find_sequences(tmp_path, ("urban", "boxes_6dof", "walk"))
+    with pytest.raises(StudyError, match=r"no sequence of the UZH data set below .*by the data set's names"):
+        find_sequences(tmp_path / "hdr_boxes")
+    with pytest.raises(StudyError, match="is no folder"):
+        find_sequences(tmp_path / "absent")
+
+
+def test_first_seconds(recording: EventRecording) -> None:
+    part = first_seconds(recording, 2.0)
+    start_ns = recording.events["t_ns"][0]
+    assert part.events["t_ns"][-1] <= start_ns + 2 * 10**9 < recording.events["t_ns"][part.events.size]
+    assert part.gyroscope["t_ns"][-1] <= start_ns + 2 * 10**9
+    assert part.ground_truth is recording.ground_truth
+
+
+def test_work_can_be_sent_to_another_process(data: Path) -> None:
+    task = find_sequences(data)[0]
+    work: Callable[[uzh.SequenceTask], dict[str, float]] = partial(
+        measure_sequence, settings=BenchSettings(Config(), "DAVIS240C")
+    )
+    assert pickle.loads(pickle.dumps((work.func, task))) == (measure_sequence, task)
+
+
+def test_settings_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text("a: 1\n")
+    settings = BenchSettings(Config(), "DAVIS240C", str(path))
+    before = settings.fingerprint
+    assert before == BenchSettings(Config(), "DAVIS240C", str(path)).fingerprint
+    path.write_text("a: 2\n")
+    assert settings.fingerprint != before
+    with pytest.raises(StudyError, match="cannot read"):
+        _ = BenchSettings(Config(), None, str(tmp_path / "absent")).fingerprint
+
+
+def test_published_means() -> None:
+    """The means that the methods' comparisons print, as a check of the figures."""
+    means = (2.58, 0.69, 0.47, 0.81, 1.45, 0.54, 1.58, 0.39, 0.35, 0.24, 0.21, 0.21, 0.06)
+    for method, mean in zip(PUBLISHED, means, strict=True):
+        assert len(method.mpe_percent) == len(COMPARED) == 8
+        assert np.mean(method.mpe_percent) == pytest.approx(mean, abs=0.0051), method.method

@@ -1,0 +1,110 @@
+"""`asyneio config`: what is printed can be given back, differences are complete, mistakes are explained."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from asyneio import presets
+from asyneio.config import Config, load_config
+from asyneio.presets import PRESETS, Preset
+from tests.cli.conftest import Asyneio
+
+
+def test_show_can_be_given_back(asyneio: Asyneio, tmp_path: Path) -> None:
+    changed = tmp_path / "changed.yaml"
+    changed.write_text("window: {knot_interval_s: 0.05}\nfrontend: {tracker: haste}\n")
+    status, out, _ = asyneio("config", "show", changed)
+    assert status == 0
+    again = tmp_path / "again.yaml"
+    again.write_text(out)
+    assert load_config(again) == load_config(changed) != Config()
+    assert "# time between knots [default: 0.1]\n  knot_interval_s: 0.05" in out
+    assert "# Sliding window." in out
+    # Nothing goes unexplained but the few whose names say all.
+    unexplained = out.count("\n  ") - 2 * out.count("\n  #")
+    assert unexplained <= 3
+
+
+def test_show_as_json(asyneio: Asyneio) -> None:
+    status, out, _ = asyneio("config", "show", "--json")
+    assert status == 0
+    assert json.loads(out) == Config().model_dump()
+
+
+def test_show_a_preset(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    preset = Preset("Slow", "a slow camera", (8, 8), settings={"frontend": {"max_features": 50}})
+    monkeypatch.setitem(presets.PRESETS, "Slow", preset)
+    status, out, _ = asyneio("config", "show", "--preset", "slow")
+    assert status == 0
+    assert "max_features: 50" in out
+    above = tmp_path / "above.yaml"
+    above.write_text("frontend: {max_features: 60, spacing_px: 12.0}\n")
+    found = json.loads(asyneio("config", "show", above, "--preset", "slow", "--json")[1])
+    assert (found["frontend"]["max_features"], found["frontend"]["spacing_px"]) == (60, 12.0)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_settings_of_every_preset_are_valid(name: str) -> None:
+    load_config(None, PRESETS[name].settings)
+
+
+def test_diff(asyneio: Asyneio, tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    results.mkdir()
+    (results / "config.yaml").write_text("health: {max_speed: 12.0}\n")
+    other = tmp_path / "other.yaml"
+    other.write_text("health: {max_speed: 13.0}\nvisual: {pixel_sigma: 1.0}\n")
+    status, out, _ = asyneio("config", "diff", results)
+    assert status == 0
+    assert "health.max_speed" in out
+    assert "12.0  (default: 30.0)" in out
+    found = json.loads(asyneio("config", "diff", results, other, "--json")[1])
+    assert found == {
+        "visual.pixel_sigma": {str(results): 0.5, str(other): 1.0},
+        "health.max_speed": {str(results): 12.0, str(other): 13.0},
+    }
+    status, _, err = asyneio("config", "diff", "davis240c")
+    assert status == 0
+    assert "davis240c and default do not differ" in err
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("windw: {length_s: 1.0}", "windw is no setting; did you mean window?"),
+        ("window: {lenght_s: 1.0}", "window.lenght_s is no setting; did you mean length_s?"),
+        (
+            "window: {max_features: 10}",
+            "window.max_features is no setting; did you mean frontend.max_features?",
+        ),
+        ("max_features: 10", "max_features is no setting; did you mean frontend.max_features?"),
+        ("window: {zzz: 1}", "window.zzz is no setting; expected one of knot_interval_s, length_s"),
+        ("window: {length_s: -1}", "window.length_s: Input should be greater than 0"),
+        ("window: 3", "window: Input should be a valid dictionary"),
+        ("- 1", "holds a list; expected a mapping of sections"),
+        ("a: [", "is not valid YAML"),
+        ("a: !!int ''", "is not valid YAML"),
+    ],
+)
+def test_mistakes_are_explained(asyneio: Asyneio, tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "settings.yaml"
+    path.write_text(text)
+    status, _, err = asyneio("config", "show", path)
+    assert status == 1
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_sources_that_are_none(asyneio: Asyneio, tmp_path: Path) -> None:
+    status, _, err = asyneio("config", "diff", "DAVIS128")
+    assert status == 1
+    assert "DAVIS128 is no file, no folder and no preset; presets are DAVIS240C" in err
+    status, _, err = asyneio("config", "show", tmp_path)
+    assert status == 1
+    assert "cannot read the configuration" in err
+    status, _, err = asyneio("config", "show", "--preset", "x")
+    assert status == 1
+    assert "preset 'x' is unknown; expected one of DAVIS240C" in err

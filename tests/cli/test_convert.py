@@ -1,0 +1,138 @@
+"""`asyneio convert` as typed: there and back, what is said, interruption and going on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from asyneio.io import open_recording, resumable, write_events_hdf5, write_uzh_folder
+from asyneio.presets import PRESETS
+from asyneio.types import EventRecording
+from tests.cli.conftest import Asyneio
+from tests.io.event_recordings import assert_same, make_event_recording
+
+
+@pytest.fixture
+def recording(rng: np.random.Generator) -> EventRecording:
+    return make_event_recording(rng, 3000)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, recording: EventRecording) -> Path:
+    write_uzh_folder(recording, tmp_path / "in")
+    return tmp_path / "in"
+
+
+def test_there_and_back(asyneio: Asyneio, tmp_path: Path, folder: Path, recording: EventRecording) -> None:
+    status, out, err = asyneio("convert", folder, tmp_path / "x.h5")
+    assert (status, out) == (0, "")
+    assert "(asyneio's HDF5): 3000 events" in err
+    assert asyneio("convert", tmp_path / "x.h5", tmp_path / "again")[0] == 0
+    found = open_recording(tmp_path / "again")
+    assert isinstance(found, EventRecording)
+    assert_same(found, recording)
+
+
+def test_a_preset_goes_into_the_output(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:
+    for name in ("camchain-imucam.yaml", "imu.yaml"):
+        (folder / name).unlink()
+    status, _, err = asyneio("convert", folder, tmp_path / "x.h5", "--preset", "DAVIS240C")
+    assert status == 0
+    assert "note: extrinsics of the preset DAVIS240C" in err
+    found = open_recording(tmp_path / "x.h5")
+    assert found.calibration is not None
+    assert found.calibration.noise == PRESETS["DAVIS240C"].noise
+
+
+def test_what_cannot_be_held_is_said(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:
+    status, _, err = asyneio("convert", folder, tmp_path / "x.raw")
+    assert status == 1
+    assert "--round" in err
+    status, _, err = asyneio("convert", folder, tmp_path / "x.raw", "--round")
+    assert status == 1
+    assert "--from-zero" in err
+    assert not (tmp_path / "x.raw").exists()
+    status, _, err = asyneio("convert", folder, tmp_path / "x.raw", "--round", "--from-zero")
+    assert status == 0
+    assert "left out, as the format does not hold them: the inertial samples, the calibration" in err
+    found = open_recording(tmp_path / "x.raw")
+    assert isinstance(found, EventRecording)
+    assert found.events.size == 3000
+    status, _, err = asyneio("convert", folder, tmp_path / "x.raw", "--round", "--from-zero")
+    assert status == 1
+    assert "--force" in err
+    options = ("--round", "--from-zero", "--force", "--to", "dat")
+    assert asyneio("convert", folder, tmp_path / "x.raw", *options)[0] == 0
+    assert (tmp_path / "x.raw").read_bytes().startswith(b"% Data file")
+
+
+def test_interrupted_and_resumed(
+    asyneio: Asyneio, tmp_path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resumable, "PIECE_EVENTS", 100)
+    monkeypatch.setattr(resumable, "PIECES_PER_ENTRY", 2)
+    options = ("--round", "--from-zero")
+    assert asyneio("convert", folder, tmp_path / "whole.dat", *options)[0] == 0
+    real = resumable._to_disk
+    calls = []
+
+    def interrupt(stream: object) -> None:
+        real(stream)  # type: ignore[arg-type]
+        calls.append(stream)
+        if len(calls) == 5:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(resumable, "_to_disk", interrupt)
+    assert asyneio("convert", folder, tmp_path / "x.dat", *options)[0] == 130
+    monkeypatch.setattr(resumable, "_to_disk", real)
+    status, _, err = asyneio("track", tmp_path / "x.dat.part", "-o", tmp_path / "out")
+    assert status == 1
+    assert "unfinished conversion" in err
+    status, _, err = asyneio("convert", folder, tmp_path / "x.dat", *options, "--resume")
+    assert status == 0
+    assert "800 events were there already" in err
+    assert (tmp_path / "x.dat").read_bytes() == (tmp_path / "whole.dat").read_bytes()
+    status, _, err = asyneio("convert", folder, tmp_path / "y.dat", *options, "--resume")
+    assert status == 0
+    assert "began anew" in err
+
+
+def test_left_over_part_is_written_over(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:
+    (tmp_path / "x.h5.part").write_text("half")
+    status, _, err = asyneio("convert", folder, tmp_path / "x.h5")
+    assert status == 0
+    assert "--resume would go on" in err
+    assert not (tmp_path / "x.h5.part").exists()
+
+
+def test_named_camera_and_samples(asyneio: Asyneio, tmp_path: Path, recording: EventRecording) -> None:
+    """Options of the reader reach it: MVSEC's right camera, samples from a file."""
+    events = recording.events
+    columns = np.stack([events["x"], events["y"], events["t_ns"] * 1e-9, events["p"] * 2.0 - 1.0], axis=1)
+    with h5py.File(tmp_path / "x.hdf5", "w") as file:
+        file["davis/left/events"], file["davis/right/events"] = columns[:10], columns
+    stamps = (recording.gyroscope["t_ns"]).tolist()
+    (tmp_path / "other.txt").write_text("".join(f"{t} 0.1 0.2 0.3 0 0 9.81\n" for t in stamps))
+    options = ("--events", "right", "--samples", tmp_path / "other.txt")
+    assert asyneio("convert", tmp_path / "x.hdf5", tmp_path / "out.h5", *options)[0] == 0
+    found = open_recording(tmp_path / "out.h5")
+    assert isinstance(found, EventRecording)
+    assert found.events.size == 3000
+    np.testing.assert_array_equal(found.gyroscope["xyz"][0], [0.1, 0.2, 0.3])
+
+
+def test_refusals(asyneio: Asyneio, tmp_path: Path, folder: Path, recording: EventRecording) -> None:
+    for arguments, message in (
+        ((folder, folder), "is the recording itself"),
+        ((folder, tmp_path / "x.xyz"), "is none that can be written"),
+        ((folder, tmp_path / "x", "--to", "rosbag9"), "'rosbag9' is none that can be written"),
+        ((tmp_path / "none", tmp_path / "x.h5"), "does not exist"),
+    ):
+        status, _, err = asyneio("convert", *arguments)
+        assert status == 1
+        assert message in err
+    write_events_hdf5(recording, tmp_path / "x.h5")
+    assert asyneio("convert", tmp_path / "x.h5", tmp_path / "x.h5", "--force")[0] == 1
