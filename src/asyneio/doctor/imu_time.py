@@ -226,7 +226,7 @@ def check_duration(evidence: Evidence) -> Verdict | None:
     return Verdict(
         "duration",
         Severity.WARNING,
-        f"{seconds:.4g} s: a short excerpt",
+        f"{seconds:.6g} s: a short excerpt",
         f"at least {_MIN_S:g} s, which a start in motion needs",
         "enough to follow features; record longer for odometry",
         {"seconds": seconds},
