@@ -237,7 +237,7 @@ def test_motion_names_what_is_wrong_with_the_calibration(
         (events(with_a_pause), "event pauses", WARNING, "1 pause(s), 0.15"),
         (camera(resolution=[100, 80]), "resolution", FAIL, "x = 127, y = 95"),
         (camera(resolution=[346, 260]), "resolution", WARNING, "346 x 260"),
-        (camera(distortion_coeffs=[1.5, 3.0, -8.0, 6.0]), "lens", FAIL, "no inverse"),
+        (camera(distortion_coeffs=[-1.5, 0.0, 0.0, 0.0]), "calibration", FAIL, "folds inside the image"),
         (camera(intrinsics=[1.0, 1.0, 62.0, 47.0]), "focal length", FAIL, "deg across"),
         (camera(T_imu_cam="none"), "calibration", FAIL, "T_imu_cam"),
         (noise(3000.0), "imu noise", WARNING, "too large"),
