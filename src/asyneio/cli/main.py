@@ -16,6 +16,7 @@ from asyneio.cli.bench import bench
 from asyneio.cli.config import config
 from asyneio.cli.convert import convert
 from asyneio.cli.demo import demo
+from asyneio.cli.doctor import doctor
 from asyneio.cli.evaluate import evaluate
 from asyneio.cli.run import run
 from asyneio.cli.simulate import simulate
@@ -43,6 +44,7 @@ app.command(epilog="Example: asyneio simulate moderate -o recordings/simulated -
     simulate
 )
 app.command(epilog="Example: asyneio track recordings/slider_depth -o results/slider --animation")(track)
+app.command(epilog="Example: asyneio doctor recordings/desk")(doctor)
 app.command(epilog="Example: asyneio convert recordings/desk.bag recordings/desk.h5 --resume")(convert)
 app.command(epilog="Example: asyneio demo -o results/demo")(demo)
 app.add_typer(config, name="config")

@@ -1,0 +1,122 @@
+"""The examination: gather the evidence, put it to every check, in this order."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from asyneio.doctor.event_pixels import check_hot_pixels, check_polarity, check_repeats, check_resolution
+from asyneio.doctor.event_time import (
+    check_event_clock,
+    check_event_order,
+    check_event_pauses,
+    check_event_rate,
+    check_flicker,
+)
+from asyneio.doctor.evidence import Evidence, fail, ok
+from asyneio.doctor.extrinsics import check_extrinsics, check_time_offset
+from asyneio.doctor.gathering import gather
+from asyneio.doctor.imu_time import (
+    check_duration,
+    check_imu_gaps,
+    check_imu_order,
+    check_imu_rate,
+    check_imu_there,
+    check_overlap_of_clocks,
+    streams_of,
+)
+from asyneio.doctor.imu_values import check_blows, check_dead_axes, check_imu_units, check_noise, check_rest
+from asyneio.doctor.lens import check_calibration_there, check_focal_length, check_lens
+from asyneio.doctor.other_kinds import MATLAB, PICTURES, POSES
+from asyneio.doctor.truth import check_truth
+from asyneio.doctor.verdict import Diagnosis, Severity, Verdict
+from asyneio.io.contents import ReadOptions
+
+#: One after the other; None: there is nothing that this check could look at.
+CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
+    check_duration,
+    check_event_rate,
+    check_event_clock,
+    check_event_order,
+    check_event_pauses,
+    check_repeats,
+    check_resolution,
+    check_polarity,
+    check_hot_pixels,
+    check_flicker,
+    check_imu_there,
+    check_imu_rate,
+    check_imu_order,
+    check_imu_gaps,
+    check_imu_units,
+    check_dead_axes,
+    check_blows,
+    check_rest,
+    check_noise,
+    check_overlap_of_clocks,
+    check_calibration_there,
+    check_lens,
+    check_focal_length,
+    check_extrinsics,
+    check_time_offset,
+    check_truth,
+)
+
+
+#: What to do with files that are no recordings.
+CURES = {
+    MATLAB: "this is a MATLAB file: write its events as text (events.txt), t[s] x y p a line",
+    PICTURES: "these are pictures: they hold no events; the simulator takes them as textures",
+    POSES: "this is a trajectory: compare with it (asyneio evaluate), or simulate along it",
+}
+
+
+def examine(
+    path: Path, options: ReadOptions | None = None, progress: Callable[[float], None] | None = None
+) -> Diagnosis:
+    """Whether a recording is usable, and if not, what is to be done.
+
+    Args:
+        path: a recording of any kind, or anything else: what cannot be read becomes a verdict.
+        options: what the user says about it.
+        progress: is told the share done.
+    """
+    started = time.perf_counter()
+    evidence, reading_s = gather(path, options or ReadOptions(), progress)
+    verdicts = [_what_it_is(evidence)] if evidence.examinable else []
+    cure = CURES.get(evidence.kind, "")
+    verdicts += [fail(refusal.part, refusal.message, "", cure) for refusal in evidence.refusals]
+    verdicts += [verdict for check in CHECKS if (verdict := check(evidence)) is not None]
+    return Diagnosis(
+        recording=str(path),
+        verdicts=tuple(verdicts),
+        commands=("run",) if evidence.tracks is not None else ("run", "track"),
+        repairs=evidence.notes,
+        events=evidence.events.count if evidence.events else 0,
+        seconds=time.perf_counter() - started,
+        reading_s=reading_s,
+    )
+
+
+def _what_it_is(evidence: Evidence) -> Verdict:
+    """The kind of recording and how much of it there is."""
+    parts = [evidence.kind]
+    if evidence.events is not None:
+        parts.append(f"{evidence.events.count} events")
+    if evidence.tracks is not None:
+        parts.append(f"{evidence.tracks.size} observations of tracks")
+    parts += [f"{t.size} samples of the {name}" for name, t, _ in streams_of(evidence)]
+    if evidence.truth is not None:
+        parts.append(f"{evidence.truth.t_ns.size} true poses")
+    if evidence.sees:
+        return ok("recording", ", ".join(parts), kind=evidence.kind)
+    return Verdict(
+        "recording",
+        Severity.WARNING,
+        f"{', '.join(parts)}; no events and no tracks",
+        "events or feature tracks",
+        "name the recording of the camera as well: these are checks of a part",
+        {"kind": evidence.kind},
+        prevents=("run", "track"),
+    )

@@ -1,0 +1,169 @@
+"""Gather the evidence on a recording of any kind; whatever cannot be read becomes a refusal."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from asyneio.doctor.alignment import align
+from asyneio.doctor.camera_rates import rates_from_events, rates_from_tracks
+from asyneio.doctor.event_scan import EventFigures
+from asyneio.doctor.evidence import Evidence, Refusal
+from asyneio.doctor.other_kinds import gather_other, gather_tracks
+from asyneio.doctor.reading import read_events
+from asyneio.doctor.views import is_beside, is_calibration, view_without
+from asyneio.errors import AsyneioError, CalibrationError, RecordingError
+from asyneio.inertial.stillness import possible
+from asyneio.io.calibration import settle
+from asyneio.io.contents import Contents, ReadOptions
+from asyneio.io.event_assembly import USUAL_SIZES, prepare_samples
+from asyneio.io.open_recording import TRACKS_FILE, find_format, open_contents
+from asyneio.io.stamps import median_rate_hz
+from asyneio.io.tracks_checks import MAX_BAD_SHARE
+from asyneio.types import CameraIntrinsics, RecordArray
+
+Progress = Callable[[float], None]
+
+#: Share of the work that reading is.
+_READING = 0.8
+#: Without a lens a view of about 60 degrees is taken: the rates about x and y are then off by its error.
+_GUESSED_FOCAL = 0.87
+
+
+def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -> tuple[Evidence, float]:
+    """Look at a recording; also the seconds that reading its events took.
+
+    Args:
+        path: a recording of events or tracks, inertial samples or a calibration alone, or anything else.
+        options: what the user says about it.
+        progress: is told the share done.
+    """
+    if (path / TRACKS_FILE).is_file():
+        return _with_alignment(gather_tracks(path, options), [], None), 0.0
+    with ExitStack() as stack:
+        opened = _open(path, options, stack)
+        if opened.contents is None:
+            return gather_other(path, opened.refusals), 0.0
+        started = time.perf_counter()
+        evidence, excerpts = _look_at(path, options, opened, _part(progress, 0.0, _READING))
+        seconds = time.perf_counter() - started
+    return _with_alignment(evidence, excerpts, _part(progress, _READING, 1.0)), seconds
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """Contents, where any way of opening led to them, the format in words, and what was refused."""
+
+    contents: Contents | None
+    kind: str
+    refusals: tuple[Refusal, ...]
+
+
+def _open(path: Path, options: ReadOptions, stack: ExitStack) -> _Opened:
+    """Open a recording as it is; failing that, without its calibration; failing that, its events alone."""
+    try:
+        source, format = find_format(path)
+    except AsyneioError as error:
+        return _Opened(None, "", (Refusal("recording", str(error)),))
+    refusals: list[Refusal] = []
+    for attempt, given in _attempts(source, options, stack):
+        try:
+            return _Opened(open_contents(attempt, given), format.title, tuple(refusals))
+        except AsyneioError as error:
+            part = "calibration" if isinstance(error, CalibrationError) else "files"
+            if not refusals:
+                refusals.append(Refusal(part, str(error)))
+    return _Opened(None, format.title, tuple(refusals))
+
+
+def _attempts(source: Path, options: ReadOptions, stack: ExitStack) -> Iterator[tuple[Path, ReadOptions]]:
+    yield source, options
+    bare = replace(options, calibration=None, imu=None)
+    for dropped in (is_calibration, is_beside):
+        yield stack.enter_context(view_without(source, dropped)), bare
+
+
+def _look_at(
+    path: Path, options: ReadOptions, opened: _Opened, progress: Progress
+) -> tuple[Evidence, list[RecordArray]]:
+    contents = opened.contents
+    assert contents is not None
+    declared = contents.size or contents.rig.size or options.wanted.size
+    read = read_events(contents, declared, progress)
+    refusals = [*opened.refusals, *read.refusals]
+    samples = contents.samples if contents.samples is not None else read.samples
+    streams = None
+    try:
+        streams = prepare_samples(samples, contents.rig.declared_hz)
+    except RecordingError as error:
+        refusals.append(Refusal("inertial samples", str(error)))
+    rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams and streams.gyroscope.size else None
+    rig = contents.rig
+    try:
+        rig = settle(rig, declared or guess_size(read.figures), options.wanted, contents.lens, rate_hz)
+    except AsyneioError as error:
+        refusals.append(Refusal("calibration", str(error)))
+    evidence = Evidence(
+        path=path,
+        kind=opened.kind,
+        events=read.figures,
+        size=contents.size,
+        samples=samples,
+        streams=streams,
+        camera=rig.camera,
+        size_guessed=declared is None,
+        calibration=rig.calibration,
+        truth=contents.truth,
+        refusals=tuple(refusals),
+        notes=rig.notes + read.notes + (streams.notes if streams else ()) + contents.notes,
+    )
+    return evidence, read.excerpts
+
+
+def guess_size(figures: EventFigures) -> tuple[int, int]:
+    """The smallest usual sensor that holds the events, as a run takes it; else what they fill."""
+    for width, height in USUAL_SIZES:
+        if figures.count - figures.counts[:height, :width].sum() <= MAX_BAD_SHARE * figures.count:
+            return width, height
+    return max(figures.counts.shape[1], 1), max(figures.counts.shape[0], 1)
+
+
+def _with_alignment(evidence: Evidence, excerpts: list[RecordArray], progress: Progress | None) -> Evidence:
+    """The camera's own motion against the gyroscope, where there is enough for it."""
+    streams, calibration = evidence.streams, evidence.calibration
+    if not evidence.sees or streams is None or streams.gyroscope.size < 2:
+        return evidence
+    camera, guessed = evidence.camera, False
+    if camera is None:
+        assert evidence.events is not None
+        camera, guessed = _guessed_lens(*(evidence.size or guess_size(evidence.events))), True
+    shift_ns = calibration.timeshift_ns if calibration else 0
+    readings = streams.gyroscope[possible(streams.gyroscope["xyz"])]
+    gyroscope = readings.copy()
+    gyroscope["t_ns"] -= shift_ns
+    try:
+        if evidence.tracks is not None:
+            rates = rates_from_tracks(evidence.tracks, camera)
+        else:
+            rates = rates_from_events(excerpts, camera, gyroscope, progress)
+        claimed = calibration.T_b_c[:3, :3].T if calibration else np.eye(3)
+        alignment = align(rates, readings, claimed, shift_ns * 1e-9)
+    except (AsyneioError, np.linalg.LinAlgError):
+        # A lens that is impossible is the business of its own check, absurd readings that of others.
+        return evidence
+    return replace(evidence, camera=camera, lens_guessed=guessed, rates=rates, alignment=alignment)
+
+
+def _guessed_lens(width: int, height: int) -> CameraIntrinsics:
+    focal = _GUESSED_FOCAL * width
+    return CameraIntrinsics(focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), width, height)
+
+
+def _part(progress: Progress | None, begin: float, end: float) -> Progress:
+    """Progress of a part of the work."""
+    return (lambda share: progress(begin + (end - begin) * share)) if progress else (lambda share: None)

@@ -1,0 +1,188 @@
+"""Evidence on what holds no events: tracks folders, inertial samples alone, a calibration alone."""
+
+from __future__ import annotations
+
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from asyneio.doctor.evidence import Evidence, Refusal
+from asyneio.doctor.views import is_calibration
+from asyneio.errors import AsyneioError, CalibrationError, RecordingError
+from asyneio.io.beside import SAMPLE_FILES, TRUTH_FILES
+from asyneio.io.calibration import CAMCHAIN_FILE, Rig, find_rig, settle
+from asyneio.io.contents import ReadOptions, Samples
+from asyneio.io.csv_table import read_csv
+from asyneio.io.event_assembly import prepare_samples
+from asyneio.io.inertial_files import InertialStreams, read_inertial
+from asyneio.io.inertial_text import read_inertial_file
+from asyneio.io.stamps import median_rate_hz
+from asyneio.io.tracks_folder import read_tracks_folder
+from asyneio.io.truth_text import read_truth_file
+from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, PoseTrajectory
+
+#: Where data sets put samples and poses, below the folder that is named; then any file so called.
+_INERTIAL_PLACES = (*SAMPLE_FILES, "*imu*.csv", "*imu*.txt")
+_TRUTH_PLACES = (*TRUTH_FILES, "*groundtruth*.csv", "*groundtruth*.tum", "*groundtruth*.txt")
+#: What files that are no recordings begin with.
+MATLAB, PICTURES, POSES = "a MATLAB file", "pictures", "a trajectory"
+_OTHER_FILES = {b"MATLAB": MATLAB, b"\x89PNG": PICTURES, b"\xff\xd8\xff": PICTURES}
+_COMBINED, _GYROSCOPE, _ACCELEROMETER = "imu.csv", "gyroscope.csv", "accelerometer.csv"
+
+
+def gather_tracks(path: Path, options: ReadOptions) -> Evidence:
+    """A tracks folder: tracks, samples and calibration, each as far as it can be read."""
+    refusals: list[Refusal] = []
+    notes: tuple[str, ...] = ()
+    rig = Rig()
+    try:
+        rig = find_rig(path, options.calibration, options.imu)
+    except CalibrationError as error:
+        refusals.append(Refusal("calibration", str(error)))
+    samples: Samples | None = None
+    streams: InertialStreams | None = None
+    try:
+        samples = _raw_samples(path)
+        streams = read_inertial(path, rig.declared_hz)
+        notes = streams.notes
+    except RecordingError as error:
+        refusals.append(Refusal("inertial samples", str(error)))
+    try:
+        rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams else None
+        rig = settle(rig, None, options.wanted, rate_hz=rate_hz)
+    except AsyneioError as error:
+        refusals.append(Refusal("calibration", str(error)))
+    calibration = rig.calibration
+    tracks, truth = None, None
+    if streams is not None and not refusals:
+        try:
+            recording = read_tracks_folder(path, options)
+            tracks, truth, notes = recording.observations.copy(), recording.ground_truth, recording.notes
+            # Back to the camera's clock, as they stand in the file.
+            tracks["t_ns"] -= recording.calibration.timeshift_ns
+        except CalibrationError as error:
+            refusals.append(Refusal("calibration", str(error)))
+        except RecordingError as error:
+            refusals.append(Refusal("tracks", str(error)))
+    return Evidence(
+        path=path,
+        kind="a tracks folder",
+        tracks=tracks,
+        samples=samples,
+        streams=streams,
+        camera=rig.camera,
+        calibration=calibration,
+        truth=truth,
+        refusals=tuple(refusals),
+        notes=notes,
+    )
+
+
+def gather_other(path: Path, refusals: tuple[Refusal, ...]) -> Evidence:
+    """Inertial samples or a calibration alone; else the refusal of the readers of events."""
+    samples = _inertial_alone(path)
+    if samples is not None:
+        return _inertial_evidence(path, samples)
+    camera = _calibration_alone(path)
+    if camera is not None:
+        return Evidence(path=path, kind="a calibration alone", camera=camera)
+    return Evidence(path=path, kind=_what_else(path), refusals=refusals)
+
+
+def _what_else(path: Path) -> str:
+    """What a path holds that is no recording, in words; empty where that is not known."""
+    files = [path] if path.is_file() else []
+    if path.is_dir():
+        files = sorted(entry for entry in path.iterdir() if entry.is_file())
+    kinds = {_kind_of(file) for file in files}
+    return kinds.pop() if len(kinds) == 1 else ""
+
+
+def _kind_of(file: Path) -> str:
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(16)
+    except OSError:
+        return ""
+    for magic, kind in _OTHER_FILES.items():
+        if head.startswith(magic):
+            return kind
+    try:
+        read_truth_file(file)
+    except AsyneioError:
+        return ""
+    return POSES
+
+
+def _inertial_evidence(path: Path, samples: Samples) -> Evidence:
+    refusals: tuple[Refusal, ...] = ()
+    streams: InertialStreams | None = None
+    try:
+        streams = prepare_samples(samples, None)
+    except RecordingError as error:
+        refusals = (Refusal("inertial samples", str(error)),)
+    return Evidence(
+        path=path,
+        kind="inertial samples alone",
+        samples=samples,
+        streams=streams,
+        truth=_truth_beside(path),
+        refusals=refusals,
+        notes=samples.notes if streams is None else streams.notes,
+    )
+
+
+def _inertial_alone(path: Path) -> Samples | None:
+    """Samples of the file, or of the first that is one in a folder."""
+    for file in [path] if path.is_file() else _found(path, _INERTIAL_PLACES):
+        if "imu" not in str(file.name).lower() and "imu" not in file.parent.name.lower():
+            continue
+        try:
+            return read_inertial_file(file)
+        except AsyneioError:
+            continue
+    return None
+
+
+def _truth_beside(path: Path) -> PoseTrajectory | None:
+    for file in _found(path if path.is_dir() else path.parent, _TRUTH_PLACES):
+        try:
+            return read_truth_file(file)[0]
+        except AsyneioError:
+            continue
+    return None
+
+
+def _calibration_alone(path: Path) -> CameraIntrinsics | None:
+    """The lens in a file of a calibration, or in a folder that holds one and no recording."""
+    file = path
+    if path.is_dir():
+        files = [entry for entry in path.iterdir() if entry.is_file()]
+        file = path / CAMCHAIN_FILE if all(map(is_calibration, files)) else path
+    if not file.is_file() or not is_calibration(file):
+        return None
+    try:
+        return settle(find_rig(file.parent, file, None), None).camera
+    except AsyneioError:
+        return None
+
+
+def _found(folder: Path, places: tuple[str, ...]) -> list[Path]:
+    return [
+        file for file in chain.from_iterable(sorted(folder.glob(place)) for place in places) if file.is_file()
+    ]
+
+
+def _raw_samples(folder: Path) -> Samples:
+    """Samples of a tracks folder as they stand."""
+    if (folder / _COMBINED).is_file():
+        return read_inertial_file(folder / _COMBINED)
+    streams = []
+    for name, axes in ((_GYROSCOPE, ("gx", "gy", "gz")), (_ACCELEROMETER, ("ax", "ay", "az"))):
+        rows = read_csv(folder / name, {"t_ns": "<i8"} | dict.fromkeys(axes, "<f8")).rows
+        stream = np.empty(rows.size, dtype=INERTIAL_DTYPE)
+        stream["t_ns"] = rows["t_ns"]
+        stream["xyz"] = np.stack([rows[axis] for axis in axes], axis=1)
+        streams.append(stream)
+    return Samples(streams[0], streams[1], folder.name)

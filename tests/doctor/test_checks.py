@@ -1,0 +1,195 @@
+"""Checks that no injected fault reaches, on figures made for them."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from asyneio.doctor import Severity, Verdict
+from asyneio.doctor.event_pixels import check_hot_pixels, check_resolution
+from asyneio.doctor.event_scan import EventScan
+from asyneio.doctor.event_time import check_event_clock, check_event_rate, check_flicker
+from asyneio.doctor.evidence import Evidence
+from asyneio.doctor.imu_values import check_noise
+from asyneio.doctor.lens import check_focal_length, check_lens
+from asyneio.doctor.truth import check_truth
+from asyneio.io.event_source import pack_events
+from asyneio.io.inertial_files import InertialStreams
+from asyneio.types import (
+    INERTIAL_DTYPE,
+    CameraIntrinsics,
+    Distortion,
+    PoseTrajectory,
+    RecordArray,
+)
+from tests.io.recordings import make_calibration
+
+OK, NOTE, WARNING, FAIL = Severity.OK, Severity.NOTE, Severity.WARNING, Severity.FAIL
+
+
+def evidence(events: RecordArray | None = None, **parts: object) -> Evidence:
+    figures = None
+    if events is not None:
+        scan = EventScan()
+        scan.feed(events)
+        figures = scan.figures()
+    return dataclasses.replace(Evidence(Path("made"), "made", events=figures), **parts)  # type: ignore[arg-type]
+
+
+def scattered(
+    rng: np.random.Generator, count: int, size: tuple[int, int], seconds: float = 4.0
+) -> RecordArray:
+    t_ns = np.sort(rng.integers(0, round(seconds * 1e6), count)) * 1000
+    return pack_events(
+        t_ns, rng.integers(0, size[0], count), rng.integers(0, size[1], count), t_ns % 2000 == 0
+    )
+
+
+def verdict(found: Verdict | None) -> Verdict:
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("size", "declared", "severity", "words"),
+    [
+        ((346, 260), (240, 180), FAIL, "events reach x = 345, y = 259, but the calibration is for 240 x 180"),
+        ((346, 260), (240, 180), FAIL, "likely DAVIS346"),
+        ((1280, 720), (640, 480), FAIL, "likely Gen4 or IMX636"),
+        ((240, 180), (346, 260), WARNING, "likely DAVIS240"),
+        ((180, 240), (240, 180), FAIL, "x and y exchanged"),
+        ((240, 180), (240, 180), OK, "240 x 180"),
+    ],
+)
+def test_a_wrong_resolution_is_named_with_the_likely_sensor(
+    rng: np.random.Generator, size: tuple[int, int], declared: tuple[int, int], severity: Severity, words: str
+) -> None:
+    camera = CameraIntrinsics(200.0, 200.0, 120.0, 90.0, *declared)
+    found = verdict(check_resolution(evidence(scattered(rng, 60_000, size), camera=camera)))
+    assert found.severity is severity
+    assert words in f"{found.measured} {found.cure}"
+
+
+def test_two_sizes_are_one_too_many(rng: np.random.Generator) -> None:
+    camera = CameraIntrinsics(200.0, 200.0, 120.0, 90.0, 346, 260)
+    found = verdict(
+        check_resolution(evidence(scattered(rng, 30_000, (240, 180)), camera=camera, size=(240, 180)))
+    )
+    assert found.severity is FAIL
+    assert "the recording 240 x 180, the calibration 346 x 260" in found.measured
+
+
+@pytest.mark.parametrize("lamp_hz", [50.0, 60.0, 100.0, 120.0])
+def test_lamps_are_heard(rng: np.random.Generator, lamp_hz: float) -> None:
+    t = np.sort(rng.uniform(0.0, 4.0, 200_000))
+    kept = t[rng.random(t.size) < 0.5 * (1.0 + 0.4 * np.cos(2.0 * np.pi * lamp_hz * t))]
+    t_ns = np.round(kept * 1e6).astype(np.int64) * 1000
+    events = pack_events(t_ns, *rng.integers(0, 100, (2, t_ns.size)), t_ns % 2000 == 0)
+    found = verdict(check_flicker(evidence(events)))
+    assert found.severity is WARNING
+    assert list(found.values["lines"]) == [f"{lamp_hz:g}"]
+    assert found.values["lines"][f"{lamp_hz:g}"] == pytest.approx(0.4, abs=0.05)
+
+
+def test_noise_and_slow_motion_are_no_lamp(rng: np.random.Generator) -> None:
+    assert verdict(check_flicker(evidence(scattered(rng, 100_000, (100, 100))))).severity is OK
+    t = np.sort(rng.uniform(0.0, 4.0, 200_000))
+    kept = t[rng.random(t.size) < 0.5 * (1.0 + 0.9 * np.cos(2.0 * np.pi * 3.0 * t))]
+    t_ns = np.round(kept * 1e6).astype(np.int64) * 1000
+    events = pack_events(t_ns, *rng.integers(0, 100, (2, t_ns.size)), t_ns % 2000 == 0)
+    assert verdict(check_flicker(evidence(events))).severity is OK
+
+
+@pytest.mark.parametrize(("factor", "severity"), [(1, OK), (10**-3, FAIL), (10**6, FAIL)])
+def test_an_impossible_rate_is_a_wrong_unit(
+    rng: np.random.Generator, factor: float, severity: Severity
+) -> None:
+    events = scattered(rng, 200_000, (50, 40), 1.0)
+    events["t_ns"] = events["t_ns"].astype(np.float64) * factor
+    assert verdict(check_event_clock(evidence(events))).severity is severity
+
+
+def test_few_events_are_no_recording(rng: np.random.Generator) -> None:
+    assert verdict(check_event_rate(evidence(scattered(rng, 10, (9, 9))))).severity is FAIL
+
+
+def test_a_hot_pixel_among_few_is_a_note(rng: np.random.Generator) -> None:
+    events = scattered(rng, 40_000, (100, 80))
+    events["x"][::100], events["y"][::100] = 7, 9
+    found = verdict(check_hot_pixels(evidence(events)))
+    assert found.severity is NOTE
+    assert (found.values["worst"][0]["x"], found.values["worst"][0]["y"]) == (7, 9)
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients", "severity"),
+    [
+        (Distortion.RADTAN, (-0.368, 0.151, -0.0003, -0.0008), OK),
+        (Distortion.EQUIDISTANT, (-0.02, 0.01, -0.01, 0.002), OK),
+        # The two mistaken for each other.
+        (Distortion.EQUIDISTANT, (-0.368, 0.151, -0.0003, -0.0008), WARNING),
+        (Distortion.RADTAN, (-0.02, 0.01, -0.05, 0.03), WARNING),
+        (Distortion.RADTAN, (-1.5, 0.0, 0.0, 0.0), FAIL),
+    ],
+)
+def test_lenses(model: Distortion, coefficients: tuple[float, ...], severity: Severity) -> None:
+    camera = CameraIntrinsics(110.0, 110.0, 119.5, 89.5, 240, 180, model, coefficients)
+    found = verdict(check_lens(evidence(camera=camera)))
+    assert found.severity is severity, found
+
+
+@pytest.mark.parametrize(
+    ("intrinsics", "severity"),
+    [
+        ((199.0, 199.0, 132.0, 110.0), OK),
+        ((0.8, 1.1, 0.5, 0.5), FAIL),
+        ((199.0, 199.0, 250.0, 90.0), FAIL),
+        ((400.0, 199.0, 120.0, 90.0), WARNING),
+        ((199.0, 199.0, 30.0, 90.0), WARNING),
+    ],
+)
+def test_focal_lengths(intrinsics: tuple[float, float, float, float], severity: Severity) -> None:
+    found = verdict(check_focal_length(evidence(camera=CameraIntrinsics(*intrinsics, 240, 180))))
+    assert found.severity is severity
+
+
+@pytest.mark.parametrize(
+    ("factor", "severity"), [(1.0, OK), (1 / 30.0, WARNING), (1 / 300.0, FAIL), (300.0, WARNING)]
+)
+def test_noise_at_rest_against_what_is_declared(
+    rng: np.random.Generator, factor: float, severity: Severity
+) -> None:
+    calibration = make_calibration()
+    streams = []
+    for density, mean in ((2e-4, [0.01, 0.0, 0.0]), (2e-3, [0.0, 0.0, 9.8])):
+        rows = np.zeros(800, dtype=INERTIAL_DTYPE)
+        rows["t_ns"] = np.arange(800) * 5_000_000
+        rows["xyz"] = np.array(mean) + density * np.sqrt(200.0) * rng.standard_normal((800, 3))
+        streams.append(rows)
+    noise = dataclasses.replace(
+        calibration.noise, gyroscope_density=2e-4 * factor, accelerometer_density=2e-3 * factor
+    )
+    parts = {
+        "streams": InertialStreams(streams[0], streams[1], ()),
+        "calibration": dataclasses.replace(calibration, noise=noise),
+    }
+    found = verdict(check_noise(evidence(**parts)))
+    assert found.severity is severity, found
+    assert found.values["densities"]["gyroscope"] == pytest.approx(2e-4, rel=0.15)
+    assert found.values["at_rest"]
+
+
+def test_truth_of_another_clock_is_told(rng: np.random.Generator) -> None:
+    events = scattered(rng, 5000, (50, 40))
+    t_ns = np.arange(0, 4_000_000_000, 10_000_000)
+    position = np.column_stack([t_ns * 1e-9, np.zeros((t_ns.size, 2))])
+    quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (t_ns.size, 1))
+    truth = PoseTrajectory(t_ns, position, quaternion)
+    assert verdict(check_truth(evidence(events, truth=truth))).severity is OK
+    later = dataclasses.replace(truth, t_ns=t_ns + 10**12)
+    assert verdict(check_truth(evidence(events, truth=later))).severity is WARNING
+    torn = dataclasses.replace(truth, position=100.0 * position)
+    assert verdict(check_truth(evidence(events, truth=torn))).severity is WARNING

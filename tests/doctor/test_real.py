@@ -1,0 +1,117 @@
+"""Every real file and folder: what the doctor must say of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from asyneio.doctor import Severity, examine
+
+OK, NOTE, WARNING, FAIL = Severity.OK, Severity.NOTE, Severity.WARNING, Severity.FAIL
+
+#: An excerpt of a fraction of a second without an IMU.
+_EXCERPT = {"duration": WARNING, "imu": WARNING, "calibration": WARNING}
+#: A still camera with an IMU, recorded for an instant.
+_STATIC = {"duration": WARNING, "imu": OK, "imu units": OK, "rest": NOTE, "calibration": WARNING}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A file or folder below the data, the commands that can use it, verdicts by check, words that must fall;
+    every check that is not named must say OK or NOTE."""
+
+    path: str
+    usable_for: tuple[str, ...]
+    verdicts: dict[str, Severity]
+    words: tuple[str, ...] = field(default=())
+
+
+ROWS = (
+    Row(
+        "davis240_imu/IMU_rotDisk.aedat",
+        ("run", "track"),
+        {"imu units": OK, "extrinsics": NOTE, "time offset": OK},
+        ("agrees: off by", "about 2 of 3 axes", "converted from the sensor's counts"),
+    ),
+    Row(
+        "davis240_imu/IMU_translBoxes.aedat",
+        ("run", "track"),
+        {"imu units": OK, "extrinsics": NOTE},
+        ("does not contradict the calibration and excludes 16 of 23 other mountings",),
+    ),
+    Row("davis240_imu", (), {"recording": FAIL}, ("2 recordings", "name one of them")),
+    Row(
+        "davis240_imu/camchain-imucam.yaml", (), {"recording": WARNING, "lens": OK}, ("a calibration alone",)
+    ),
+    Row("dvs128/building.mat", (), {"recording": FAIL}, ("a MATLAB file", "t[s] x y p a line")),
+    Row("dvs128/stripes.mat", (), {"recording": FAIL}, ("a MATLAB file", "t[s] x y p a line")),
+    Row("ecd_excerpts/shapes_rotation", ("track",), _EXCERPT | {"lens": OK}, ("no inertial samples",)),
+    Row("ecd_excerpts/dynamic_translation", ("track",), _EXCERPT | {"lens": OK}, ("a short excerpt",)),
+    Row("ecd_excerpts/boxes_translation", ("track",), _EXCERPT | {"event rate": NOTE}, ("2.64 Mev/s",)),
+    Row("slider_depth", ("track",), _EXCERPT | {"ground truth": OK}, ("no inertial samples",)),
+    Row(
+        "euroc_V1_01",
+        (),
+        {"recording": WARNING, "imu units": OK, "imu rate": OK, "imu gaps": OK, "ground truth": OK},
+        ("inertial samples alone", "gyroscope first", "29120 samples of the gyroscope"),
+    ),
+    Row("tumvi_calib", ("run",), {"extrinsics": OK, "time offset": OK, "clocks": OK}, ("agrees: off by",)),
+    Row(
+        "formats/davis346_static.aedat4",
+        ("track",),
+        _STATIC,
+        ("at rest throughout", "g and deg/s, which the format defines", "0.169941 s: a short excerpt"),
+    ),
+    Row(
+        "formats/dvxplorer_static.aedat4",
+        ("track",),
+        _STATIC,
+        ("at rest throughout", "g and deg/s, which the format defines", "0.589917 s: a short excerpt"),
+    ),
+    Row("formats/gen3.evt2.raw", ("track",), _EXCERPT, ("640 x 480", "521252 events")),
+    Row(
+        "formats/event_packet_evt3.bag",
+        ("track",),
+        {"imu": WARNING, "calibration": WARNING, "flicker": WARNING, "duration": OK},
+        ("a ROS 1 bag", "swings at 120 Hz"),
+    ),
+    Row("formats/event_packet_libcaer_cmp_ros2", ("track",), _EXCERPT, ("a ROS 2 bag",)),
+    Row("motion_profiles", (), {"recording": FAIL}, ("this is a trajectory",)),
+    Row("textures", (), {"recording": FAIL}, ("these are pictures",)),
+    Row("README.md", (), {"recording": FAIL}, ("of no known format",)),
+)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.path)
+def test_verdict(data_dir: Path, row: Row) -> None:
+    diagnosis = examine(data_dir / row.path)
+    found = {verdict.check: verdict.severity for verdict in diagnosis.verdicts}
+    assert {check: found.get(check) for check in row.verdicts} == row.verdicts
+    others = {check: severity for check, severity in found.items() if check not in row.verdicts}
+    assert {check: severity for check, severity in others.items() if severity > NOTE} == {}
+    assert diagnosis.usable_for == row.usable_for
+    text = " ".join(f"{v.measured} {v.expected} {v.cure}" for v in diagnosis.verdicts)
+    text += " ".join(diagnosis.repairs)
+    assert [words for words in row.words if words not in text] == []
+
+
+def test_every_entry_of_the_data_has_a_row(data_dir: Path) -> None:
+    named = {row.path.split("/")[0] for row in ROWS}
+    assert {entry.name for entry in data_dir.iterdir()} <= named
+
+
+def test_the_mounting_of_a_real_camera_is_refused_when_it_is_turned(data_dir: Path, tmp_path: Path) -> None:
+    """The calibration of the rotating disk, with the camera turned by 180 degrees across its axis."""
+    text = (data_dir / "davis240_imu" / "camchain-imucam.yaml").read_text()
+    wrong = text.replace("[-1.0, 0.0, 0.0, 0.0]", "[1.0, 0.0, 0.0, 0.0]").replace(
+        "[0.0, 0.0, -1.0, 0.0]", "[0.0, 0.0, 1.0, 0.0]"
+    )
+    assert wrong != text
+    (tmp_path / "camchain-imucam.yaml").write_text(wrong)
+    for name in ("imu.yaml", "IMU_rotDisk.aedat"):
+        (tmp_path / name).symlink_to(data_dir / "davis240_imu" / name)
+    verdict = next(v for v in examine(tmp_path).verdicts if v.check == "extrinsics")
+    assert verdict.severity is FAIL
+    assert "mirrored" in verdict.cure
