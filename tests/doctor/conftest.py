@@ -55,11 +55,11 @@ def clean(clean_recording: EventRecording, tmp_path_factory: pytest.TempPathFact
 
 
 @pytest.fixture(scope="session")
-def brief(clean_recording: EventRecording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def short(clean_recording: EventRecording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The first quarter of a second of it, a third of its events, for faults that do not need the motion."""
     first_ns = int(clean_recording.events["t_ns"][0])
     end_ns = first_ns + 250_000_000
-    folder = tmp_path_factory.mktemp("doctor") / "brief"
+    folder = tmp_path_factory.mktemp("doctor") / "short"
     changes = {
         "events": clean_recording.events[clean_recording.events["t_ns"] < end_ns][::3],
         **{

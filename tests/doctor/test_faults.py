@@ -244,23 +244,23 @@ def test_motion_names_what_is_wrong_with_the_calibration(
     ],
 )
 def test_each_fault_is_named(
-    brief: Path, tmp_path: Path, inject: Injection, check: str, severity: Severity, words: str
+    short: Path, tmp_path: Path, inject: Injection, check: str, severity: Severity, words: str
 ) -> None:
-    folder = copy_of(brief, tmp_path / "faulty")
+    folder = copy_of(short, tmp_path / "faulty")
     inject(folder)
     found = verdict_of(examine(folder), check)
     assert found.severity is severity, said(found)
     assert words in said(found)
 
 
-def test_the_brief_one_is_but_short(brief: Path) -> None:
-    diagnosis = examine(brief)
+def test_the_short_one_is_but_short(short: Path) -> None:
+    diagnosis = examine(short)
     assert [v.check for v in diagnosis.verdicts if v.severity > NOTE] == ["duration"]
     assert diagnosis.usable_for == ("track",)
 
 
-def test_what_is_spoilt_does_not_hide_the_rest(brief: Path, tmp_path: Path) -> None:
-    folder = copy_of(brief, tmp_path / "faulty")
+def test_what_is_spoilt_does_not_hide_the_rest(short: Path, tmp_path: Path) -> None:
+    folder = copy_of(short, tmp_path / "faulty")
     (folder / "imu.txt").write_text("nothing\n" * 100)
     (folder / "camchain-imucam.yaml").write_text("cam0: [1, 2")
     diagnosis = examine(folder)
@@ -270,8 +270,8 @@ def test_what_is_spoilt_does_not_hide_the_rest(brief: Path, tmp_path: Path) -> N
     assert verdict_of(diagnosis, "hot pixels").severity is Severity.OK
 
 
-def test_a_file_cut_off_is_examined_up_to_there(brief: Path, tmp_path: Path) -> None:
-    folder = copy_of(brief, tmp_path / "cut")
+def test_a_file_cut_off_is_examined_up_to_there(short: Path, tmp_path: Path) -> None:
+    folder = copy_of(short, tmp_path / "cut")
     whole = (folder / "events.txt").read_bytes()
     (folder / "events.txt").write_bytes(whole[: len(whole) // 2] + b"1000.3 1")
     diagnosis = examine(folder)
