@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from asyneio.cli.options import CameraOption, SchemeName, TrackerName, settings_of, with_scheme, with_tracker
+from asyneio.cli.options import (
+    CameraOption,
+    ConfigOption,
+    SchemeOption,
+    TrackerOption,
+    settings_of,
+    with_scheme,
+    with_tracker,
+)
 
 if TYPE_CHECKING:
     from asyneio.studies.measuring import Measured
@@ -48,17 +56,9 @@ def uzh(
         Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="preset")
     ] = None,
     camera: CameraOption = None,
-    config: Annotated[
-        Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
-    ] = None,
-    tracker: Annotated[
-        TrackerName | None,
-        typer.Option(help="How features are followed in events.", show_default="the configuration's"),
-    ] = None,
-    scheme: Annotated[
-        SchemeName | None,
-        typer.Option(help="How inertial samples are used.", show_default="the configuration's"),
-    ] = None,
+    config: ConfigOption = None,
+    tracker: TrackerOption = None,
+    scheme: SchemeOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
 ) -> None:
     """Run the sequences of the UZH event camera data set (DAVIS240C) and compare with published figures.

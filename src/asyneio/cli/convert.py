@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from asyneio.cli.options import CameraOption, EventsOption, PresetOption, SamplesOption
+from asyneio.cli.options import (
+    CalibrationOption,
+    CameraOption,
+    EventsOption,
+    ImuOption,
+    PresetOption,
+    SamplesOption,
+)
 
 if TYPE_CHECKING:
     from asyneio.io import ReadOptions
@@ -22,16 +29,12 @@ def convert(
         str | None,
         typer.Option(
             "--to",
-            help="uzh, uzh-zip, rosbag, hdf5, dat, evt2 or aedat2.",
+            help="uzh, uzh-zip, rosbag, rosbag2, hdf5, dat, evt2 or aedat2.",
             show_default="by OUTPUT's ending",
         ),
     ] = None,
-    calibration: Annotated[
-        Path | None, typer.Option(help="File of the camera's calibration.", show_default="beside the data")
-    ] = None,
-    imu: Annotated[
-        Path | None, typer.Option(help="File of the IMU's noise.", show_default="beside the data")
-    ] = None,
+    calibration: CalibrationOption = None,
+    imu: ImuOption = None,
     camera: CameraOption = None,
     preset: PresetOption = None,
     events: EventsOption = None,

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from asyneio.cli.options import CameraOption, EventsOption, PresetOption, SamplesOption
+from asyneio.cli.options import (
+    CalibrationOption,
+    CameraOption,
+    EventsOption,
+    ImuOption,
+    PresetOption,
+    SamplesOption,
+)
 
 if TYPE_CHECKING:
     from asyneio.doctor.verdict import Diagnosis
@@ -19,13 +26,8 @@ def doctor(
     recording: Annotated[
         Path, typer.Argument(help="A recording of any kind, inertial samples or a calibration alone.")
     ],
-    calibration: Annotated[
-        Path | None,
-        typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
-    ] = None,
-    imu: Annotated[
-        Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
-    ] = None,
+    calibration: CalibrationOption = None,
+    imu: ImuOption = None,
     camera: CameraOption = None,
     preset: PresetOption = None,
     events: EventsOption = None,

@@ -12,6 +12,13 @@ if TYPE_CHECKING:
     from asyneio.config import Config
 
 
+CalibrationOption = Annotated[
+    Path | None,
+    typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
+]
+ImuOption = Annotated[
+    Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
+]
 CameraOption = Annotated[
     str | None,
     typer.Option(help="Camera of the calibration, by name or topic.", show_default="the one that fits"),
@@ -28,7 +35,10 @@ EventsOption = Annotated[
 ]
 SamplesOption = Annotated[
     str | None,
-    typer.Option("--samples", help="Which inertial samples, where there are several: a topic or a stream."),
+    typer.Option("--samples", help="Which inertial samples: a topic, a stream, or the file with them."),
+]
+ConfigOption = Annotated[
+    Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
 ]
 
 
@@ -46,6 +56,16 @@ class SchemeName(StrEnum):
     GPP = "gpp"
     PREINT = "preint"
     EXTPREINT = "extpreint"
+
+
+TrackerOption = Annotated[
+    TrackerName | None,
+    typer.Option(help="How features are followed in events.", show_default="the configuration's"),
+]
+SchemeOption = Annotated[
+    SchemeName | None,
+    typer.Option(help="How inertial samples are used.", show_default="the configuration's"),
+]
 
 
 def settings_of(config: Path | None, preset: str | None) -> Config:

@@ -8,12 +8,15 @@ from typing import Annotated
 import typer
 
 from asyneio.cli.options import (
+    CalibrationOption,
     CameraOption,
+    ConfigOption,
     EventsOption,
+    ImuOption,
     PresetOption,
     SamplesOption,
-    SchemeName,
-    TrackerName,
+    SchemeOption,
+    TrackerOption,
     settings_of,
     with_scheme,
     with_tracker,
@@ -34,28 +37,15 @@ def run(
         Path | None,
         typer.Option("--output", "-o", help="Folder for the results.", show_default="results/NAME"),
     ] = None,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
-    ] = None,
-    imu: Annotated[
-        Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
-    ] = None,
+    calibration: CalibrationOption = None,
+    imu: ImuOption = None,
     camera: CameraOption = None,
     preset: PresetOption = None,
     events: EventsOption = None,
     samples: SamplesOption = None,
-    config: Annotated[
-        Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
-    ] = None,
-    tracker: Annotated[
-        TrackerName | None,
-        typer.Option(help="How features are followed in events.", show_default="the configuration's"),
-    ] = None,
-    scheme: Annotated[
-        SchemeName | None,
-        typer.Option(help="How inertial samples are used.", show_default="the configuration's"),
-    ] = None,
+    config: ConfigOption = None,
+    tracker: TrackerOption = None,
+    scheme: SchemeOption = None,
     max_track_seconds: Annotated[
         float | None,
         typer.Option(help="Of a tracks folder: cut tracks into pieces shorter than this, with new ids."),

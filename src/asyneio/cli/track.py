@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from asyneio.cli.options import (
+    CalibrationOption,
     CameraOption,
+    ConfigOption,
     EventsOption,
+    ImuOption,
     PresetOption,
     SamplesOption,
-    TrackerName,
+    TrackerOption,
     settings_of,
     with_tracker,
 )
@@ -34,20 +37,10 @@ def track(
         Path | None,
         typer.Option("--output", "-o", help="Folder for the results.", show_default="results/NAME-tracks"),
     ] = None,
-    tracker: Annotated[
-        TrackerName | None,
-        typer.Option(help="How features are followed.", show_default="the configuration's"),
-    ] = None,
-    config: Annotated[
-        Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
-    ] = None,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
-    ] = None,
-    imu: Annotated[
-        Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
-    ] = None,
+    tracker: TrackerOption = None,
+    config: ConfigOption = None,
+    calibration: CalibrationOption = None,
+    imu: ImuOption = None,
     camera: CameraOption = None,
     preset: PresetOption = None,
     events: EventsOption = None,
