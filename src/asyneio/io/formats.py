@@ -41,6 +41,7 @@ class Format:
     title: str
     matches: Callable[[Path, bytes], bool]
     read: Callable[[Path, ReadOptions], Contents]
+    chooses: tuple[str, ...] = ()
 
 
 def _hdf5(
@@ -48,10 +49,15 @@ def _hdf5(
     title: str,
     matches: Callable[[Path], bool],
     read: Callable[[Path, ReadOptions], Contents],
+    *chooses: str,
 ) -> Format:
     """A layout of HDF5 files."""
-    return Format(name, title, lambda path, head: head.startswith(HDF5_MAGIC) and matches(path), read)
+    return Format(
+        name, title, lambda path, head: head.startswith(HDF5_MAGIC) and matches(path), read, chooses
+    )
 
+
+_TOPICS = ("events", "samples")
 
 #: In this order; the first that matches reads.
 FORMATS = (
@@ -67,24 +73,26 @@ FORMATS = (
         "a folder of DSEC, VECtor or TUM-VIE",
         lambda path, _: is_sides_folder(path),
         read_sides_folder,
+        ("events", "samples"),
     ),
-    _hdf5("mvsec", "MVSEC's HDF5", is_mvsec, read_mvsec),
-    _hdf5("m3ed", "M3ED's HDF5", is_m3ed, read_m3ed),
-    _hdf5("prophesee-hdf5", "Prophesee's HDF5", is_prophesee_hdf5, read_prophesee_hdf5),
-    _hdf5("columns", "HDF5 as of DSEC (events/x, y, t, p)", is_event_columns, read_event_columns),
+    _hdf5("mvsec", "MVSEC's HDF5", is_mvsec, read_mvsec, "events"),
+    _hdf5("m3ed", "M3ED's HDF5", is_m3ed, read_m3ed, "events"),
+    _hdf5("prophesee-hdf5", "Prophesee's HDF5", is_prophesee_hdf5, read_prophesee_hdf5, "samples"),
+    _hdf5("columns", "HDF5 as of DSEC (events/x, y, t, p)", is_event_columns, read_event_columns, "samples"),
     Format(
         "prophesee",
         "Prophesee's RAW (EVT 2.0, 3.0) or DAT",
         lambda _, head: head.startswith(PROPHESEE_MAGIC),
         read_prophesee,
+        ("samples",),
     ),
     Format("aedat2", "AEDAT-2.0 of a DAVIS240", lambda _, head: head.startswith(AEDAT2_MAGIC), read_aedat2),
     Format("aedat4", "AEDAT4", lambda _, head: head.startswith(AEDAT4_MAGIC), read_aedat4),
-    Format("zip", "a UZH zip", lambda _, head: head.startswith(ZIP_MAGIC), read_uzh_zip),
-    Format("rosbag1", "a ROS 1 bag", lambda _, head: head.startswith(ROSBAG_MAGIC), read_rosbag1),
-    Format("rosbag2", "a ROS 2 bag (folder)", lambda path, _: is_rosbag2_folder(path), read_rosbag2),
-    Format("mcap", "MCAP", lambda _, head: head.startswith(MCAP_MAGIC), read_rosbag2),
-    Format("sqlite", "SQLite of ROS 2", lambda _, head: is_rosbag2_sqlite(head), read_rosbag2),
+    Format("zip", "a UZH zip", lambda _, head: head.startswith(ZIP_MAGIC), read_uzh_zip, ("events",)),
+    Format("rosbag1", "a ROS 1 bag", lambda _, head: head.startswith(ROSBAG_MAGIC), read_rosbag1, _TOPICS),
+    Format("rosbag2", "a ROS 2 bag (folder)", lambda path, _: is_rosbag2_folder(path), read_rosbag2, _TOPICS),
+    Format("mcap", "MCAP", lambda _, head: head.startswith(MCAP_MAGIC), read_rosbag2, _TOPICS),
+    Format("sqlite", "SQLite of ROS 2", lambda _, head: is_rosbag2_sqlite(head), read_rosbag2, _TOPICS),
     Format("text", "events as text (t[s] x y p)", lambda _, head: is_event_text(head), read_uzh_folder),
 )
 

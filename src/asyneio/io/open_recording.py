@@ -69,8 +69,15 @@ def open_contents(path: Path, options: ReadOptions) -> Contents:
         CalibrationError: a calibration file is missing, malformed or impossible.
     """
     source, format = find_format(path)
-    contents = format.read(source, options)
     named = Path(options.samples) if options.samples else None
+    if options.events and "events" not in format.chooses:
+        raise RecordingError(
+            f"{path} is {format.title}, which holds one stream of events: --events {options.events} has "
+            "nothing to choose from; leave it out"
+        )
+    if named and "samples" not in format.chooses and not named.is_file():
+        raise RecordingError(f"there is no file {named} of inertial samples; check the path of --samples")
+    contents = format.read(source, options)
     if named is None or not named.is_file() or (contents.samples and contents.samples.name == named.name):
         return contents
     return replace(contents, samples=read_inertial_file(named))
