@@ -147,6 +147,8 @@ def run_recording(
                 if estimator.origin is not None:
                     origins.setdefault(estimator.origin.segment, estimator.origin)
                 report, done_s = run.reports[-1], index * interval_ns / NS_PER_S
+                if tracked:
+                    tracked.tell_unused(report.refused)
                 if report.health is Health.LOST:
                     progress.message(f"lost after {done_s:.1f} s: {report.reason}")
                 progress.advance(done_s, total * interval_ns / NS_PER_S, report.health)

@@ -220,7 +220,8 @@ class Estimate:
 class StepReport:
     """What one call of `Odometry.process` did, for the log and the report.
 
-    `attitude` is given while there is no pose to give; `still`: the sensor was taken to be at rest.
+    `attitude` is given while there is no pose to give; `still`: the sensor was taken to be at rest;
+    `refused`: share of the packet's tracks that were found to be no points of the static scene.
     """
 
     t_ns: int
@@ -236,6 +237,7 @@ class StepReport:
     segment: int = 0
     still: bool = False
     attitude: Attitude | None = None
+    refused: float = 0.0
 
 
 @dataclass

@@ -87,7 +87,12 @@ class Odometry:
         else:
             estimates, report = self._step(packet, before_ns)
         posed = report.health in (Health.TRACKING, Health.DEGRADED)
-        return estimates, replace(report, still=self._rest.still, attitude=None if posed else self._upright)
+        return estimates, replace(
+            report,
+            still=self._rest.still,
+            attitude=None if posed else self._upright,
+            refused=self._intake.refused_share(packet.observations["id"]),
+        )
 
     def _step(self, packet: Packet, before_ns: int | None) -> tuple[list[Estimate], StepReport]:
         """Start, or advance by the knots that the packet completes; `before_ns`: end of the packet before."""
@@ -173,6 +178,7 @@ class Odometry:
         window.add_landmarks()
         self._solution, outliers = optimize_without_outliers(window, settings.optimizer)
         intake.refuse(outliers)
+        window.remove_tracks(intake.refuse_doubtful(window.landmarks.track))
         intake.drop_until(knot_ns)
         return Advance(
             problem=self._solution.problem,
