@@ -217,6 +217,23 @@ class Estimate:
 
 
 @dataclass(frozen=True)
+class FirstState:
+    """What is known of the body at an instant before the estimator has measured anything.
+
+    `t_ns`, IMU clock; `T_w_b` (4,4) in any world with z up; `velocity_w` (3,) [m/s]; biases (3,) [rad/s,
+    m/s^2]; `sigma` (15,), standard deviations of [rotation (rad), position (m), velocity (m/s), gyroscope
+    bias, accelerometer bias], the first three along the axes of the body.
+    """
+
+    t_ns: int
+    T_w_b: FloatArray
+    velocity_w: FloatArray
+    bias_gyroscope: FloatArray
+    bias_accelerometer: FloatArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True)
 class StepReport:
     """What one call of `Odometry.process` did, for the log and the report.
 

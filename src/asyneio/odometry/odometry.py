@@ -13,6 +13,7 @@ from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.intake import Intake, rate_hz, until
+from asyneio.odometry.known_start import checked, known_start
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
@@ -31,6 +32,7 @@ from asyneio.types import (
     Calibration,
     CalibrationEstimate,
     Estimate,
+    FirstState,
     Health,
     Packet,
     StepReport,
@@ -46,9 +48,22 @@ class Odometry:
     The world frame has z up and its origin and yaw at the first knot. Where nothing connects a state with the
     one before, or it can no longer be trusted, the segment ends (LOST) and the next start begins another,
     with a world of its own.
+
+    Args:
+        config: all settings.
+        calibration: of the rig.
+        first_state: where it is known: the first segment begins there, in the world of that state, and what
+            was measured before it is left out. `process` raises `EstimationError` where the inertial samples
+            do not reach back to it.
+
+    Raises:
+        EstimationError: `first_state` is no state.
     """
 
-    def __init__(self, config: Config, calibration: Calibration) -> None:
+    def __init__(
+        self, config: Config, calibration: Calibration, first_state: FirstState | None = None
+    ) -> None:
+        self._first_state = None if first_state is None else checked(first_state)
         self._config = config
         self._calibration = calibration
         self._segment = 0
@@ -216,7 +231,7 @@ class Odometry:
 
     def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
         self._rest.judge(t_ns, t_ns, None)
-        if self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
+        if self._first_state is None and self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
             return [], self._initializing(t_ns, self._refusal)
         self._next_attempt_ns = t_ns + RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
@@ -227,7 +242,9 @@ class Odometry:
             rate_hz(self._intake.accelerometer),
         )
         since_ns = self._rest.since_ns
-        if since_ns is None:
+        if self._first_state is not None:
+            started = known_start(self._intake, self._settings, self._first_state)
+        elif since_ns is None:
             w = self._settings.window
             gravity = float(np.linalg.norm(w.gravity_w))
             self._intake.refuse(contradicting_tracks(self._intake, w.T_b_c, gravity, w.bearing_sigma))
@@ -237,6 +254,7 @@ class Odometry:
         if isinstance(started, str):
             self._refusal = started
             return [], self._initializing(t_ns, started)
+        self._first_state = None
         self._window, self._solution = started.window, started.solution
         covariance = joint_covariance(self._solution, 0)[:24, :24]
         self.origin = estimate_of(self._window, 0, covariance, self._segment)
