@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from asyneio.estimation.camera_calibration import CalibrationSettings
 from asyneio.estimation.window import TrackObservations
 from asyneio.inertial.increments import ImuWindow, Increments
 from asyneio.initialization.alignment import AlignmentData, align
@@ -20,6 +21,8 @@ _MAX_TRACKS = 400
 _MAX_OBSERVATIONS = 24
 #: A solution whose cost is higher by less than this is nearly as likely: odds of 150 to 1.
 _LIKELY = 5.0
+#: Standard deviation [s] of a time offset that is not estimated.
+_CERTAIN_S = 1e-6
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,9 @@ def span_motion(
     few, ids = _fewer(seen)
     reckoning, data = _data(intake, settings, knots_ns, few)
     aligned = align(data, float(np.linalg.norm(w.gravity_w)), w.bearing_sigma)
-    prior = BiasPrior(start.bias_sigma, 1.0 / float(np.sqrt(w.landmark_damping[0])))
+    prior = BiasPrior(
+        start.bias_sigma, 1.0 / float(np.sqrt(w.landmark_damping[0])), _time_offset_sigma(w.calibration)
+    )
     t = (knots_ns - knots_ns[0]) * 1e-9
     rays = reckoning.rays(np.zeros(6))
     guesses = (
@@ -64,6 +69,11 @@ def span_motion(
     best, other = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
     ambiguous = other.adjusted.cost - best.adjusted.cost < _LIKELY and not _alike(best, other)
     return replace(best, ambiguous=ambiguous)
+
+
+def _time_offset_sigma(camera: CalibrationSettings) -> float:
+    """Of the camera's clock [s]; next to nothing where it is taken as calibrated."""
+    return float(camera.sigma[0]) if 0 in camera.columns else _CERTAIN_S
 
 
 def _no_net_motion(duration: float, reckoning: DeadReckoning, gravity: float) -> FirstMotion:
@@ -91,14 +101,15 @@ def _alike(one: SpanMotion, other: SpanMotion) -> bool:
 
 
 def _displacement(t: FloatArray, adjusted: Adjusted, at: Increments) -> tuple[FloatArray, FloatArray]:
-    """Displacements d (K,3), and the row (11,) by which the unknowns change their factor `sum d d' / sum d
+    """Displacements d (K,3), and the row (12,) by which the unknowns change their factor `sum d d' / sum d
     d`."""
     motion = adjusted.motion
     half = 0.5 * t[:, None] ** 2
     d = motion.velocity * t[:, None] + half * motion.gravity + at.r
     by_tilt = half[:, :, None] * adjusted.tangent
     by_velocity = t[:, None, None] * np.eye(3)
-    rows = np.concatenate([by_velocity, by_tilt, at.d_bias[:, 6:]], axis=2)
+    # The body's way is what it is whenever the camera looked.
+    rows = np.concatenate([by_velocity, by_tilt, at.d_bias[:, 6:], np.zeros((len(t), 3, 1))], axis=2)
     return d, np.einsum("ka,kap->p", d, rows) / np.sum(d * d)
 
 

@@ -127,7 +127,7 @@ def compile_start() -> None:
     seen = SpanObservations(t, np.zeros(3, dtype=np.int64), np.zeros((3, 2)), white)
     reckoning = DeadReckoning(window, SampleNoise(1.0, 1.0), np.eye(4), seen)
     first = FirstMotion(np.ones(3), np.array([0.0, 0.0, -9.81]), np.zeros(6))
-    adjust(reckoning.rays, reckoning.rays(first.bias), first, BiasPrior(np.ones(6), 1.0), gate=8.0)
+    adjust(reckoning.rays, reckoning.rays(first.bias), first, BiasPrior(np.ones(6), 1.0, 1.0), gate=8.0)
 
 
 def _tiny_problem() -> Problem:

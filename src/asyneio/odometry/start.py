@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from asyneio.errors import EstimationError, InertialError
@@ -43,7 +45,9 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         if reason:
             return reason
         states = _first_states(intake, settings, knots_ns, motion)
-        window = filled_window(intake, settings, knots_ns, states, motion.contradicting)
+        window = filled_window(
+            intake, _at_offset(settings, motion), knots_ns, states, motion.contradicting
+        )
         solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
@@ -52,6 +56,15 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         return reason
     intake.refuse(np.concatenate([outliers, motion.contradicting]))
     return Start(window, solution)
+
+
+def _at_offset(settings: Settings, motion: SpanMotion) -> Settings:
+    """Settings of a window whose camera begins with the time offset found."""
+    camera = settings.window.calibration
+    if 0 not in camera.columns:
+        return settings
+    camera = replace(camera, time_offset=motion.adjusted.motion.time_offset)
+    return replace(settings, window=replace(settings.window, calibration=camera))
 
 
 def _knot_times(intake: Intake, settings: Settings) -> IntArray | None:
