@@ -6,13 +6,13 @@ each, `twins` the dynamic ones of the suite beside the same with a person who st
 
 With `--substitution`, the same estimator gets true parts in turn: true positions of the same features over
 the same lives with pixel noise (what the tracker's errors cost), features that live as long as they stay
-visible (what their short life costs), inertial samples without bias (what not knowing the biases costs), the state
-at the first instant (what the start costs). With `--perturb MS DEG` it is told a wrong time shift and a wrong
-rotation of the camera.
+visible (what their short life costs), inertial samples without bias (what not knowing the biases costs), the
+state at the first instant (what the start costs). With `--perturb MS DEG` it is told a wrong time shift and a
+wrong rotation of the camera.
 
 Figures are of the longest segment. NEES: mean over time, 3 where the covariance is honest. Real time: the
-recorded time over the slower of front end and estimator, which run side by side. Substitutions are given the
-observations of the run as it is.
+recorded time over the slower of front end and estimator, which run side by side. Substitutions are given
+the observations of the run as it is.
 
     python benchmarks/accuracy.py [--scenes suite | small | twins | SCENE ...] [--seeds N ...] [--seconds S]
         [--substitution] [--noise 0.4] [--perturb MS DEG] [--tracker gradient|haste] [--cache DIR]

@@ -117,9 +117,9 @@ def run_recording(
     """Run the estimator over a whole recording; of events, the front end runs beside it.
 
     `observations` are those of an earlier run on the same events (`RunResult.observations`): given again,
-    they save the tracking and lead to the same estimates. The first segment begins at `first_state` where that
-    is known. An error of the estimator ends the run; what it had
-    estimated until then is kept and the cause stands in `summary.failure`.
+    they save the tracking and lead to the same estimates. The first segment begins at `first_state` where
+    that is known. An error of the estimator ends the run; what it had estimated until then is kept and the
+    cause stands in `summary.failure`.
 
     Raises:
         RecordingError: the recording is shorter than two knot intervals, or has events without the inertial

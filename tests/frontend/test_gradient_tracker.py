@@ -109,7 +109,7 @@ def test_more_places_make_up_for_tracks_of_no_use(simulation: EventSimulation) -
         corners.append(tracker.statistics().corners)
     assert max(following[:8]) == 16
     # None is ended for it, and none begins before there are fewer than wanted.
-    crowded = int(np.argmax(np.array(following[8:] + [0]) < 8))
+    crowded = int(np.argmax(np.array([*following[8:], 0]) < 8))
     assert crowded > 3
     assert len(set(corners[8 : 8 + crowded])) == 1
 

@@ -56,7 +56,9 @@ def span(
     accelerometer = specific_force_b(motion, samples, GRAVITY) + BIAS[3:]
     window = ImuWindow(samples, gyroscope, samples, accelerometer, SPAN_S)
     whiten = np.tile(np.eye(2) / SIGMA, (len(t), 1, 1))
-    return DeadReckoning(window, SampleNoise(0.01, 0.05), T_b_c, SpanObservations(t + late_s, track, xy, whiten))
+    return DeadReckoning(
+        window, SampleNoise(0.01, 0.05), T_b_c, SpanObservations(t + late_s, track, xy, whiten)
+    )
 
 
 def truth(motion: AnalyticMotion) -> FirstMotion:

@@ -3,11 +3,10 @@ integral as the motion.
 
 Over the few seconds of a start the white noise of a MEMS unit integrates to little: what is unknown of the
 motion is its velocity, the direction of gravity and the biases, 11 numbers instead of 24 a knot, and of the
-camera, by how much its clock is off. An
-adjustment of all observations under a Cauchy cost then takes milliseconds an iteration. The cost is annealed:
-its scale begins wide, where the errors of the linear alignment lie, and ends at the noise (graduated
-non-convexity, Yang et al., RA-L 2020). Biases and time offset enter to first order (29) and dead reckoning is repeated with
-the new ones.
+camera, by how much its clock is off. An adjustment of all observations under a Cauchy cost then takes
+milliseconds an iteration. The cost is annealed: its scale begins wide, where the errors of the linear
+alignment lie, and ends at the noise (graduated non-convexity, Yang et al., RA-L 2020). Biases and time offset
+enter to first order (29), and dead reckoning is repeated with the new biases.
 """
 
 from __future__ import annotations
@@ -70,7 +69,8 @@ class Adjusted:
 
     `inverse_depth` (L,) in the reference cameras with its standard deviation; `agreeing` (L,) tells which
     tracks do not contradict the motion; `covariance` (12,12) is of [velocity, tilt of gravity, b_g, b_a,
-    time offset], where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is what was minimised.
+    time offset], where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is what was
+    minimised.
     """
 
     motion: FirstMotion

@@ -57,8 +57,9 @@ def sums(
     """Add to `H` (12,12), `b` (12,), `W` (L,3,12), `H_l` (L,3,3), `b_l` (L,3), and the cost of tracks (L,).
 
     `points` (L,3) are [x, y, inverse depth] in the reference camera; `tangent` (3,2) are the directions in
-    which gravity may move, `d` (7,) the corrections of biases and time offset. With R, c of a camera and its reference r, the ray is proportional to `z = R_i^T
-    R_r [x, y, 1] + rho R_i^T (c_r - c_i)`, and the residual is its image less the observation.
+    which gravity may move, `d` (7,) the corrections of biases and time offset. With R, c of a camera and its
+    reference r, the ray is proportional to `z = R_i^T R_r [x, y, 1] + rho R_i^T (c_r - c_i)`, and the
+    residual is its image less the observation.
     """
     m = np.empty(3)
     z = np.empty(3)

@@ -1,4 +1,4 @@
-"""Start from a state that is known beforehand: no waiting for parallax, and the world is that of the state."""
+"""Start from a state known beforehand: no waiting for parallax, and the world is that of the state."""
 
 from __future__ import annotations
 

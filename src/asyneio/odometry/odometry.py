@@ -11,18 +11,16 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
+from asyneio.odometry.attempt import RETRY_NS, attempt_start
 from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.intake import Intake, rate_hz, until
-from asyneio.odometry.known_start import checked, known_start
+from asyneio.odometry.known_start import checked
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.rest import RestDetector
-from asyneio.odometry.screen import contradicting_tracks
 from asyneio.odometry.settings import Settings, resolve
-from asyneio.odometry.start import RETRY_NS, try_start
-from asyneio.odometry.static_start import static_start
 from asyneio.odometry.vitals import sample_gap_s
 from asyneio.odometry.watch import Advance, Watch
 from asyneio.trajectory.gp_trajectory import GPTrajectory
@@ -241,16 +239,7 @@ class Odometry:
             rate_hz(self._intake.gyroscope),
             rate_hz(self._intake.accelerometer),
         )
-        since_ns = self._rest.since_ns
-        if self._first_state is not None:
-            started = known_start(self._intake, self._settings, self._first_state)
-        elif since_ns is None:
-            w = self._settings.window
-            gravity = float(np.linalg.norm(w.gravity_w))
-            self._intake.refuse(contradicting_tracks(self._intake, w.T_b_c, gravity, w.bearing_sigma))
-            started = try_start(self._intake, self._settings)
-        else:
-            started = static_start(self._intake, self._settings, since_ns)
+        started = attempt_start(self._intake, self._settings, self._rest.since_ns, self._first_state)
         if isinstance(started, str):
             self._refusal = started
             return [], self._initializing(t_ns, started)

@@ -20,8 +20,6 @@ from asyneio.odometry.settings import Settings
 from asyneio.odometry.start_refusals import motion_refusal, solution_refusal
 from asyneio.types import IntArray
 
-#: Attempts to start are this far apart; each sees more motion than the last.
-RETRY_NS = 250_000_000
 #: Zero priors of the warm-up: rates of any size a person or a drone makes.
 _WARM_UP_SIGMA = np.array([10.0, 100.0])
 
@@ -45,9 +43,7 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         if reason:
             return reason
         states = _first_states(intake, settings, knots_ns, motion)
-        window = filled_window(
-            intake, _at_offset(settings, motion), knots_ns, states, motion.contradicting
-        )
+        window = filled_window(intake, _at_offset(settings, motion), knots_ns, states, motion.contradicting)
         solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
