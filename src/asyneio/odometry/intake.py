@@ -99,10 +99,10 @@ class Intake:
         self._neighbourhood.condemn(ids)
         self._drop(ids)
 
-    def refuse_doubtful(self, among: IntArray) -> IntArray:
-        """Refuse also those of some tracks that are too short to be judged and lie among condemned ones;
-        their ids."""
-        ids = self._neighbourhood.doubtful(among)
+    def refuse_doubtful(self, among: IntArray, t_ns: int) -> IntArray:
+        """Refuse also those of some tracks that are too short at `t_ns` to be judged and lie among condemned
+        ones; their ids."""
+        ids = self._neighbourhood.doubtful(among, t_ns)
         self._drop(ids)
         return ids
 
@@ -132,6 +132,7 @@ class Intake:
 
     def drop_until(self, t_ns: int) -> None:
         """Forget what the window has taken; a few earlier inertial samples stay for the next interval."""
+        self._neighbourhood.forget(t_ns)
         self.gyroscope = _tail(self.gyroscope, t_ns)
         self.accelerometer = _tail(self.accelerometer, t_ns)
         o = self.observations

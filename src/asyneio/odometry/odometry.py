@@ -191,7 +191,7 @@ class Odometry:
         window.add_landmarks()
         self._solution, outliers = optimize_without_outliers(window, settings.optimizer)
         intake.refuse(outliers)
-        window.remove_tracks(intake.refuse_doubtful(window.landmarks.track))
+        window.remove_tracks(intake.refuse_doubtful(window.landmarks.track, knot_ns))
         intake.drop_until(knot_ns)
         return Advance(
             problem=self._solution.problem,
