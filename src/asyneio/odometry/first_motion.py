@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from asyneio.estimation.camera_calibration import CalibrationSettings
-from asyneio.estimation.window import TrackObservations
+from asyneio.estimation.window_settings import TrackObservations
 from asyneio.inertial.increments import ImuWindow, Increments
 from asyneio.initialization.alignment import AlignmentData, align
 from asyneio.initialization.dead_reckoned import Adjusted, BiasPrior, FirstMotion, adjust

@@ -8,7 +8,8 @@ import numpy as np
 
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import Prior, States
-from asyneio.estimation.window import TrackObservations, Window
+from asyneio.estimation.window import Window
+from asyneio.estimation.window_settings import TrackObservations
 from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.settings import Settings
 from asyneio.types import FloatArray, IntArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.window import TrackObservations
+from asyneio.estimation.window_settings import TrackObservations
 from asyneio.geometry.camera import CameraModel
 from asyneio.inertial.gating import SampleGate, SensorLimits
 from asyneio.odometry.neighbourhood import Neighbourhood

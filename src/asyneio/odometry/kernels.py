@@ -19,7 +19,6 @@ from asyneio.estimation.active import active_coordinates
 from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.landmarks import born_landmark, camera_poses
 from asyneio.estimation.linear_system import LinearSystem, linearize
-from asyneio.estimation.optimizer import retract
 from asyneio.estimation.problem import (
     Camera,
     Inertial,
@@ -31,6 +30,7 @@ from asyneio.estimation.problem import (
     bearing_tangent,
 )
 from asyneio.estimation.rest_terms import rest_of, rest_terms
+from asyneio.estimation.retraction import retract
 from asyneio.estimation.visual_sums import empty_sums
 from asyneio.frontend import Frontend, gradient_kernel
 from asyneio.geometry.camera import CameraModel

@@ -8,7 +8,7 @@ import numpy as np
 
 from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.problem import States
-from asyneio.estimation.window import TrackObservations
+from asyneio.estimation.window_settings import TrackObservations
 from asyneio.geometry.gravity import upright
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.first_motion import SpanMotion, span_motion
