@@ -76,6 +76,17 @@ def _time_offset_sigma(camera: CalibrationSettings) -> float:
     return float(camera.sigma[0]) if 0 in camera.columns else _CERTAIN_S
 
 
+def _given_the_clock(covariance: FloatArray) -> FloatArray:
+    """Covariance (11,11) of all but the time offset if that were known.
+
+    It is found so that a wrong clock does not spoil the start. A right one, whose calibration is better than
+    its prior, must not count as a reason to wait; the joint optimisation, which knows it better, is asked
+    again with the offset open.
+    """
+    with_clock = covariance[:-1, -1]
+    return np.asarray(covariance[:-1, :-1] - np.outer(with_clock, with_clock) / covariance[-1, -1])
+
+
 def _no_net_motion(duration: float, reckoning: DeadReckoning, gravity: float) -> FirstMotion:
     """A second guess, which owes nothing to the tracks: the body ends as fast as it began, back where it was.
 
@@ -90,7 +101,7 @@ def _no_net_motion(duration: float, reckoning: DeadReckoning, gravity: float) ->
 def _of_span(t: FloatArray, reckoning: DeadReckoning, adjusted: Adjusted, ids: IntArray) -> SpanMotion:
     increments = reckoning.increments(t, adjusted.motion.bias)
     displacement, row = _displacement(t, adjusted, increments)
-    sigma = float(np.sqrt(row @ adjusted.covariance @ row))
+    sigma = float(np.sqrt(row @ _given_the_clock(adjusted.covariance) @ row))
     return SpanMotion(adjusted, increments, displacement, sigma, ids[~adjusted.agreeing])
 
 
@@ -101,15 +112,14 @@ def _alike(one: SpanMotion, other: SpanMotion) -> bool:
 
 
 def _displacement(t: FloatArray, adjusted: Adjusted, at: Increments) -> tuple[FloatArray, FloatArray]:
-    """Displacements d (K,3), and the row (12,) by which the unknowns change their factor `sum d d' / sum d
+    """Displacements d (K,3), and the row (11,) by which the unknowns change their factor `sum d d' / sum d
     d`."""
     motion = adjusted.motion
     half = 0.5 * t[:, None] ** 2
     d = motion.velocity * t[:, None] + half * motion.gravity + at.r
     by_tilt = half[:, :, None] * adjusted.tangent
     by_velocity = t[:, None, None] * np.eye(3)
-    # The body's way is what it is whenever the camera looked.
-    rows = np.concatenate([by_velocity, by_tilt, at.d_bias[:, 6:], np.zeros((len(t), 3, 1))], axis=2)
+    rows = np.concatenate([by_velocity, by_tilt, at.d_bias[:, 6:]], axis=2)
     return d, np.einsum("ka,kap->p", d, rows) / np.sum(d * d)
 
 
