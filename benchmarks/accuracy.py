@@ -6,15 +6,17 @@ each, `twins` the dynamic ones of the suite beside the same with a person who st
 
 With `--substitution`, the same estimator gets true parts in turn: true positions of the same features over
 the same lives with pixel noise (what the tracker's errors cost), features that live as long as they stay
-visible (what their short life costs), inertial samples without bias (what not knowing the biases costs). With
-`--perturb MS DEG` it is told a wrong time shift and a wrong rotation of the camera.
+visible (what their short life costs), inertial samples without bias (what not knowing the biases costs), the
+state at the first instant (what the start costs). With `--perturb MS DEG` it is told a wrong time shift and a
+wrong rotation of the camera.
 
 Figures are of the longest segment. NEES: mean over time, 3 where the covariance is honest. Real time: the
-recorded time over the slower of front end and estimator, which run side by side.
+recorded time over the slower of front end and estimator, which run side by side. Substitutions are given
+the observations of the run as it is.
 
     python benchmarks/accuracy.py [--scenes suite | small | twins | SCENE ...] [--seeds N ...] [--seconds S]
         [--substitution] [--noise 0.4] [--perturb MS DEG] [--tracker gradient|haste] [--cache DIR]
-        [--tracks-cache DIR] [--markdown FILE]
+        [--markdown FILE]
 """
 
 from __future__ import annotations
@@ -31,13 +33,14 @@ from scipy.spatial.transform import Rotation
 from asyneio.config import Config, load_config
 from asyneio.evaluation import NeesBlock, evaluate, nees, pose_trajectory, protocol_named
 from asyneio.io.atomic import write_text
+from asyneio.packets import usable_span
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
 from asyneio.simulation.events.scenario import SUITE, TWINS
 from asyneio.simulation.faults import without_bias
-from asyneio.types import NS_PER_S, Estimate, EventRecording, Health
+from asyneio.types import NS_PER_S, Estimate, EventRecording, FirstState, Health, RecordArray
 from common import table
-from sequences import DEFAULT_CACHE, TrackedRun, sequence, tracked
+from sequences import DEFAULT_CACHE, sequence
 from true_tracks import static_observations, true_tracks
 
 _SMALL = ("event_slow", "event_fast", "event_rotation", "event_low_light", "event_near", "event_far")
@@ -69,8 +72,13 @@ SUBSTITUTED = {
     "true tracks, same life: MPE %": ".3f",
     "true tracks, full life: MPE %": ".3f",
     "true biases: MPE %": ".3f",
+    "true initial state: MPE %": ".3f",
     "without tracks on what moves: MPE %": ".3f",
 }
+#: How well the true initial state is said to be known: rad, m, m/s, rad/s, m/s^2, per axis.
+_CERTAIN = np.repeat([1e-4, 1e-4, 1e-3, 1e-4, 1e-3], 3)
+#: After the first instant that all sensors cover [ns]: both sensors of the IMU have been heard by then.
+_FIRST_NS = 20_000_000
 
 
 def longest_segment(estimates: Sequence[Estimate]) -> tuple[list[Estimate], int]:
@@ -79,15 +87,15 @@ def longest_segment(estimates: Sequence[Estimate]) -> tuple[list[Estimate], int]
     return max(segments, key=len, default=[]), len(segments)
 
 
-def figures(simulation: EventSimulation, result: RunResult, frontend_s: float) -> dict[str, float]:
-    """The columns of one run, whose tracking took `frontend_s`; what there is no estimate for is missing."""
+def figures(simulation: EventSimulation, result: RunResult) -> dict[str, float]:
+    """The columns of one run; what there is no estimate for is missing."""
     recording, summary = simulation.recording, result.summary
     estimates, segments = longest_segment(result.run.estimates)
     found = {
         "Mev/s": recording.events.size / simulation.scenario.duration_s / 1e6,
         "segments": float(segments),
         "lost": float(sum(report.health is Health.LOST for report in result.run.reports)),
-        "x real time": summary.duration_s / max(summary.processing_s, frontend_s),
+        "x real time": summary.duration_s / max(summary.processing_s, summary.frontend_s),
     }
     if len(estimates) < 3 or recording.ground_truth is None:
         return found
@@ -121,12 +129,12 @@ def mpe(result: RunResult, simulation: EventSimulation) -> float:
 
 
 def substitutions(
-    simulation: EventSimulation, run: TrackedRun, config: Config, noise_px: float
+    simulation: EventSimulation, observations: RecordArray, config: Config, noise_px: float
 ) -> dict[str, float]:
-    """The columns of SUBSTITUTED."""
+    """The columns of SUBSTITUTED, of a run that was given these observations."""
     scores = []
     for alive in (None, config.frontend.max_features):
-        tracks = true_tracks(simulation, run.observations, noise_px, alive)
+        tracks = true_tracks(simulation, observations, noise_px, alive)
         scores.append(mpe(run_recording(tracks, config), simulation))
     recording = simulation.recording
     streams = recording.gyroscope, recording.accelerometer
@@ -136,10 +144,23 @@ def substitutions(
         gyroscope=without_bias(streams[0], gyroscope.bias_gyroscope),
         accelerometer=without_bias(streams[1], accelerometer.bias_accelerometer),
     )
-    again = run_recording(unbiased, config, observations=run.observations)
-    static = run_recording(recording, config, observations=static_observations(simulation, run.observations))
-    scores += [mpe(again, simulation), mpe(static, simulation)]
+    static = static_observations(simulation, observations)
+    others = (
+        run_recording(unbiased, config, observations=observations),
+        run_recording(recording, config, observations=observations, first_state=true_state(simulation)),
+        run_recording(recording, config, observations=static),
+    )
+    scores += [mpe(other, simulation) for other in others]
     return dict(zip(SUBSTITUTED, scores, strict=True))
+
+
+def true_state(simulation: EventSimulation) -> FirstState:
+    """The true state as soon as all sensors are heard."""
+    t_ns = usable_span(simulation.recording)[0] + _FIRST_NS
+    true = simulation.truth.at(t_ns)
+    return FirstState(
+        t_ns, true.T_w_b[0], true.velocity_w[0], true.bias_gyroscope[0], true.bias_accelerometer[0], _CERTAIN
+    )
 
 
 def perturbed(recording: EventRecording, timeshift_ms: float, rotation_deg: float) -> EventRecording:
@@ -169,7 +190,6 @@ def main() -> None:
     parser.add_argument("--config", type=Path, help="settings that differ from the defaults (YAML)")
     parser.add_argument("--tracker", default="gradient", choices=["gradient", "haste"])
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of events")
-    parser.add_argument("--tracks-cache", type=Path, help="of what the front end gave")
     parser.add_argument("--markdown", type=Path, help="also write the table here")
     options = parser.parse_args()
     config = load_config(options.config)
@@ -181,11 +201,10 @@ def main() -> None:
     for scene, seed, seconds in _sequences(options.scenes, options.seeds, options.seconds):
         simulation = sequence(scene, seed, seconds, options.cache)
         simulation = replace(simulation, recording=perturbed(simulation.recording, *options.perturb))
-        run = tracked(simulation, config, options.tracks_cache)
-        result = run_recording(simulation.recording, config, observations=run.observations)
-        found = figures(simulation, result, run.seconds)
+        result = run_recording(simulation.recording, config)
+        found = figures(simulation, result)
         if options.substitution:
-            found |= substitutions(simulation, run, config, options.noise)
+            found |= substitutions(simulation, result.observations, config, options.noise)
         names.append(simulation.recording.name)
         runs.append(found)
         if result.summary.failure:

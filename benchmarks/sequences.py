@@ -117,7 +117,7 @@ def _write_header(stream: IO[bytes], count: int) -> None:
 
 @dataclass(frozen=True)
 class TrackedRun:
-    """What the front end made of a sequence: observations (OBSERVATION_DTYPE, IMU clock) as the estimator is
+    """What the front end made of a sequence: observations (OBSERVATION_DTYPE, IMU clock) as an estimator is
     given them, and the seconds it took."""
 
     observations: RecordArray
@@ -125,10 +125,8 @@ class TrackedRun:
 
 
 def tracked(simulation: EventSimulation, config: Config, cache: Path | None) -> TrackedRun:
-    """The front end's observations of a sequence, from the cache where they are there.
-
-    `run_recording(simulation.recording, config, observations=...)` with them gives the same estimates as on
-    the events.
+    """The observations of a front end that nobody tells which tracks are of use, from the cache where they
+    are there.
 
     Args:
         simulation: of `sequence`; its recording's calibration may have been changed.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,15 @@ from asyneio.errors import RecordingError
 from asyneio.packets import usable_span
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.tracking import ObservationStream, ReplayedStream
-from asyneio.types import INERTIAL_DTYPE, Estimate, EventRecording, IntArray, Packet, StepReport
+from asyneio.types import (
+    INERTIAL_DTYPE,
+    Estimate,
+    EventRecording,
+    IntArray,
+    Packet,
+    RecordArray,
+    StepReport,
+)
 from tests.cli.fakes import FakeOdometry
 
 INTERVAL_NS = 100_000_000
@@ -56,6 +65,28 @@ def test_what_comes_too_late_is_counted_and_noted(recording: EventRecording) -> 
     assert hasty.late > patient.late
     assert "max_delay_s = 0 s" in hasty.notes()[0]
     assert hasty.observations().size < patient.observations().size
+
+
+def test_word_of_unused_tracks_takes_effect_at_a_fixed_time(recording: EventRecording) -> None:
+    """However slow the reader is, and only from the sixth batch after the word on."""
+    few = FrontendConfig(max_features=20)
+
+    def batches(unused: float, wait_s: float) -> list[RecordArray]:
+        stream, found = ObservationStream(recording, few, ends_of(recording)), []
+        for batch in stream:
+            time.sleep(wait_s)
+            stream.tell_unused(unused if len(found) == 1 else 0.0)
+            found.append(batch)
+        return found
+
+    silent, quick, slow = batches(0.0, 0.0), batches(0.5, 0.0), batches(0.5, 0.02)
+    assert len(quick) == len(ends_of(recording)) - 1
+    for a, b in zip(quick, slow, strict=True):
+        assert a.tobytes() == b.tobytes()
+    same = [a.tobytes() == b.tobytes() for a, b in zip(silent, quick, strict=True)]
+    assert all(same[:6])
+    assert not same[7]
+    assert np.unique(quick[7]["id"]).size > 1.3 * np.unique(silent[7]["id"]).size
 
 
 def test_stopping_early_ends_the_thread(recording: EventRecording) -> None:

@@ -31,6 +31,7 @@ from asyneio.types import (
     CalibrationEstimate,
     Estimate,
     EventRecording,
+    FirstState,
     Health,
     IntArray,
     Packet,
@@ -111,12 +112,14 @@ def run_recording(
     config: Config,
     progress: Progress = SILENT,
     observations: RecordArray | None = None,
+    first_state: FirstState | None = None,
 ) -> RunResult:
     """Run the estimator over a whole recording; of events, the front end runs beside it.
 
     `observations` are those of an earlier run on the same events (`RunResult.observations`): given again,
-    they save the tracking and lead to the same estimates. An error of the estimator ends the run; what it had
-    estimated until then is kept and the cause stands in `summary.failure`.
+    they save the tracking and lead to the same estimates. The first segment begins at `first_state` where
+    that is known. An error of the estimator ends the run; what it had estimated until then is kept and the
+    cause stands in `summary.failure`.
 
     Raises:
         RecordingError: the recording is shorter than two knot intervals, or has events without the inertial
@@ -136,7 +139,7 @@ def run_recording(
     ends_ns = start_ns + interval_ns * np.arange(total + 1, dtype=np.int64)
     with _watch_compilation(progress) as compilation:
         _compile_ahead(compilation)
-        estimator: Estimator = Odometry(config, calibration_of(recording))
+        estimator: Estimator = Odometry(config, calibration_of(recording), first_state)
         tracked = _track(recording, config, ends_ns, observations)
         compiled_s, started = compilation.seconds, time.perf_counter()
         try:
@@ -147,6 +150,8 @@ def run_recording(
                 if estimator.origin is not None:
                     origins.setdefault(estimator.origin.segment, estimator.origin)
                 report, done_s = run.reports[-1], index * interval_ns / NS_PER_S
+                if tracked:
+                    tracked.tell_unused(report.refused)
                 if report.health is Health.LOST:
                     progress.message(f"lost after {done_s:.1f} s: {report.reason}")
                 progress.advance(done_s, total * interval_ns / NS_PER_S, report.health)

@@ -1,7 +1,8 @@
 """The front end over a whole recording: event packets in, packets of observations and inertial samples out.
 
 Runs in a thread of its own (its kernel releases the interpreter), so that on two cores tracking and
-estimation go on at the same time. The result does not depend on how the two are scheduled.
+estimation go on at the same time. The result does not depend on how the two are scheduled: what the estimator
+tells of a packet's tracks takes effect a fixed number of packets later, and the front end waits for it.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from asyneio.config import FrontendConfig
 from asyneio.frontend import Frontend, gyroscope_in_camera
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
-#: Packets that the front end may be ahead.
-_AHEAD = 20
+#: Packets that the front end may be ahead; what it is told of one concerns the one so many later.
+_AHEAD = 5
 
 
 class ObservationStream:
@@ -41,7 +42,9 @@ class ObservationStream:
         self._gyroscope = gyroscope_in_camera(recording)
         self._ends_ns = ends_ns
         self._delay_ns = round(config.max_delay_s * NS_PER_S)
-        self._queue: queue.Queue[RecordArray | BaseException] = queue.Queue(maxsize=_AHEAD)
+        self._queue: queue.SimpleQueue[RecordArray | BaseException] = queue.SimpleQueue()
+        self._told: queue.SimpleQueue[float] = queue.SimpleQueue()
+        self._unused = 0.0
         self._stop = threading.Event()
         self._given: list[RecordArray] = []
         self.late = 0
@@ -57,10 +60,17 @@ class ObservationStream:
                 if isinstance(batch, BaseException):
                     raise batch
                 self._given.append(batch)
+                self._unused = 0.0
                 yield batch
+                self._told.put(self._unused)
         finally:
             self._stop.set()
             worker.join()
+
+    def tell_unused(self, share: float) -> None:
+        """Say what share (0 to 1) of the tracks in the batch last given out is of no use; before the next
+        batch is asked for. Who says nothing uses all."""
+        self._unused = share
 
     def observations(self) -> RecordArray:
         """All that was given out so far."""
@@ -77,21 +87,25 @@ class ObservationStream:
 
     def _work(self) -> None:
         try:
-            for batch in self._batches():
-                if not self._hand_over(batch):
-                    return
+            batches = self._batches()
+            for _ in range(min(_AHEAD, self._ends_ns.size - 1)):
+                self._queue.put(next(batches))
+            while (unused := self._wait_for_word()) is not None:
+                self._frontend.make_up_for(unused)
+                self._queue.put(next(batches))
+        except StopIteration:
+            return
         except BaseException as error:  # for the thread that waits
-            self._hand_over(error)
+            self._queue.put(error)
 
-    def _hand_over(self, what: RecordArray | BaseException) -> bool:
-        """Wait until there is room for it; False where nobody wants it any more."""
+    def _wait_for_word(self) -> float | None:
+        """The share of unused tracks in the next packet to be told of; None where nobody reads on."""
         while not self._stop.is_set():
             try:
-                self._queue.put(what, timeout=0.1)
-            except queue.Full:
+                return self._told.get(timeout=0.1)
+            except queue.Empty:
                 continue
-            return True
-        return False
+        return None
 
     def _batches(self) -> Iterator[RecordArray]:
         shift_ns = self._recording.calibration.timeshift_ns if self._recording.calibration else 0
@@ -145,6 +159,9 @@ class ReplayedStream:
         cuts = np.searchsorted(self._observations["t_ns"], self._ends_ns, side="right")
         for begin, end in pairwise(cuts):
             yield self._observations[begin:end]
+
+    def tell_unused(self, share: float) -> None:
+        """Too late: what was tracked is tracked."""
 
     def observations(self) -> RecordArray:
         """All of them."""

@@ -217,10 +217,28 @@ class Estimate:
 
 
 @dataclass(frozen=True)
+class FirstState:
+    """What is known of the body at an instant before the estimator has measured anything.
+
+    `t_ns`, IMU clock; `T_w_b` (4,4) in any world with z up; `velocity_w` (3,) [m/s]; biases (3,) [rad/s,
+    m/s^2]; `sigma` (15,), standard deviations of [rotation (rad), position (m), velocity (m/s), gyroscope
+    bias, accelerometer bias], the first three along the axes of the body.
+    """
+
+    t_ns: int
+    T_w_b: FloatArray
+    velocity_w: FloatArray
+    bias_gyroscope: FloatArray
+    bias_accelerometer: FloatArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True)
 class StepReport:
     """What one call of `Odometry.process` did, for the log and the report.
 
-    `attitude` is given while there is no pose to give; `still`: the sensor was taken to be at rest.
+    `attitude` is given while there is no pose to give; `still`: the sensor was taken to be at rest;
+    `refused`: share of the packet's tracks that were found to be no points of the static scene.
     """
 
     t_ns: int
@@ -236,6 +254,7 @@ class StepReport:
     segment: int = 0
     still: bool = False
     attitude: Attitude | None = None
+    refused: float = 0.0
 
 
 @dataclass

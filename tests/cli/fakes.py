@@ -8,7 +8,16 @@ import numpy as np
 
 from asyneio.config import Config
 from asyneio.errors import EstimationError
-from asyneio.types import Attitude, Calibration, CalibrationEstimate, Estimate, Health, Packet, StepReport
+from asyneio.types import (
+    Attitude,
+    Calibration,
+    CalibrationEstimate,
+    Estimate,
+    FirstState,
+    Health,
+    Packet,
+    StepReport,
+)
 from tests.io.recordings import make_estimate
 
 
@@ -17,7 +26,9 @@ class FakeOdometry:
 
     start_after = 3
 
-    def __init__(self, config: Config, calibration: Calibration) -> None:
+    def __init__(
+        self, config: Config, calibration: Calibration, first_state: FirstState | None = None
+    ) -> None:
         self.seen = 0
         self._rng = np.random.default_rng(0)
         self.origin: Estimate | None = None

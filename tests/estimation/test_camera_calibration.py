@@ -22,7 +22,8 @@ from asyneio.estimation.covariance import camera_covariance, newest_covariance, 
 from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.linear_system import evaluate_cost, linearize
 from asyneio.estimation.marginalization import marginalize_oldest
-from asyneio.estimation.optimizer import OptimizerSettings, add_prior, difference, optimize
+from asyneio.estimation.optimizer import OptimizerSettings, optimize
+from asyneio.estimation.prior_terms import add_prior, difference
 from asyneio.estimation.problem import Prior, Problem
 from asyneio.estimation.schemes import SCHEMES
 from asyneio.trajectory.model import MotionModel

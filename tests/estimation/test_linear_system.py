@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.linear_system import LinearSystem, evaluate_cost, linearize
-from asyneio.estimation.optimizer import add_prior, difference
+from asyneio.estimation.prior_terms import add_prior, difference
 from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem
 from tests.estimation import naive
 from tests.estimation.toy import make_toy, moved, with_dof

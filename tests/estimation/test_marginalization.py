@@ -12,7 +12,8 @@ from asyneio.errors import EstimationError
 from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.linear_system import linearize
 from asyneio.estimation.marginalization import marginalize_oldest
-from asyneio.estimation.optimizer import OptimizerSettings, add_prior, difference
+from asyneio.estimation.optimizer import OptimizerSettings
+from asyneio.estimation.prior_terms import add_prior, difference
 from asyneio.estimation.problem import Prior
 from asyneio.estimation.window import Window
 from tests.estimation import naive

@@ -14,7 +14,8 @@ from asyneio.estimation.covariance import joint_covariance, newest_covariance, r
 from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.linear_system import linearize
 from asyneio.estimation.marginalization import marginalize_oldest
-from asyneio.estimation.optimizer import OptimizerSettings, Solution, add_prior, difference, optimize
+from asyneio.estimation.optimizer import OptimizerSettings, Solution, optimize
+from asyneio.estimation.prior_terms import add_prior, difference
 from asyneio.estimation.problem import Preintegrated, Prior, Problem, Propagated, Rest
 from asyneio.estimation.rest_terms import rest_of
 from asyneio.estimation.schemes import SCHEMES

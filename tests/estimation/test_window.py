@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from asyneio.estimation.optimizer import OptimizerSettings
 from asyneio.estimation.problem import States
-from asyneio.estimation.window import TrackObservations, Window
+from asyneio.estimation.window import Window
+from asyneio.estimation.window_settings import TrackObservations
 from tests.estimation import naive
 from tests.estimation.toy import (
     KNOT_NS,

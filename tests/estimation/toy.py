@@ -10,7 +10,8 @@ from scipy.linalg import expm
 
 from asyneio.estimation.problem import Prior, Problem, States
 from asyneio.estimation.schemes import SCHEMES
-from asyneio.estimation.window import TrackObservations, Window, WindowSettings
+from asyneio.estimation.window import Window
+from asyneio.estimation.window_settings import TrackObservations, WindowSettings
 from asyneio.inertial.increments import SampleNoise
 from asyneio.trajectory.model import WNOJ_SE3
 from asyneio.types import INERTIAL_DTYPE, RecordArray

@@ -94,6 +94,26 @@ def test_no_more_features_than_wanted(simulation: EventSimulation) -> None:
     assert tracker.statistics().tracks > 8
 
 
+def test_more_places_make_up_for_tracks_of_no_use(simulation: EventSimulation) -> None:
+    tracker = GradientTracker(FrontendConfig(max_features=8), WIDTH, HEIGHT)
+    events = simulation.recording.events
+
+    for unused, places in ((0.3, 11), (0.5, 16), (0.9, 16), (1.0, 16), (0.0, 8)):
+        tracker.make_up_for(unused)
+        assert tracker._state[0]["places"] == places
+    following, corners = [], []
+    for i in range(0, events.size, 5000):
+        tracker.make_up_for(0.5 if i < 40_000 else 0.0)
+        tracker.process(events[i : i + 5000])
+        following.append(np.count_nonzero(tracker.features.records["state"] != FREE))
+        corners.append(tracker.statistics().corners)
+    assert max(following[:8]) == 16
+    # None is ended for it, and none begins before there are fewer than wanted.
+    crowded = int(np.argmax(np.array([*following[8:], 0]) < 8))
+    assert crowded > 3
+    assert len(set(corners[8 : 8 + crowded])) == 1
+
+
 def test_young_features_keep_their_distance(simulation: EventSimulation) -> None:
     config = FrontendConfig(spacing_px=25.0)
     tracker, _ = track(simulation.recording.events[:60_000], config)

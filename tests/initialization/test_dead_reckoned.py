@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -21,15 +23,20 @@ TRACKS = 60
 #: Half a pixel of a lens with f = 200 px.
 SIGMA = 2.5e-3
 BIAS = np.array([0.02, -0.015, 0.01, 0.06, -0.05, 0.08])
-PRIOR = BiasPrior(np.repeat([0.02, 0.1], 3), 3.0)
+PRIOR = BiasPrior(np.repeat([0.02, 0.1], 3), 3.0, 1e-6)
 
 
 def span(
-    motion: AnalyticMotion, sigma: float, bad: float = 0.0, seed: int = 0, T_b_c: Array = T_B_C
+    motion: AnalyticMotion,
+    sigma: float,
+    bad: float = 0.0,
+    seed: int = 0,
+    T_b_c: Array = T_B_C,
+    late_s: float = 0.0,
 ) -> DeadReckoning:
     """Two seconds of `motion`: biased samples without noise, tracks of 12 observations in 0.4 s.
 
-    A share `bad` of the tracks drifts by itself.
+    A share `bad` of the tracks drifts by itself; all are stamped `late_s` too late.
     """
     rng = np.random.default_rng(seed)
     birth = rng.uniform(0.0, SPAN_S - 0.4, TRACKS)
@@ -49,7 +56,9 @@ def span(
     accelerometer = specific_force_b(motion, samples, GRAVITY) + BIAS[3:]
     window = ImuWindow(samples, gyroscope, samples, accelerometer, SPAN_S)
     whiten = np.tile(np.eye(2) / SIGMA, (len(t), 1, 1))
-    return DeadReckoning(window, SampleNoise(0.01, 0.05), T_b_c, SpanObservations(t, track, xy, whiten))
+    return DeadReckoning(
+        window, SampleNoise(0.01, 0.05), T_b_c, SpanObservations(t + late_s, track, xy, whiten)
+    )
 
 
 def truth(motion: AnalyticMotion) -> FirstMotion:
@@ -60,7 +69,8 @@ def truth(motion: AnalyticMotion) -> FirstMotion:
 def cost_and_sums(
     rays: Rays, unknowns: Array, tangent: Array, points: Array
 ) -> tuple[float, Array, Array, Array]:
-    """Cost, gradients (11,), (L,3) and Hessian (11,11) at `unknowns` = velocity, gravity and biases (12,)."""
+    """Cost, gradients (12,), (L,3) and Hessian (12,12) at `unknowns` = velocity, gravity, biases and time
+    offset (13,)."""
     count = len(points)
     H, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
     W, H_l, b_l = np.zeros((count, 3, SHARED)), np.zeros((count, 3, 3)), np.zeros((count, 3))
@@ -77,12 +87,12 @@ def test_the_gradient_is_the_derivative_of_the_cost() -> None:
     rng = np.random.default_rng(5)
     # Small corrections of the bias: they are taken to first order, and so are their derivatives.
     found = truth(motion)
-    unknowns = np.concatenate([found.velocity + 0.1, found.gravity, 1e-7 * rng.normal(size=6)])
+    unknowns = np.concatenate([found.velocity + 0.1, found.gravity, 1e-7 * rng.normal(size=7)])
     tangent = np.linalg.svd(found.gravity[None])[2][1:].T.copy()
     points = np.column_stack([rays.xy[rays.reference], rng.uniform(0.1, 0.8, TRACKS)])
     _, b, b_l, _ = cost_and_sums(rays, unknowns, tangent, points)
-    directions = np.zeros((SHARED, 12))
-    directions[:3, :3], directions[3:5, 3:6], directions[5:, 6:] = np.eye(3), tangent.T, np.eye(6)
+    directions = np.zeros((SHARED, 13))
+    directions[:3, :3], directions[3:5, 3:6], directions[5:, 6:] = np.eye(3), tangent.T, np.eye(7)
     step = 1e-6
     for k, along in enumerate(directions):
         costs = [cost_and_sums(rays, unknowns + s * step * along, tangent, points)[0] for s in (1.0, -1.0)]
@@ -110,6 +120,35 @@ def test_rays_follow_the_biases_to_first_order() -> None:
             change = (minus.C_c_b0 - plus.C_c_b0) / 2e-5 @ at.C_c_b0.transpose(0, 2, 1)
             angle = np.stack([change[:, 2, 1], change[:, 0, 2], change[:, 1, 0]], axis=1)
             assert np.abs(angle - at.d_angle[:, :, k]).max() < 1e-6
+
+
+def test_rays_follow_the_clock_to_first_order() -> None:
+    """The same tracks stamped a millisecond later and earlier, against the derivative."""
+    motion = styled(MotionStyle.AGGRESSIVE, 2)
+    at, step = span(motion, 0.0).rays(BIAS), 1e-3
+    later, earlier = (span(motion, 0.0, late_s=s * step).rays(BIAS) for s in (1.0, -1.0))
+    slope = (later.centre - earlier.centre) / (2.0 * step)
+    assert np.abs(slope - at.d_centre[:, :, 6]).max() < 1e-3 * np.abs(slope).max()
+    change = (earlier.C_c_b0 - later.C_c_b0) / (2.0 * step) @ at.C_c_b0.transpose(0, 2, 1)
+    angle = np.stack([change[:, 2, 1], change[:, 0, 2], change[:, 1, 0]], axis=1)
+    assert np.abs(angle - at.d_angle[:, :, 3]).max() < 1e-3 * np.abs(angle).max()
+
+
+@pytest.mark.parametrize("late_s", [-0.005, 0.004])
+def test_a_wrong_clock_is_found(late_s: float) -> None:
+    motion = styled(MotionStyle.AGGRESSIVE, 1)
+    right = truth(motion)
+    reckoning = span(motion, SIGMA, late_s=late_s)
+    prior = replace(PRIOR, time_offset_sigma=0.005)
+    first = FirstMotion(0.5 * right.velocity, right.gravity, np.zeros(6))
+    rays = reckoning.rays(np.zeros(6))
+    found = adjust(reckoning.rays, rays, first, prior, gate=8.0)
+    assert found.motion.time_offset == pytest.approx(-late_s, abs=5e-4)
+    assert np.sqrt(found.covariance[11, 11]) < 5e-4
+    ignored = adjust(reckoning.rays, rays, first, PRIOR, gate=8.0)
+    assert abs(ignored.motion.time_offset) < 1e-5
+    miss, without = (np.linalg.norm(one.motion.velocity - right.velocity) for one in (found, ignored))
+    assert miss < 0.5 * without
 
 
 def adjusted(motion: AnalyticMotion, sigma: float, bad: float = 0.0, seed: int = 0) -> Adjusted:

@@ -24,7 +24,7 @@ from asyneio.estimation.active import active_in_window, active_part, with_inacti
 from asyneio.estimation.camera_calibration import after_walk
 from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.linear_system import linearize
-from asyneio.estimation.optimizer import add_prior, difference
+from asyneio.estimation.prior_terms import add_prior, difference
 from asyneio.estimation.problem import (
     Inertial,
     Landmarks,

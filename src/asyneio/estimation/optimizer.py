@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from asyneio.errors import EstimationError
 from asyneio.estimation.active import KNOT_DOF, active_in_window, active_part, with_inactive_zero
-from asyneio.estimation.camera_calibration import at_offset, camera_difference, moved_camera
-from asyneio.estimation.elimination import eliminate_landmarks, landmark_steps
+from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.linear_system import LinearSystem, evaluate_cost, linearize
-from asyneio.estimation.problem import Camera, Landmarks, Prior, Problem, States
-from asyneio.factors.marginal_prior import knot_difference
-from asyneio.geometry.se3 import se3_between, se3_compose, se3_exp, se3_log
+from asyneio.estimation.prior_terms import add_prior, difference, prior_cost
+from asyneio.estimation.problem import Prior, Problem
+from asyneio.estimation.retraction import retract
 from asyneio.types import FloatArray, IntArray
 
 _MAX_DAMPING = 1e8
@@ -151,127 +149,3 @@ def _solve(system: LinearSystem, active: IntArray, diagonal: FloatArray, damping
     if not np.isfinite(step).all():
         return None
     return with_inactive_zero(step, active)
-
-
-def add_prior(system: LinearSystem, prior: Prior, delta: FloatArray) -> float:
-    """Add the marginal prior to the normal equations; returns its cost."""
-    residual = prior.R @ delta + prior.r_0
-    # What it knows of the camera stands behind its knots, in the system behind all knots.
-    n, behind = KNOT_DOF * prior.knots, prior.R.shape[1] % KNOT_DOF
-    gradient = prior.R.T @ residual
-    system.H[:n, :n] += prior.information[:n, :n]
-    system.b[:n] += gradient[:n]
-    if behind:
-        system.H[:n, -behind:] += prior.information[:n, n:]
-        system.H[-behind:, :n] += prior.information[n:, :n]
-        system.H[-behind:, -behind:] += prior.information[n:, n:]
-        system.b[-behind:] += gradient[n:]
-    return 0.5 * float(residual @ residual)
-
-
-def prior_cost(prior: Prior, delta: FloatArray) -> float:
-    """Cost of the marginal prior at the difference `delta` (24 m + c,) from its linearisation point."""
-    residual = prior.R @ delta + prior.r_0
-    return 0.5 * float(residual @ residual)
-
-
-def difference(states: States, prior: Prior, camera: Camera | None = None) -> FloatArray:
-    """`delta` (24 m + c,) of the first m knots, and of the camera where the prior knows something of it, from
-    the prior's linearisation point."""
-    out = np.empty((prior.knots, KNOT_DOF))
-    _difference(prior.linearization, states, out)
-    if prior.camera is None or camera is None:
-        return out.ravel()
-    return np.concatenate([out.ravel(), camera_difference(camera, prior.camera)])
-
-
-@njit(cache=True)
-def _difference(linearization: States, states: States, out: FloatArray) -> None:
-    for k in range(out.shape[0]):
-        knot_difference(
-            linearization.C[k],
-            linearization.r[k],
-            linearization.varpi[k],
-            linearization.bias[k],
-            states.C[k],
-            states.r[k],
-            states.varpi[k],
-            states.bias[k],
-            out[k],
-        )
-
-
-def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem:
-    """The problem after a step (24K+c,) of knots and camera and the step of the landmarks that follows."""
-    of_knots, of_camera = np.split(step, [KNOT_DOF * len(problem.states.r)])
-    knot_steps = of_knots.reshape(-1, KNOT_DOF)
-    states = problem.states.copied()
-    linearization = problem.linearization.copied()
-    landmarks = problem.landmarks.copied()
-    landmark_step = np.zeros((len(landmarks.rho), 3))
-    columns = np.ascontiguousarray(knot_steps[:, problem.model.landmark_columns])
-    landmark_steps(system, landmarks.anchor, columns, of_camera, landmark_step)
-    _retract(states, linearization, problem.frozen, knot_steps, landmarks, landmark_step)
-    moved = problem._replace(states=states, linearization=linearization, landmarks=landmarks)
-    if not len(of_camera):
-        return moved
-    camera = moved_camera(problem.camera, of_camera)
-    visual, propagated = at_offset(
-        problem.visual,
-        problem.propagated,
-        camera.time_offset,
-        problem.model.dt,
-        problem.model.motion_model.prior,
-    )
-    return moved._replace(camera=camera, visual=visual, propagated=propagated)
-
-
-@njit(cache=True)
-def _retract(
-    states: States,
-    linearization: States,
-    frozen: int,
-    step: FloatArray,
-    landmarks: Landmarks,
-    landmark_step: FloatArray,
-) -> None:
-    delta = np.empty(6)
-    C_d = np.empty((3, 3))
-    r_d = np.empty(3)
-    for k in range(states.r.shape[0]):
-        # A frozen pose moves in the tangent space of its linearisation point, where the prior is linear.
-        se3_between(linearization.C[k], linearization.r[k], states.C[k], states.r[k], C_d, r_d)
-        se3_log(C_d, r_d, delta)
-        for c in range(6):
-            delta[c] += step[k, c]
-        se3_exp(delta, C_d, r_d)
-        se3_compose(linearization.C[k], linearization.r[k], C_d, r_d, states.C[k], states.r[k])
-        for c in range(6):
-            states.varpi[k, 0, c] += step[k, 6 + c]
-            states.varpi[k, 1, c] += step[k, 12 + c]
-            states.bias[k, c] += step[k, 18 + c]
-        linearization.varpi[k] = states.varpi[k]
-        linearization.bias[k] = states.bias[k]
-        if k >= frozen:
-            linearization.C[k] = states.C[k]
-            linearization.r[k] = states.r[k]
-    for j in range(landmarks.rho.shape[0]):
-        landmarks.rho[j] += landmark_step[j, 0]
-        norm = 0.0
-        for i in range(3):
-            landmarks.kappa[j, i] += (
-                landmarks.tangent[j, i, 0] * landmark_step[j, 1]
-                + landmarks.tangent[j, i, 1] * landmark_step[j, 2]
-            )
-            norm += landmarks.kappa[j, i] ** 2
-        norm = np.sqrt(norm)
-        # kappa / rho is the point: a longer kappa means a smaller inverse distance.
-        landmarks.rho[j] /= norm
-        for i in range(3):
-            landmarks.kappa[j, i] /= norm
-        for t in range(2):
-            dot = 0.0
-            for i in range(3):
-                dot += landmarks.tangent[j, i, t] * landmarks.kappa[j, i]
-            for i in range(3):
-                landmarks.tangent[j, i, t] -= dot * landmarks.kappa[j, i]

@@ -25,6 +25,10 @@ class Tracker(Protocol):
         the image in it [rad/s], x towards y."""
         ...
 
+    def make_up_for(self, unused: float) -> None:
+        """From now on, that share of the tracks is of no use to who reads them."""
+        ...
+
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""
         ...
@@ -71,6 +75,15 @@ class Frontend:
             for part, start_ns, end_ns in _steps(events)
         ]
         return np.concatenate(pieces)
+
+    def make_up_for(self, unused: float) -> None:
+        """Make room for tracks in place of those that are of no use.
+
+        A share `unused` (0 to 1) of the tracks that are given out lies on something that moves by itself, or
+        was refused for another reason. The default tracker follows so many more features, at most twice
+        `max_features`, that the others number what they would without; the baseline does not.
+        """
+        self._tracker.make_up_for(unused)
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""

@@ -107,7 +107,7 @@ def process_events(
                     observations,
                     written,
                 )
-        if near or not first_of_edge or state.alive >= records.size:
+        if near or not first_of_edge or state.alive >= state.places:
             continue
         if not (nearest_edge <= x < width - nearest_edge and nearest_edge <= y < height - nearest_edge):
             continue

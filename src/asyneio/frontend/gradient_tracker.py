@@ -22,6 +22,8 @@ _SILENCE_NS = 50_000_000
 _BIRTH_MAX_NS = 250_000_000
 _CROWDING_PX = 5.0
 _BORDER_PX = 6
+#: At most so many times `max_features` are followed, however many of them nobody can use.
+_MOST = 2
 #: Observations that one pass of the kernel can return.
 _BUFFER = 16_384
 
@@ -48,11 +50,13 @@ class GradientTracker:
             t_max_ns=round(config.max_silence_s * NS_PER_S),
             birth_max_ns=_BIRTH_MAX_NS,
         )
-        self.features = make_features(config.max_features)
+        self._wanted = config.max_features
+        capacity = _MOST * config.max_features
+        self.features = make_features(capacity)
         self._surface = make_surface(width, height)
-        self._registration = make_registration(width, height, config.max_features)
+        self._registration = make_registration(width, height, capacity)
         self._work = make_workspace(self.settings.mask_sigma_px)
-        self._state = make_state()
+        self._state = make_state(config.max_features)
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
         self._events = 0
 
@@ -62,6 +66,11 @@ class GradientTracker:
             self._turn(int(events["t_ns"][0]), roll_rate)
         self._events += events.size
         return in_pieces(events, self._buffer, self._step)
+
+    def make_up_for(self, unused: float) -> None:
+        """Follow as many more features as leave `max_features` where that share of all is of no use."""
+        places = self._wanted / max(1.0 - unused, 1.0 / _MOST)
+        self._state[0]["places"] = min(round(places), _MOST * self._wanted)
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""

@@ -217,6 +217,9 @@ class HasteTracker:
         self._events += events.size
         return in_pieces(events, self._buffer, self._step)
 
+    def make_up_for(self, unused: float) -> None:
+        """Nothing: the baseline follows as many features as it was published with."""
+
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""
         c = self.counters

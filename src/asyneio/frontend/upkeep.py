@@ -26,7 +26,8 @@ STATE_DTYPE = np.dtype(
         ("roll_rate", "<f8"),  # rad/s
         ("seen", "<f8", (2,)),  # off and on events
         ("worth", "<f8", (2,)),  # signed weight of an off and of an on event
-        ("alive", "<i8"),  # features, growing or tracked
+        ("alive", "<i8"),  # features, growing or tracked,
+        ("places", "<i8"),  # and up to how many of them new ones may begin
         ("hot_pixels", "<i8"),
         ("hot_events", "<i8"),
         ("corners", "<i8"),
@@ -52,11 +53,12 @@ class LoopSettings(NamedTuple):
     birth_max_ns: int
 
 
-def make_state() -> RecordArray:
-    """State (1,) STATE_DTYPE before the first event."""
+def make_state(places: int) -> RecordArray:
+    """State (1,) STATE_DTYPE before the first event, with so many places for features."""
     state = np.zeros(1, dtype=STATE_DTYPE)
     state["checked_ns"] = state["hot_ns"] = NEVER_NS
     state["worth"] = -1.0, 1.0
+    state["places"] = places
     return state
 
 

@@ -1,12 +1,12 @@
-"""Dead-reckoned adjustment: velocity, gravity, biases and points, robustly, with the IMU's integral as the
-motion.
+"""Dead-reckoned adjustment: velocity, gravity, biases, time offset and points, robustly, with the IMU's
+integral as the motion.
 
 Over the few seconds of a start the white noise of a MEMS unit integrates to little: what is unknown of the
-motion is its velocity, the direction of gravity and the biases, 11 numbers instead of 24 a knot. An
-adjustment of all observations under a Cauchy cost then takes milliseconds an iteration. The cost is annealed:
-its scale begins wide, where the errors of the linear alignment lie, and ends at the noise (graduated
-non-convexity, Yang et al., RA-L 2020). Biases enter to first order (29) and dead reckoning is repeated with
-the new ones.
+motion is its velocity, the direction of gravity and the biases, 11 numbers instead of 24 a knot, and of the
+camera, by how much its clock is off. An adjustment of all observations under a Cauchy cost then takes
+milliseconds an iteration. The cost is annealed: its scale begins wide, where the errors of the linear
+alignment lie, and ends at the noise (graduated non-convexity, Yang et al., RA-L 2020). Biases and time offset
+enter to first order (29), and dead reckoning is repeated with the new biases.
 """
 
 from __future__ import annotations
@@ -44,20 +44,23 @@ _CONTRADICTION = 3.0
 
 @dataclass(frozen=True)
 class FirstMotion:
-    """Velocity (3,) and gravity (3,) in the first body frame, biases (6,) [b_g, b_a], constant over the
-    span."""
+    """Velocity (3,) and gravity (3,) in the first body frame, biases (6,) [b_g, b_a] and time offset of the
+    camera [s] (what is stamped t was seen at t + time_offset), constant over the span."""
 
     velocity: FloatArray
     gravity: FloatArray
     bias: FloatArray
+    time_offset: float = 0.0
 
 
 @dataclass(frozen=True)
 class BiasPrior:
-    """Standard deviations (6,) of the biases around zero, and of inverse depths [1/m], a weak prior."""
+    """Standard deviations (6,) of the biases around zero, of inverse depths [1/m], a weak prior, and of the
+    time offset [s], tiny where it is known."""
 
     bias_sigma: FloatArray
     inverse_depth_sigma: float
+    time_offset_sigma: float
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,9 @@ class Adjusted:
     """What the adjustment found.
 
     `inverse_depth` (L,) in the reference cameras with its standard deviation; `agreeing` (L,) tells which
-    tracks do not contradict the motion; `covariance` (11,11) is of [velocity, tilt of gravity, b_g, b_a],
-    where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is what was minimised.
+    tracks do not contradict the motion; `covariance` (12,12) is of [velocity, tilt of gravity, b_g, b_a,
+    time offset], where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is what was
+    minimised.
     """
 
     motion: FirstMotion
@@ -84,6 +88,7 @@ class _State(NamedTuple):
     velocity: FloatArray
     gravity: FloatArray
     bias: FloatArray
+    time_offset: float
     points: FloatArray  # (L,3) x, y, inverse depth in the reference camera
 
 
@@ -116,7 +121,7 @@ def adjust(
         EstimationError: the equations are singular.
     """
     reckoned = first.bias
-    state = _State(first.velocity, first.gravity, first.bias, _first_points(rays))
+    state = _State(first.velocity, first.gravity, first.bias, first.time_offset, _first_points(rays))
     for _ in range(_POINT_STEPS):
         system = _system(rays, state, reckoned, prior, _SCALES[0], gate)
         points = state.points - np.einsum("lab,lb->la", _inverse(system, 0.0), system.b_l)
@@ -138,7 +143,7 @@ def adjust(
     by_motion = gain[:, 2]
     variance = inverse[:, 2, 2] + np.einsum("lp,pq,lq->l", by_motion, covariance, by_motion)
     return Adjusted(
-        FirstMotion(state.velocity, state.gravity, state.bias),
+        FirstMotion(state.velocity, state.gravity, state.bias, state.time_offset),
         state.points[:, 2],
         np.asarray(np.sqrt(variance), dtype=np.float64),
         agreeing,
@@ -182,12 +187,13 @@ def _system(
     track_cost = np.zeros(count)
     size = np.linalg.norm(state.gravity)
     tangent = np.ascontiguousarray(np.linalg.svd(state.gravity[None] / size)[2][1:].T * size)
-    d_bias = state.bias - reckoned
-    motion = (state.velocity, state.gravity, tangent, d_bias, state.points)
+    corrections = np.append(state.bias - reckoned, state.time_offset)
+    motion = (state.velocity, state.gravity, tangent, corrections, state.points)
     sums(rays, *motion, scale, gate, H, b, W, H_l, b_l, track_cost)
-    whitened = state.bias / prior.bias_sigma
-    H[range(5, SHARED), range(5, SHARED)] += 1.0 / prior.bias_sigma**2
-    b[5:] += whitened / prior.bias_sigma
+    sigma = np.append(prior.bias_sigma, prior.time_offset_sigma)
+    whitened = np.append(state.bias, state.time_offset) / sigma
+    H[range(5, SHARED), range(5, SHARED)] += 1.0 / sigma**2
+    b[5:] += whitened / sigma
     rho = state.points[:, 2] / prior.inverse_depth_sigma
     H_l[:, 2, 2] += 1.0 / prior.inverse_depth_sigma**2
     b_l[:, 2] += rho / prior.inverse_depth_sigma
@@ -205,8 +211,8 @@ def _inverse(system: _System, damping: float) -> FloatArray:
 
 
 def _reduced(system: _System, damping: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Normal equations (11,11), (11,) with the points eliminated, their inverse blocks, and gains
-    (L,3,11)."""
+    """Normal equations (12,12), (12,) with the points eliminated, their inverse blocks, and gains
+    (L,3,12)."""
     inverse = _inverse(system, damping)
     gain = inverse @ system.W
     H = system.H + damping * np.diag(system.H.diagonal()) - np.einsum("lap,laq->pq", system.W, gain)
@@ -226,7 +232,11 @@ def _stepped(state: _State, system: _System, damping: float) -> _State:
     gravity = state.gravity + system.tangent @ step[3:5]
     points = state.points - np.einsum("lab,lb->la", inverse, system.b_l) - gain @ step
     return _State(
-        state.velocity + step[:3], gravity * (size / np.linalg.norm(gravity)), state.bias + step[5:], points
+        state.velocity + step[:3],
+        gravity * (size / np.linalg.norm(gravity)),
+        state.bias + step[5:11],
+        state.time_offset + float(step[11]),
+        points,
     )
 
 

@@ -12,8 +12,8 @@ from asyneio.factors.robust import cauchy
 from asyneio.types import FloatArray, IntArray
 
 #: Unknowns shared by all tracks: velocity (3), tilt of gravity (2), gyroscope bias (3), accelerometer bias
-#: (3).
-SHARED = 11
+#: (3), time offset of the camera.
+SHARED = 12
 #: A point must lie in front of every camera that sees it, by this share of its distance from the reference.
 _NEAREST = 0.05
 
@@ -22,15 +22,15 @@ class Rays(NamedTuple):
     """M observations as dead reckoning places them, in the first body frame b0.
 
     The camera that made observation n has orientation `C_c_b0` and centre `v t + g t^2 / 2 + centre +
-    d_centre db` where `db` is what the biases are more than those dead reckoning used; `d_angle db` turns it
-    (right, camera).
+    d_centre d` where `d` is what biases and time offset are more than those dead reckoning used; `d_angle` of
+    the gyroscope's bias and of the offset turns it (right, camera). An offset moves `t` as well.
     """
 
     t: FloatArray  # (M,) seconds after the first instant
     C_c_b0: FloatArray  # (M,3,3)
     centre: FloatArray  # (M,3)
-    d_centre: FloatArray  # (M,3,6)
-    d_angle: FloatArray  # (M,3,3) by the gyroscope's bias
+    d_centre: FloatArray  # (M,3,7) by the biases and the time offset
+    d_angle: FloatArray  # (M,3,4) by the gyroscope's bias and the time offset
     xy: FloatArray  # (M,2) normalised
     root_information: FloatArray  # (M,2,2)
     track: IntArray  # (M,)
@@ -43,7 +43,7 @@ def sums(
     velocity: FloatArray,
     gravity: FloatArray,
     tangent: FloatArray,
-    d_bias: FloatArray,
+    d: FloatArray,
     points: FloatArray,
     scale: float,
     gate: float,
@@ -54,11 +54,12 @@ def sums(
     b_l: FloatArray,
     track_cost: FloatArray,
 ) -> None:
-    """Add to `H` (11,11), `b` (11,), `W` (L,3,11), `H_l` (L,3,3), `b_l` (L,3), and the cost of tracks (L,).
+    """Add to `H` (12,12), `b` (12,), `W` (L,3,12), `H_l` (L,3,3), `b_l` (L,3), and the cost of tracks (L,).
 
     `points` (L,3) are [x, y, inverse depth] in the reference camera; `tangent` (3,2) are the directions in
-    which gravity may move. With R, c of a camera and its reference r, the ray is proportional to `z = R_i^T
-    R_r [x, y, 1] + rho R_i^T (c_r - c_i)`, and the residual is its image less the observation.
+    which gravity may move, `d` (7,) the corrections of biases and time offset. With R, c of a camera and its
+    reference r, the ray is proportional to `z = R_i^T R_r [x, y, 1] + rho R_i^T (c_r - c_i)`, and the
+    residual is its image less the observation.
     """
     m = np.empty(3)
     z = np.empty(3)
@@ -81,21 +82,21 @@ def sums(
         rho = points[j, 2]
         m[0], m[1], m[2] = points[j, 0], points[j, 1], 1.0
         dt = rays.t[k] - rays.t[n]
-        dt2 = 0.5 * (rays.t[k] ** 2 - rays.t[n] ** 2)
-        # The reference ray, turned by what its camera's attitude changes with the bias.
+        dt2 = 0.5 * (rays.t[k] ** 2 - rays.t[n] ** 2) + d[6] * dt
+        # The reference ray, turned by what its camera's attitude changes with bias and offset.
         for a in range(3):
-            turned[a] = 0.0
-            in_camera[a] = 0.0
+            turned[a] = rays.d_angle[k, a, 3] * d[6]
+            in_camera[a] = rays.d_angle[n, a, 3] * d[6]
             for q in range(3):
-                turned[a] += rays.d_angle[k, a, q] * d_bias[q]
-                in_camera[a] += rays.d_angle[n, a, q] * d_bias[q]
+                turned[a] += rays.d_angle[k, a, q] * d[q]
+                in_camera[a] += rays.d_angle[n, a, q] * d[q]
         p0 = m[0] + turned[1] * m[2] - turned[2] * m[1]
         p1 = m[1] + turned[2] * m[0] - turned[0] * m[2]
         p2 = m[2] + turned[0] * m[1] - turned[1] * m[0]
         for a in range(3):
             apart[a] = rays.centre[k, a] - rays.centre[n, a] + dt * velocity[a] + dt2 * gravity[a]
-            for q in range(6):
-                apart[a] += (rays.d_centre[k, a, q] - rays.d_centre[n, a, q]) * d_bias[q]
+            for q in range(7):
+                apart[a] += (rays.d_centre[k, a, q] - rays.d_centre[n, a, q]) * d[q]
             base[a] = rays.C_c_b0[k, 0, a] * p0 + rays.C_c_b0[k, 1, a] * p1 + rays.C_c_b0[k, 2, a] * p2
         for a in range(3):
             turned[a] = 0.0
@@ -135,6 +136,11 @@ def sums(
                 D[a, 5 + q] = rho * by_gyroscope
                 D[a, 8 + q] = rho * by_accelerometer
                 D_l[a, q] = 0.0
+            # ... the offset too, along their paths ...
+            by_offset = 0.0
+            for s in range(3):
+                by_offset += R[a, s] * (rays.d_centre[k, s, 6] - rays.d_centre[n, s, 6] + dt * gravity[s])
+            D[a, 11] = rho * by_offset
             for q in range(2):
                 D[a, 3 + q] = (
                     rho * dt2 * (R[a, 0] * tangent[0, q] + R[a, 1] * tangent[1, q] + R[a, 2] * tangent[2, q])
@@ -143,17 +149,18 @@ def sums(
                 D_l[a, 0] += R[a, s] * K[0, s]
                 D_l[a, 1] += R[a, s] * K[1, s]
                 D_l[a, 2] += R[a, s] * apart[s]
-        for q in range(3):
-            # ... and turn the observing camera and the reference.
+        for q in range(4):
+            # ... and both turn the observing camera and the reference.
+            column = 5 + q if q < 3 else 11
             g0, g1, g2 = rays.d_angle[n, 0, q], rays.d_angle[n, 1, q], rays.d_angle[n, 2, q]
-            D[0, 5 + q] += z[1] * g2 - z[2] * g1
-            D[1, 5 + q] += z[2] * g0 - z[0] * g2
-            D[2, 5 + q] += z[0] * g1 - z[1] * g0
+            D[0, column] += z[1] * g2 - z[2] * g1
+            D[1, column] += z[2] * g0 - z[0] * g2
+            D[2, column] += z[0] * g1 - z[1] * g0
             h0, h1, h2 = rays.d_angle[k, 0, q], rays.d_angle[k, 1, q], rays.d_angle[k, 2, q]
             p0, p1, p2 = h1 * m[2] - h2 * m[1], h2 * m[0] - h0 * m[2], h0 * m[1] - h1 * m[0]
             for a in range(3):
                 for s in range(3):
-                    D[a, 5 + q] += R[a, s] * (K[0, s] * p0 + K[1, s] * p1 + K[2, s] * p2)
+                    D[a, column] += R[a, s] * (K[0, s] * p0 + K[1, s] * p1 + K[2, s] * p2)
         for a in range(2):
             for q in range(SHARED):
                 J[a, q] = P[a, 0] * D[0, q] + P[a, 1] * D[1, q] + P[a, 2] * D[2, q]

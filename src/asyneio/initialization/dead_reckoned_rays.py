@@ -39,6 +39,8 @@ class DeadReckoning:
         self._window, self._noise = window, noise
         self._C_bc, self._r_bc = T_b_c[:3, :3], T_b_c[:3, 3]
         self._seen = seen
+        samples = window.gyroscope_t, window.gyroscope
+        self._rate = np.stack([np.interp(seen.t, samples[0], axis) for axis in samples[1].T], axis=1)
         order = np.argsort(seen.track, kind="stable")
         count = np.bincount(seen.track)
         # A track is parametrised where it was in the middle of its life: nearest to all its observations.
@@ -52,12 +54,14 @@ class DeadReckoning:
         """The rays of all observations, dead-reckoned with biases (6,) [b_g, b_a].
 
         The camera's centre is `r + C r_bc`, and an angle `phi` on the right of C moves it by `-C [r_bc]x
-        phi`.
+        phi`; in time it moves by `nu + C (omega x r_bc)`, besides what velocity and gravity do.
         """
         seen = self._seen
         at = self.increments(seen.t, bias)
         d_phi = at.d_bias[:, :3, :3]
-        d_centre = at.d_bias[:, 6:].copy()
+        omega = self._rate - bias[:3]
+        in_time = at.nu + np.einsum("nij,nj->ni", at.C, np.cross(omega, self._r_bc))
+        d_centre = np.concatenate([at.d_bias[:, 6:], in_time[:, :, None]], axis=2)
         x, y, z = self._r_bc
         lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         d_centre[:, :, :3] -= at.C @ lever @ d_phi
@@ -66,7 +70,7 @@ class DeadReckoning:
             np.ascontiguousarray(self._C_bc.T @ at.C.transpose(0, 2, 1)),
             at.r + at.C @ self._r_bc,
             d_centre,
-            np.ascontiguousarray(self._C_bc.T @ d_phi),
+            np.ascontiguousarray(self._C_bc.T @ np.concatenate([d_phi, omega[:, :, None]], axis=2)),
             seen.xy,
             seen.root_information,
             seen.track,

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asyneio.estimation.window import TrackObservations
+from asyneio.estimation.camera_calibration import CalibrationSettings
+from asyneio.estimation.window_settings import TrackObservations
 from asyneio.inertial.increments import ImuWindow, Increments
 from asyneio.initialization.alignment import AlignmentData, align
 from asyneio.initialization.dead_reckoned import Adjusted, BiasPrior, FirstMotion, adjust
@@ -20,6 +21,8 @@ _MAX_TRACKS = 400
 _MAX_OBSERVATIONS = 24
 #: A solution whose cost is higher by less than this is nearly as likely: odds of 150 to 1.
 _LIKELY = 5.0
+#: Standard deviation [s] of a time offset that is not estimated.
+_CERTAIN_S = 1e-6
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,9 @@ def span_motion(
     few, ids = _fewer(seen)
     reckoning, data = _data(intake, settings, knots_ns, few)
     aligned = align(data, float(np.linalg.norm(w.gravity_w)), w.bearing_sigma)
-    prior = BiasPrior(start.bias_sigma, 1.0 / float(np.sqrt(w.landmark_damping[0])))
+    prior = BiasPrior(
+        start.bias_sigma, 1.0 / float(np.sqrt(w.landmark_damping[0])), _time_offset_sigma(w.calibration)
+    )
     t = (knots_ns - knots_ns[0]) * 1e-9
     rays = reckoning.rays(np.zeros(6))
     guesses = (
@@ -64,6 +69,22 @@ def span_motion(
     best, other = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
     ambiguous = other.adjusted.cost - best.adjusted.cost < _LIKELY and not _alike(best, other)
     return replace(best, ambiguous=ambiguous)
+
+
+def _time_offset_sigma(camera: CalibrationSettings) -> float:
+    """Of the camera's clock [s]; next to nothing where it is taken as calibrated."""
+    return float(camera.sigma[0]) if 0 in camera.columns else _CERTAIN_S
+
+
+def _given_the_clock(covariance: FloatArray) -> FloatArray:
+    """Covariance (11,11) of all but the time offset if that were known.
+
+    It is found so that a wrong clock does not spoil the start. A right one, whose calibration is better than
+    its prior, must not count as a reason to wait; the joint optimisation, which knows it better, is asked
+    again with the offset open.
+    """
+    with_clock = covariance[:-1, -1]
+    return np.asarray(covariance[:-1, :-1] - np.outer(with_clock, with_clock) / covariance[-1, -1])
 
 
 def _no_net_motion(duration: float, reckoning: DeadReckoning, gravity: float) -> FirstMotion:
@@ -80,7 +101,7 @@ def _no_net_motion(duration: float, reckoning: DeadReckoning, gravity: float) ->
 def _of_span(t: FloatArray, reckoning: DeadReckoning, adjusted: Adjusted, ids: IntArray) -> SpanMotion:
     increments = reckoning.increments(t, adjusted.motion.bias)
     displacement, row = _displacement(t, adjusted, increments)
-    sigma = float(np.sqrt(row @ adjusted.covariance @ row))
+    sigma = float(np.sqrt(row @ _given_the_clock(adjusted.covariance) @ row))
     return SpanMotion(adjusted, increments, displacement, sigma, ids[~adjusted.agreeing])
 
 

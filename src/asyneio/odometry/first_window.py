@@ -8,7 +8,8 @@ import numpy as np
 
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import Prior, States
-from asyneio.estimation.window import TrackObservations, Window
+from asyneio.estimation.window import Window
+from asyneio.estimation.window_settings import TrackObservations
 from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.settings import Settings
 from asyneio.types import FloatArray, IntArray
@@ -35,6 +36,7 @@ def filled_window(
     states: States,
     bad_tracks: IntArray = _NO_TRACKS,
     still: bool = False,
+    prior: Prior | None = None,
 ) -> Window:
     """A window with all knots (K), their measurements and landmarks.
 
@@ -45,13 +47,14 @@ def filled_window(
         states: their first states.
         bad_tracks: ids of tracks to leave out.
         still: at rest all the time.
+        prior: on the first knot; None where nothing is known but its biases, near zero.
     """
 
     def knot(k: int) -> States:
         return States(*(a[k : k + 1].copy() for a in states))
 
-    prior = _first_prior(knot(0), settings.start.bias_sigma)
-    window = Window(settings.window, int(knots_ns[0]), knot(0), prior)
+    known = _first_prior(knot(0), settings.start.bias_sigma) if prior is None else prior
+    window = Window(settings.window, int(knots_ns[0]), knot(0), known)
     for k in range(1, len(knots_ns)):
         span = (int(knots_ns[k - 1]), int(knots_ns[k]))
         window.extend(

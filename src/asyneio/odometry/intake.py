@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.window import TrackObservations
+from asyneio.estimation.window_settings import TrackObservations
 from asyneio.geometry.camera import CameraModel
 from asyneio.inertial.gating import SampleGate, SensorLimits
+from asyneio.odometry.neighbourhood import Neighbourhood
 from asyneio.types import (
     INERTIAL_DTYPE,
     CameraIntrinsics,
@@ -48,6 +49,7 @@ class Intake:
         self._noise = noise
         self._gates = (SampleGate(), SampleGate())
         self._refused: IntArray = np.empty(0, dtype=np.int64)
+        self._neighbourhood = Neighbourhood()
 
     def append(self, packet: Packet) -> None:
         """Take over a packet; observations outside the lens model's valid set are counted and dropped."""
@@ -56,9 +58,11 @@ class Intake:
         self.accelerometer = np.concatenate([self.accelerometer, accelerometer])
         self.end_ns = packet.t_end_ns
         raw = packet.observations
-        raw = raw[~np.isin(raw["id"], self._refused)]
         xy, d_xy_d_uv, valid = self._camera.undistort(np.column_stack([raw["u"], raw["v"]]))
-        self.invalid += int(np.count_nonzero(~valid))
+        self._neighbourhood.see(raw["t_ns"][valid], raw["id"][valid], xy[valid])
+        wanted = ~np.isin(raw["id"], self._refused)
+        self.invalid += int(np.count_nonzero(wanted & ~valid))
+        valid &= wanted
         new = TrackObservations(
             raw["t_ns"][valid],
             raw["id"][valid],
@@ -91,7 +95,23 @@ class Intake:
         return first, second
 
     def refuse(self, ids: IntArray) -> None:
-        """Drop what is held of some tracks, and take nothing more of them."""
+        """Drop what is held of some tracks, which contradict the motion, and take nothing more of them."""
+        self._neighbourhood.condemn(ids)
+        self._drop(ids)
+
+    def refuse_doubtful(self, among: IntArray, t_ns: int) -> IntArray:
+        """Refuse also those of some tracks that are too short at `t_ns` to be judged and lie among condemned
+        ones; their ids."""
+        ids = self._neighbourhood.doubtful(among, t_ns)
+        self._drop(ids)
+        return ids
+
+    def refused_share(self, ids: IntArray) -> float:
+        """What share of the tracks with these ids (N,), each given any number of times, is refused."""
+        different = np.unique(ids)
+        return float(np.mean(np.isin(different, self._refused))) if len(different) else 0.0
+
+    def _drop(self, ids: IntArray) -> None:
         self._refused = np.concatenate([self._refused, ids])[-_REFUSED:]
         o = self.observations
         keep = ~np.isin(o.track, ids)
@@ -112,6 +132,7 @@ class Intake:
 
     def drop_until(self, t_ns: int) -> None:
         """Forget what the window has taken; a few earlier inertial samples stay for the next interval."""
+        self._neighbourhood.forget(t_ns)
         self.gyroscope = _tail(self.gyroscope, t_ns)
         self.accelerometer = _tail(self.accelerometer, t_ns)
         o = self.observations

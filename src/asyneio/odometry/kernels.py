@@ -19,7 +19,6 @@ from asyneio.estimation.active import active_coordinates
 from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.landmarks import born_landmark, camera_poses
 from asyneio.estimation.linear_system import LinearSystem, linearize
-from asyneio.estimation.optimizer import retract
 from asyneio.estimation.problem import (
     Camera,
     Inertial,
@@ -31,6 +30,7 @@ from asyneio.estimation.problem import (
     bearing_tangent,
 )
 from asyneio.estimation.rest_terms import rest_of, rest_terms
+from asyneio.estimation.retraction import retract
 from asyneio.estimation.visual_sums import empty_sums
 from asyneio.frontend import Frontend, gradient_kernel
 from asyneio.geometry.camera import CameraModel
@@ -127,7 +127,7 @@ def compile_start() -> None:
     seen = SpanObservations(t, np.zeros(3, dtype=np.int64), np.zeros((3, 2)), white)
     reckoning = DeadReckoning(window, SampleNoise(1.0, 1.0), np.eye(4), seen)
     first = FirstMotion(np.ones(3), np.array([0.0, 0.0, -9.81]), np.zeros(6))
-    adjust(reckoning.rays, reckoning.rays(first.bias), first, BiasPrior(np.ones(6), 1.0), gate=8.0)
+    adjust(reckoning.rays, reckoning.rays(first.bias), first, BiasPrior(np.ones(6), 1.0, 1.0), gate=8.0)
 
 
 def _tiny_problem() -> Problem:

@@ -11,17 +11,16 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
+from asyneio.odometry.attempt import RETRY_NS, attempt_start
 from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.intake import Intake, rate_hz, until
+from asyneio.odometry.known_start import checked
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.rest import RestDetector
-from asyneio.odometry.screen import contradicting_tracks
 from asyneio.odometry.settings import Settings, resolve
-from asyneio.odometry.start import RETRY_NS, try_start
-from asyneio.odometry.static_start import static_start
 from asyneio.odometry.vitals import sample_gap_s
 from asyneio.odometry.watch import Advance, Watch
 from asyneio.trajectory.gp_trajectory import GPTrajectory
@@ -31,6 +30,7 @@ from asyneio.types import (
     Calibration,
     CalibrationEstimate,
     Estimate,
+    FirstState,
     Health,
     Packet,
     StepReport,
@@ -46,9 +46,22 @@ class Odometry:
     The world frame has z up and its origin and yaw at the first knot. Where nothing connects a state with the
     one before, or it can no longer be trusted, the segment ends (LOST) and the next start begins another,
     with a world of its own.
+
+    Args:
+        config: all settings.
+        calibration: of the rig.
+        first_state: where it is known: the first segment begins there, in the world of that state, and what
+            was measured before it is left out. `process` raises `EstimationError` where the inertial samples
+            do not reach back to it.
+
+    Raises:
+        EstimationError: `first_state` is no state.
     """
 
-    def __init__(self, config: Config, calibration: Calibration) -> None:
+    def __init__(
+        self, config: Config, calibration: Calibration, first_state: FirstState | None = None
+    ) -> None:
+        self._first_state = None if first_state is None else checked(first_state)
         self._config = config
         self._calibration = calibration
         self._segment = 0
@@ -87,7 +100,12 @@ class Odometry:
         else:
             estimates, report = self._step(packet, before_ns)
         posed = report.health in (Health.TRACKING, Health.DEGRADED)
-        return estimates, replace(report, still=self._rest.still, attitude=None if posed else self._upright)
+        return estimates, replace(
+            report,
+            still=self._rest.still,
+            attitude=None if posed else self._upright,
+            refused=self._intake.refused_share(packet.observations["id"]),
+        )
 
     def _step(self, packet: Packet, before_ns: int | None) -> tuple[list[Estimate], StepReport]:
         """Start, or advance by the knots that the packet completes; `before_ns`: end of the packet before."""
@@ -173,6 +191,7 @@ class Odometry:
         window.add_landmarks()
         self._solution, outliers = optimize_without_outliers(window, settings.optimizer)
         intake.refuse(outliers)
+        window.remove_tracks(intake.refuse_doubtful(window.landmarks.track, knot_ns))
         intake.drop_until(knot_ns)
         return Advance(
             problem=self._solution.problem,
@@ -210,7 +229,7 @@ class Odometry:
 
     def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
         self._rest.judge(t_ns, t_ns, None)
-        if self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
+        if self._first_state is None and self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
             return [], self._initializing(t_ns, self._refusal)
         self._next_attempt_ns = t_ns + RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
@@ -220,17 +239,11 @@ class Odometry:
             rate_hz(self._intake.gyroscope),
             rate_hz(self._intake.accelerometer),
         )
-        since_ns = self._rest.since_ns
-        if since_ns is None:
-            w = self._settings.window
-            gravity = float(np.linalg.norm(w.gravity_w))
-            self._intake.refuse(contradicting_tracks(self._intake, w.T_b_c, gravity, w.bearing_sigma))
-            started = try_start(self._intake, self._settings)
-        else:
-            started = static_start(self._intake, self._settings, since_ns)
+        started = attempt_start(self._intake, self._settings, self._rest.since_ns, self._first_state)
         if isinstance(started, str):
             self._refusal = started
             return [], self._initializing(t_ns, started)
+        self._first_state = None
         self._window, self._solution = started.window, started.solution
         covariance = joint_covariance(self._solution, 0)[:24, :24]
         self.origin = estimate_of(self._window, 0, covariance, self._segment)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.window import TrackObservations
+from asyneio.estimation.window_settings import TrackObservations
 from asyneio.initialization.alignment import AlignmentData
 from asyneio.initialization.consensus import BiasEffect, find_consensus
 from asyneio.odometry.intake import Intake

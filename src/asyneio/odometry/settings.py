@@ -11,7 +11,7 @@ from asyneio.errors import CalibrationError
 from asyneio.estimation.camera_calibration import CalibrationSettings
 from asyneio.estimation.optimizer import OptimizerSettings
 from asyneio.estimation.schemes import SCHEMES
-from asyneio.estimation.window import WindowSettings
+from asyneio.estimation.window_settings import WindowSettings
 from asyneio.inertial.increments import SampleNoise
 from asyneio.trajectory.model import motion_model_named
 from asyneio.types import NS_PER_S, Calibration, FloatArray

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.problem import States
-from asyneio.estimation.window import TrackObservations
+from asyneio.estimation.window_settings import TrackObservations
 from asyneio.geometry.gravity import upright
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.first_motion import SpanMotion, span_motion
@@ -18,8 +20,6 @@ from asyneio.odometry.settings import Settings
 from asyneio.odometry.start_refusals import motion_refusal, solution_refusal
 from asyneio.types import IntArray
 
-#: Attempts to start are this far apart; each sees more motion than the last.
-RETRY_NS = 250_000_000
 #: Zero priors of the warm-up: rates of any size a person or a drone makes.
 _WARM_UP_SIGMA = np.array([10.0, 100.0])
 
@@ -43,7 +43,7 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         if reason:
             return reason
         states = _first_states(intake, settings, knots_ns, motion)
-        window = filled_window(intake, settings, knots_ns, states, motion.contradicting)
+        window = filled_window(intake, _at_offset(settings, motion), knots_ns, states, motion.contradicting)
         solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
@@ -52,6 +52,15 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         return reason
     intake.refuse(np.concatenate([outliers, motion.contradicting]))
     return Start(window, solution)
+
+
+def _at_offset(settings: Settings, motion: SpanMotion) -> Settings:
+    """Settings of a window whose camera begins with the time offset found."""
+    camera = settings.window.calibration
+    if 0 not in camera.columns:
+        return settings
+    camera = replace(camera, time_offset=motion.adjusted.motion.time_offset)
+    return replace(settings, window=replace(settings.window, calibration=camera))
 
 
 def _knot_times(intake: Intake, settings: Settings) -> IntArray | None:

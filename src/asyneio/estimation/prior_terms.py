@@ -1,0 +1,62 @@
+"""The marginal prior in the normal equations: its cost and gradient at a distance from where it was
+linearised."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from asyneio.estimation.active import KNOT_DOF
+from asyneio.estimation.camera_calibration import camera_difference
+from asyneio.estimation.linear_system import LinearSystem
+from asyneio.estimation.problem import Camera, Prior, States
+from asyneio.factors.marginal_prior import knot_difference
+from asyneio.types import FloatArray
+
+
+def add_prior(system: LinearSystem, prior: Prior, delta: FloatArray) -> float:
+    """Add the marginal prior to the normal equations; returns its cost."""
+    residual = prior.R @ delta + prior.r_0
+    # What it knows of the camera stands behind its knots, in the system behind all knots.
+    n, behind = KNOT_DOF * prior.knots, prior.R.shape[1] % KNOT_DOF
+    gradient = prior.R.T @ residual
+    system.H[:n, :n] += prior.information[:n, :n]
+    system.b[:n] += gradient[:n]
+    if behind:
+        system.H[:n, -behind:] += prior.information[:n, n:]
+        system.H[-behind:, :n] += prior.information[n:, :n]
+        system.H[-behind:, -behind:] += prior.information[n:, n:]
+        system.b[-behind:] += gradient[n:]
+    return 0.5 * float(residual @ residual)
+
+
+def prior_cost(prior: Prior, delta: FloatArray) -> float:
+    """Cost of the marginal prior at the difference `delta` (24 m + c,) from its linearisation point."""
+    residual = prior.R @ delta + prior.r_0
+    return 0.5 * float(residual @ residual)
+
+
+def difference(states: States, prior: Prior, camera: Camera | None = None) -> FloatArray:
+    """`delta` (24 m + c,) of the first m knots, and of the camera where the prior knows something of it, from
+    the prior's linearisation point."""
+    out = np.empty((prior.knots, KNOT_DOF))
+    _difference(prior.linearization, states, out)
+    if prior.camera is None or camera is None:
+        return out.ravel()
+    return np.concatenate([out.ravel(), camera_difference(camera, prior.camera)])
+
+
+@njit(cache=True)
+def _difference(linearization: States, states: States, out: FloatArray) -> None:
+    for k in range(out.shape[0]):
+        knot_difference(
+            linearization.C[k],
+            linearization.r[k],
+            linearization.varpi[k],
+            linearization.bias[k],
+            states.C[k],
+            states.r[k],
+            states.varpi[k],
+            states.bias[k],
+            out[k],
+        )
