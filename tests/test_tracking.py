@@ -149,3 +149,29 @@ def test_a_run_on_known_observations_gets_the_same_packets(
         assert a.gyroscope.tobytes() == b.gyroscope.tobytes()
     assert again.observations.size == tracked.observations.size > 0
     assert again.summary.frontend_s == 0.0
+
+
+def test_a_run_hears_what_the_estimator_refuses(
+    recording: EventRecording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More features are followed for it, and two runs are alike to the bit."""
+
+    class Refuses(FakeOdometry):
+        share = 0.5
+
+        def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+            estimates, report = super().process(packet)
+            return estimates, replace(report, refused=self.share)
+
+    class RefusesNone(Refuses):
+        share = 0.0
+
+    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    config = Config(frontend=FrontendConfig(max_features=20))
+    observed = []
+    for estimator in (Refuses, Refuses, RefusesNone):
+        monkeypatch.setattr(pipeline, "Odometry", estimator)
+        observed.append(pipeline.run_recording(recording, config).observations)
+    assert observed[0].tobytes() == observed[1].tobytes()
+    tracks = [np.unique(o["id"]).size for o in observed]
+    assert tracks[0] > 1.2 * tracks[2]

@@ -61,6 +61,18 @@ def test_screen_finds_the_object_before_the_start() -> None:
     assert len(none) <= 2
 
 
+def test_share_of_refused_tracks() -> None:
+    """Of different tracks, however often each was seen; what is never asked for counts for nothing."""
+    packet = cut(simulated().recording)[0]
+    intake = held(packet)
+    ids = np.unique(packet.observations["id"])
+    assert intake.refused_share(packet.observations["id"]) == 0.0
+    intake.refuse(ids[:5])
+    assert intake.refused_share(packet.observations["id"]) == pytest.approx(5 / len(ids))
+    assert intake.refused_share(np.repeat(ids[:10], np.arange(1, 11))) == pytest.approx(0.5)
+    assert intake.refused_share(ids[:0]) == 0.0
+
+
 def test_wrong_tracks_cost_little() -> None:
     simulation = simulated()
     recording, _ = with_wrong_tracks(simulation.recording, 0.2, (30.0, 150.0))
