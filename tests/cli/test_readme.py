@@ -51,7 +51,7 @@ def _workplace(recording: EventRecording, tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_commands(monkeypatch: pytest.MonkeyPatch) -> None:
     commands = re.findall(r"^    (asyneio .*)$", _README, re.MULTILINE)
-    assert len(commands) == 7
+    assert len(commands) == 8
     for command in commands:
         monkeypatch.setattr(sys, "argv", shlex.split(command.replace("COMMAND", "run")))
         with pytest.raises(SystemExit) as stop:
