@@ -106,7 +106,10 @@ PRESETS: dict[str, Preset] = {
             "iniVation DAVIS346",
             (346, 260),
             _MPU6500_NOISE,
-            sources={"noise": "data sheet of the MPU-6500 (densities); walks of the MPU-6150 (PA-EVIO)"},
+            sources={
+                "noise": "data sheet of the MPU-6500 (densities, as remembered: check them); "
+                "walks of the MPU-6150 (PA-EVIO)"
+            },
             missing=_NOT_PUBLISHED,
         ),
         Preset(

@@ -23,7 +23,7 @@ from numba import njit
 from asyneio.errors import RecordingError
 from asyneio.io.calibration import find_rig
 from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_source import FAR_OUTSIDE, SAMPLE_DTYPE
+from asyneio.io.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, skipped_notes
 from asyneio.io.inertial_files import STANDARD_GRAVITY
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
@@ -81,7 +81,7 @@ class Aedat2Events:
             "inertial word(s) that belong to no whole sample": self._broken + len(self._loose),
             "byte(s) at the end, less than a word: was the file cut off?": self._rest_bytes,
         }
-        notes = tuple(f"{self.path.name}: skipped {count} {what}" for what, count in counts.items() if count)
+        notes = skipped_notes(self.path.name, counts)
         if not self._chip_known:
             notes += (f"{self.path.name} does not name its camera (AEChip): taken to be a {_CHIP}",)
         return notes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -41,6 +41,11 @@ class EventSource(Protocol):
 
     def notes(self) -> tuple[str, ...]:
         """Sentences on what was skipped or salvaged; complete when `chunks` has ended."""
+
+
+def skipped_notes(name: str, counts: Mapping[str, int]) -> tuple[str, ...]:
+    """A sentence for each kind of thing that was skipped in `name`, with how many there were."""
+    return tuple(f"{name}: skipped {count} {what}" for what, count in counts.items() if count)
 
 
 def join_events(pieces: Sequence[RecordArray]) -> RecordArray:

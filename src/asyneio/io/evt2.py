@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from asyneio.io.event_source import skipped_notes
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 EVENT_OFF, EVENT_ON, TIME_HIGH = 0, 1, 8
@@ -53,17 +54,13 @@ class Evt2Decoder:
 
     def notes(self, name: str) -> tuple[str, ...]:
         """Sentences on words that are no events of a known time."""
-        counts = {
+        kinds = {
             "external trigger(s)": _TRIGGERS,
             "high time(s) that contradict the next": _WRONG_HIGH,
             "event(s) before the first time": _EARLY,
             "word(s) of no known kind: is the file damaged?": _UNKNOWN,
         }
-        return tuple(
-            f"{name}: skipped {self._state[index]} {what}"
-            for what, index in counts.items()
-            if self._state[index]
-        )
+        return skipped_notes(name, {what: int(self._state[index]) for what, index in kinds.items()})
 
 
 @njit(cache=True)
