@@ -128,18 +128,24 @@ def gyroscope_terms(
     b: FloatArray,
 ) -> float:
     """Gyroscope samples (21); `bias` (K,6)."""
-    residual = np.empty(3)
-    jacobian = np.empty((3, 48))
+    most = samples.root_information.shape[1]
+    residual = np.empty((most, 3))
+    jacobian = np.empty((most, 3, 48))
     cost = 0.0
     for i in range(local.shape[0]):
-        for n in range(samples.start[i], samples.start[i + 1]):
+        begin, end = samples.start[i], samples.start[i + 1]
+        for n in range(begin, end):
             weights, alpha = samples.weights[n], samples.alpha[n]
-            gyroscope_residual(samples.value[n], local[i], weights, bias[i : i + 2], alpha, residual)
-            info = samples.root_information[n] ** 2
-            cost += 0.5 * info * (residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
+            gyroscope_residual(
+                samples.value[n], local[i], weights, bias[i : i + 2], alpha, residual[n - begin]
+            )
             if with_jacobian:
-                gyroscope_jacobian(local_lin[i], weights, alpha, jacobian)
-                _accumulate(jacobian, residual, info, H[i], b[i])
+                gyroscope_jacobian(local_lin[i], weights, alpha, jacobian[n - begin])
+        root = samples.root_information[begin:end]
+        cost += _whiten(root, residual, jacobian, with_jacobian)
+        if with_jacobian:
+            for n in range(end - begin):
+                _accumulate(jacobian[n], residual[n], H[i], b[i])
     return cost
 
 
@@ -157,11 +163,13 @@ def accelerometer_terms(
     b: FloatArray,
 ) -> float:
     """Accelerometer samples (21)."""
-    residual = np.empty(3)
-    jacobian = np.empty((3, 48))
+    most = samples.root_information.shape[1]
+    residual = np.empty((most, 3))
+    jacobian = np.empty((most, 3, 48))
     cost = 0.0
     for i in range(local.shape[0]):
-        for n in range(samples.start[i], samples.start[i + 1]):
+        begin, end = samples.start[i], samples.start[i + 1]
+        for n in range(begin, end):
             weights, alpha = samples.weights[n], samples.alpha[n]
             accelerometer_residual(
                 samples.value[n],
@@ -172,25 +180,48 @@ def accelerometer_terms(
                 alpha,
                 gravity_w,
                 space,
-                residual,
+                residual[n - begin],
             )
-            info = samples.root_information[n] ** 2
-            cost += 0.5 * info * (residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
             if with_jacobian:
                 accelerometer_jacobian(
-                    linearization.C[i], local_lin[i], weights, alpha, gravity_w, space, jacobian
+                    linearization.C[i], local_lin[i], weights, alpha, gravity_w, space, jacobian[n - begin]
                 )
-                _accumulate(jacobian, residual, info, H[i], b[i])
+        root = samples.root_information[begin:end]
+        cost += _whiten(root, residual, jacobian, with_jacobian)
+        if with_jacobian:
+            for n in range(end - begin):
+                _accumulate(jacobian[n], residual[n], H[i], b[i])
+    return cost
+
+
+@njit(cache=True)
+def _whiten(root: FloatArray, residual: FloatArray, jacobian: FloatArray, with_jacobian: bool) -> float:
+    """In place, the samples of one interval by their common `root` (n,n), lower triangular; their cost.
+
+    `residual` (n,3), `jacobian` (n,3,48). The last row first: each takes from those before it alone.
+    """
+    cost = 0.0
+    for n in range(root.shape[0] - 1, -1, -1):
+        for a in range(3):
+            s = 0.0
+            for m in range(n + 1):
+                s += root[n, m] * residual[m, a]
+            residual[n, a] = s
+            cost += 0.5 * s * s
+            if with_jacobian:
+                for p in range(48):
+                    jacobian[n, a, p] *= root[n, n]
+                for m in range(n):
+                    for p in range(48):
+                        jacobian[n, a, p] += root[n, m] * jacobian[m, a, p]
     return cost
 
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
-def _accumulate(
-    jacobian: FloatArray, residual: FloatArray, info: float, H: FloatArray, b: FloatArray
-) -> None:
-    """`H += info J^T J`, `b += info J^T r` for J (3,48)."""
+def _accumulate(jacobian: FloatArray, residual: FloatArray, H: FloatArray, b: FloatArray) -> None:
+    """`H += J^T J`, `b += J^T r` for J (3,48)."""
     for p in range(48):
-        j0, j1, j2 = info * jacobian[0, p], info * jacobian[1, p], info * jacobian[2, p]
+        j0, j1, j2 = jacobian[0, p], jacobian[1, p], jacobian[2, p]
         if j0 == 0.0 and j1 == 0.0 and j2 == 0.0:
             continue
         b[p] += j0 * residual[0] + j1 * residual[1] + j2 * residual[2]

@@ -48,7 +48,7 @@ class InertialBuffer:
         self._value: FloatArray = np.empty((0, 3))
         self._weights: FloatArray = np.empty((0, 3, 5))
         self._alpha: FloatArray = np.empty(0)
-        self._root: FloatArray = np.empty(0)
+        self._root: list[FloatArray] = []
 
     def append(self, samples: DirectSamples, interval: int, start_ns: int, end_ns: int) -> None:
         """Samples of one interval."""
@@ -58,7 +58,7 @@ class InertialBuffer:
         self._value = np.concatenate([self._value, samples.value])
         self._weights = np.concatenate([self._weights, weights])
         self._alpha = np.concatenate([self._alpha, alpha])
-        self._root = np.concatenate([self._root, 1.0 / samples.sigma])
+        self._root.extend(samples.root)
 
     def drop_before(self, interval: int) -> None:
         """Forget the samples of intervals before `interval`."""
@@ -72,7 +72,10 @@ class InertialBuffer:
     def arrays(self, first: int, intervals: int) -> Inertial:
         """Arrays for the intervals `first .. first + intervals - 1`."""
         start = np.searchsorted(self._interval, first + np.arange(intervals + 1))
-        return Inertial(start, self._value, self._weights, self._alpha, self._root)
+        root = np.zeros((len(self._root), max((len(row) for row in self._root), default=0)))
+        for n, row in enumerate(self._root):
+            root[n, : len(row)] = row
+        return Inertial(start, self._value, self._weights, self._alpha, root)
 
 
 class PreintegrationBuffer:

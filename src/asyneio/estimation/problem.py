@@ -29,13 +29,18 @@ class States(NamedTuple):
 
 
 class Inertial(NamedTuple):
-    """Samples of one inertial sensor."""
+    """Samples of one inertial sensor, or the few values that stand for those of an interval
+    (`inertial.projection`).
+
+    Those of interval i are whitened together: row n of `root_information`, of the m-th of them, holds what the first
+    m of them count in it; the rest of the row is zero.
+    """
 
     start: IntArray  # (I+1,)
     value: FloatArray  # (N,3) rad/s or m/s^2
     weights: FloatArray  # (N,3,5) interpolation weights (20)
     alpha: FloatArray  # (N,) fraction of the interval that has passed
-    root_information: FloatArray  # (N,) 1/sigma
+    root_information: FloatArray  # (N,Q), Q the most that an interval holds
 
 
 class Camera(NamedTuple):

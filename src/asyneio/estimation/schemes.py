@@ -25,10 +25,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.errors import EstimationError
-from asyneio.inertial.end_fit import line_at
+from asyneio.inertial.end_fit import line_weights
 from asyneio.inertial.gp_preintegration import gp_preintegration
 from asyneio.inertial.increments import ImuWindow, Preintegration, SampleNoise
+from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.inertial.preintegration import midpoint
+from asyneio.inertial.projection import project
 from asyneio.types import FloatArray, IntArray, RecordArray
 
 #: Samples so near to an end of the interval [s] tell the rates there; at least so many.
@@ -66,11 +68,12 @@ SCHEMES = {
 
 @dataclass(frozen=True)
 class DirectSamples:
-    """Samples that are factors on the trajectory: `t_ns` (N,), `value` (N,3), `sigma` (N,)."""
+    """Values that are factors on the trajectory: `t_ns` (N,), `value` (N,3), and `root` (N,N), lower triangular,
+    which whitens each axis of them."""
 
     t_ns: IntArray
     value: FloatArray
-    sigma: FloatArray
+    root: FloatArray
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ def measure(
     accelerometer: RecordArray,
     bounds_ns: tuple[int, int],
     bias: FloatArray,
-    noise: SampleNoise,
+    noise: InertialNoise,
     inflation: float,
 ) -> IntervalInertial:
     """The measurements of the interval `bounds_ns` under a scheme.
@@ -99,20 +102,22 @@ def measure(
         gyroscope, accelerometer: INERTIAL_DTYPE, those of the interval and a few before it.
         bounds_ns: start and end of the interval; a sample at its start belongs to the interval before.
         bias: (6,) [b_g, b_a], where increments are linearised.
-        noise: of one sample, as the sensor's.
-        inflation: factor on that noise in all factors.
+        noise: of the samples, as all factors weigh them.
+        inflation: what that noise is said to be larger by than the sensor's own; how smooth Gaussian processes
+            are taken to be follows from the sensor's own.
 
     Raises:
         EstimationError: the scheme has nothing but increments, and there are no samples to make them of.
         InertialError: samples are not finite, not in order, or turn too far in one interval.
     """
-    sigmas = inflation * noise.gyroscope, inflation * noise.accelerometer
     streams = gyroscope, accelerometer
     preintegration = covariance = None
     if scheme.rule is not None:
         window, gap_s = _window(streams, bounds_ns)
         if window is not None:
-            preintegration = scheme.rule(window, bias, noise)
+            means = noise.of_means(window.duration)
+            own = SampleNoise(means.gyroscope / inflation, means.accelerometer / inflation)
+            preintegration = scheme.rule(window, bias, own)
             covariance = inflation**2 * preintegration.covariance(window.duration)
             covariance += _gap_covariance(gap_s, preintegration)
         elif scheme.propagates:
@@ -121,49 +126,49 @@ def measure(
                 f"scheme {scheme.name} has nothing else to tie two knots: use gpif over such gaps"
             )
     first, second = (
-        _direct(scheme, s, bounds_ns, sigma, bend)
-        for s, sigma, bend in zip(streams, sigmas, _BEND, strict=True)
+        _direct(scheme, s, bounds_ns, sensor, bend)
+        for s, sensor, bend in zip(streams, (noise.gyroscope, noise.accelerometer), _BEND, strict=True)
     )
     return IntervalInertial(first, second, preintegration, covariance)
 
 
 def _direct(
-    scheme: Scheme, samples: RecordArray, bounds_ns: tuple[int, int], sigma: float, bend: float
+    scheme: Scheme, samples: RecordArray, bounds_ns: tuple[int, int], noise: SensorNoise, bend: float
 ) -> DirectSamples:
     """What of one sensor's samples is a factor on the trajectory."""
-    if scheme.direct:
-        return _inside(samples, bounds_ns, sigma)
-    if scheme.ends:
-        return _at_ends(samples, bounds_ns, sigma, bend)
-    return _inside(samples[:0], bounds_ns, sigma)
-
-
-def _inside(samples: RecordArray, bounds_ns: tuple[int, int], sigma: float) -> DirectSamples:
-    """Samples with start < t <= end."""
     a, b = np.searchsorted(samples["t_ns"], bounds_ns, side="right")
-    return DirectSamples(samples["t_ns"][a:b], samples["xyz"][a:b], np.full(b - a, sigma))
+    # Those with start < t <= end.
+    t = (samples["t_ns"][a:b] - bounds_ns[0]) * 1e-9
+    value = np.asarray(samples["xyz"][a:b], dtype=np.float64)
+    if scheme.direct:
+        projected = project(t, value, noise)
+        t_ns = bounds_ns[0] + np.rint(projected.t * 1e9).astype(np.int64)
+        return DirectSamples(t_ns, projected.value, projected.root)
+    if scheme.ends:
+        return _at_ends(t, value, bounds_ns, noise, bend)
+    return DirectSamples(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 0)))
 
 
-def _at_ends(samples: RecordArray, bounds_ns: tuple[int, int], sigma: float, bend: float) -> DirectSamples:
-    """Rates at both ends of the interval, each from the samples inside and next to it."""
-    inside = _inside(samples, bounds_ns, sigma)
-    n = len(inside.t_ns)
+def _at_ends(
+    t: FloatArray, value: FloatArray, bounds_ns: tuple[int, int], noise: SensorNoise, bend: float
+) -> DirectSamples:
+    """Rates at both ends of the interval, each from the samples `value` (N,3) at `t` (N,) [s] next to it."""
     times, values, sigmas = [], [], []
-    for end, near in ((0, slice(None, n)), (1, slice(None, None, -1))):
+    for end_ns, order in ((bounds_ns[0], slice(None)), (bounds_ns[1], slice(None, None, -1))):
         # From the end inwards.
-        distance = np.abs(inside.t_ns[near] - bounds_ns[end]) * 1e-9
-        count = max(int(np.searchsorted(distance, _END_S, side="right")), min(_END_SAMPLES, n))
+        distance = np.abs(t[order] - (end_ns - bounds_ns[0]) * 1e-9)
+        count = max(int(np.searchsorted(distance, _END_S, side="right")), min(_END_SAMPLES, len(t)))
         # One sample alone does not tell how its rate changes until the end.
         if count < 2 or distance[0] > _END_S:
             continue
-        value, factor = line_at(distance[:count], inside.value[near][:count], 0.0)
-        bent = bend * distance[count - 1] ** 2 / 6.0
-        times.append(bounds_ns[end])
-        values.append(value)
-        sigmas.append(np.sqrt(2.0 * factor * sigma**2 + bent**2))
-    return DirectSamples(
-        np.array(times, dtype=np.int64), np.array(values).reshape(-1, 3), np.array(sigmas, dtype=np.float64)
-    )
+        near = distance[:count]
+        weights = line_weights(near, 0.0)
+        bent = bend * near[-1] ** 2 / 6.0
+        times.append(end_ns)
+        values.append(weights @ value[order][:count])
+        sigmas.append(np.sqrt(2.0 * weights @ noise.covariance(near) @ weights + bent**2))
+    root = np.diag(1.0 / np.array(sigmas, dtype=np.float64))
+    return DirectSamples(np.array(times, dtype=np.int64), np.array(values).reshape(-1, 3), root)
 
 
 def _window(

@@ -26,6 +26,7 @@ from asyneio.estimation.rest_terms import rest_of
 from asyneio.estimation.schemes import measure
 from asyneio.estimation.window_settings import TrackObservations, WindowSettings
 from asyneio.inertial.increments import Preintegration
+from asyneio.inertial.noise import InertialNoise
 from asyneio.types import BoolArray, IntArray, RecordArray
 
 #: Inverse depth of the first landmarks without parallax, 1/m: a room.
@@ -80,10 +81,12 @@ class Window:
         accelerometer: RecordArray,
         observations: TrackObservations,
         still: bool = False,
+        noise: InertialNoise | None = None,
     ) -> None:
         """Append a predicted knot (States with K = 1) at `t_ns` and the measurements of the interval
         before it; inertial samples from shortly before the interval settle what happens at its start.
-        `still`: the sensor was at rest all through it.
+        `still`: the sensor was at rest all through it; `noise` of its inertial samples, None for that of the
+        settings.
 
         Raises:
             EstimationError, InertialError: as `schemes.measure`.
@@ -92,7 +95,8 @@ class Window:
         interval = self.first + self.knots - 1
         bounds = (int(self.t_ns[-1]), t_ns)
         bias = self.states.bias[-1]
-        measured = measure(s.scheme, gyroscope, accelerometer, bounds, bias, s.noise, s.noise_inflation)
+        noise = s.noise if noise is None else noise
+        measured = measure(s.scheme, gyroscope, accelerometer, bounds, bias, noise, s.noise_inflation)
         self._gyroscope.append(measured.gyroscope, interval, *bounds)
         self._accelerometer.append(measured.accelerometer, interval, *bounds)
         self._preintegrations.append(measured, interval)

@@ -8,7 +8,7 @@ import numpy as np
 
 from asyneio.estimation.camera_calibration import FIXED_CALIBRATION, CalibrationSettings
 from asyneio.estimation.schemes import Scheme
-from asyneio.inertial.increments import SampleNoise
+from asyneio.inertial.noise import InertialNoise
 from asyneio.trajectory.model import MotionModel
 from asyneio.types import FloatArray, IntArray
 
@@ -22,8 +22,8 @@ class WindowSettings:
     root_density: FloatArray  # (6,) motion prior
     bias_walk: FloatArray  # (6,)
     scheme: Scheme
-    noise: SampleNoise
-    noise_inflation: float
+    noise: InertialNoise  # of the samples, unless an interval is told another
+    noise_inflation: float  # that noise over the sensor's own
     T_b_c: FloatArray  # (4,4)
     robust_scale: float
     gate: float

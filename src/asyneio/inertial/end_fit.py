@@ -7,14 +7,8 @@ import numpy as np
 from asyneio.types import FloatArray
 
 
-def line_at(t: FloatArray, value: FloatArray, at: float) -> tuple[FloatArray, float]:
-    """Least-squares line through two or more samples `value` (N,3) at `t` (N,), taken at the time `at` [s].
-
-    Returns the value (3,) and its variance in units of that of one sample.
-    """
+def line_weights(t: FloatArray, at: float) -> FloatArray:
+    """Weights (N,) by which two or more samples at `t` (N,) [s] make up their least-squares line at the time `at`."""
     middle = t.mean()
     spread = t - middle
-    square = float(spread @ spread)
-    slope = spread @ value / square
-    lever = at - middle
-    return np.asarray(value.mean(axis=0) + lever * slope), 1.0 / len(t) + lever**2 / square
+    return np.asarray(1.0 / len(t) + (at - middle) * spread / float(spread @ spread))

@@ -133,7 +133,7 @@ def _data(
     ids, track = np.unique(seen.track, return_inverse=True)
     observations = SpanObservations(t, track, seen.xy, seen.root_information)
     streams = (*_seconds(intake.gyroscope, knots_ns), *_seconds(intake.accelerometer, knots_ns))
-    reckoning = DeadReckoning(ImuWindow(*streams, duration), w.noise, w.T_b_c, observations)
+    reckoning = DeadReckoning(ImuWindow(*streams, duration), w.noise.of_means(duration), w.T_b_c, observations)
     rays = reckoning.rays(np.zeros(6))
     bearing = np.column_stack([seen.xy, np.ones(len(seen.xy))])
     bearing /= np.linalg.norm(bearing, axis=1, keepdims=True)

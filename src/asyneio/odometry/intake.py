@@ -51,8 +51,12 @@ class Intake:
         self._refused: IntArray = np.empty(0, dtype=np.int64)
         self._neighbourhood = Neighbourhood()
 
-    def append(self, packet: Packet) -> None:
-        """Take over a packet; observations outside the lens model's valid set are counted and dropped."""
+    def append(self, packet: Packet) -> tuple[RecordArray, RecordArray]:
+        """Take over a packet; observations outside the lens model's valid set are counted and dropped.
+
+        Returns:
+            The inertial samples of the packet that are believed: gyroscope, accelerometer.
+        """
         gyroscope, accelerometer = self._gate(packet)
         self.gyroscope = np.concatenate([self.gyroscope, gyroscope])
         self.accelerometer = np.concatenate([self.accelerometer, accelerometer])
@@ -76,6 +80,7 @@ class Intake:
             np.concatenate([old.xy, new.xy]),
             np.concatenate([old.root_information, new.root_information]),
         )
+        return gyroscope, accelerometer
 
     def _gate(self, packet: Packet) -> tuple[RecordArray, RecordArray]:
         """The inertial samples of a packet without spikes, saturated and corrupt ones, which are counted."""

@@ -11,10 +11,12 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
+from asyneio.inertial.noise import InertialNoise
 from asyneio.odometry.attempt import RETRY_NS, attempt_start
 from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.intake import Intake, rate_hz, until
 from asyneio.odometry.known_start import checked
+from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
@@ -66,12 +68,13 @@ class Odometry:
         self._calibration = calibration
         self._segment = 0
         self._packet_ns: int | None = None
+        self._noise = LearnedNoise(config.inertial, calibration.noise, config.window.knot_interval_s)
         self._begin_segment()
         self._attitude = AttitudeFilter(config.inertial, calibration.noise)
         self._upright: Attitude | None = None
 
     def _begin_segment(self) -> None:
-        """Forget everything: nothing from before may enter the next start."""
+        """Forget everything but how noisy the sensors are: nothing from before may enter the next start."""
         config, calibration = self._config, self._calibration
         self._intake = Intake(calibration.camera, config.visual.pixel_sigma, calibration.noise)
         self._rest = RestDetector(config.inertial, calibration, config.visual.pixel_sigma)
@@ -121,7 +124,7 @@ class Odometry:
         return self._try_start(packet.t_end_ns)
 
     def _take(self, packet: Packet) -> None:
-        self._intake.append(packet)
+        self._noise.append(*self._intake.append(packet))
         samples = len(packet.gyroscope) + len(packet.accelerometer)
         self._gated = self._intake.gated / max(samples, 1)
         self._rest.append(packet)
@@ -185,7 +188,7 @@ class Odometry:
         knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
         known = window.states.r
         still = self._rest.judge(from_ns, knot_ns, self._latest)
-        window.extend(knot_ns, knot, *streams, observations, still)
+        window.extend(knot_ns, knot, *streams, observations, still, self._noise_now())
         if not still:
             window.take_back_rest(from_ns - _REST_DOUBT_NS)
         window.add_landmarks()
@@ -202,6 +205,9 @@ class Odometry:
             saturated=intake.saturated,
             still=still,
         )
+
+    def _noise_now(self) -> InertialNoise:
+        return self._noise.now(rate_hz(self._intake.gyroscope), rate_hz(self._intake.accelerometer))
 
     def _gap_s(self, start_ns: int, end_ns: int) -> float:
         return sample_gap_s((self._intake.gyroscope, self._intake.accelerometer), start_ns, end_ns)
@@ -233,12 +239,7 @@ class Odometry:
             return [], self._initializing(t_ns, self._refusal)
         self._next_attempt_ns = t_ns + RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
-        self._settings = resolve(
-            self._config,
-            self._calibration,
-            rate_hz(self._intake.gyroscope),
-            rate_hz(self._intake.accelerometer),
-        )
+        self._settings = resolve(self._config, self._calibration, self._noise_now())
         started = attempt_start(self._intake, self._settings, self._rest.since_ns, self._first_state)
         if isinstance(started, str):
             self._refusal = started

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.config import CalibrationConfig, Config, MotionPriorConfig
-from asyneio.errors import CalibrationError
 from asyneio.estimation.camera_calibration import CalibrationSettings
 from asyneio.estimation.optimizer import OptimizerSettings
 from asyneio.estimation.schemes import SCHEMES
 from asyneio.estimation.window_settings import WindowSettings
-from asyneio.inertial.increments import SampleNoise
+from asyneio.inertial.noise import InertialNoise
 from asyneio.trajectory.model import motion_model_named
 from asyneio.types import NS_PER_S, Calibration, FloatArray
 
@@ -40,24 +39,12 @@ class Settings:
     start: StartSettings
 
 
-def resolve(
-    config: Config, calibration: Calibration, gyroscope_hz: float, accelerometer_hz: float
-) -> Settings:
-    """Settings for sensors of the given measured rates.
-
-    Raises:
-        CalibrationError: a noise density is not positive.
-    """
-    noise, inertial, visual = calibration.noise, config.inertial, config.visual
-    if min(noise.gyroscope_density, noise.accelerometer_density) <= 0.0:
-        raise CalibrationError(
-            f"found noise densities {noise.gyroscope_density} and {noise.accelerometer_density}; "
-            f"expected positive "
-            "values: put the sensor's data sheet figures into imu.yaml"
-        )
+def resolve(config: Config, calibration: Calibration, noise: InertialNoise) -> Settings:
+    """Settings for inertial samples of the given noise."""
+    declared, inertial, visual = calibration.noise, config.inertial, config.visual
     focal = 0.5 * (calibration.camera.fx + calibration.camera.fy)
     prior = config.motion_prior
-    walk = inertial.walk_inflation * np.repeat([noise.gyroscope_walk, noise.accelerometer_walk], 3)
+    walk = inertial.walk_inflation * np.repeat([declared.gyroscope_walk, declared.accelerometer_walk], 3)
     bearing_damping = (focal / visual.bearing_sigma_px) ** 2
     window = WindowSettings(
         gravity_w=np.array([0.0, 0.0, -inertial.gravity]),
@@ -65,10 +52,7 @@ def resolve(
         root_density=_root_density(prior),
         bias_walk=np.maximum(walk, 1e-9),
         scheme=SCHEMES[inertial.scheme],
-        noise=SampleNoise(
-            noise.gyroscope_density * np.sqrt(gyroscope_hz),
-            noise.accelerometer_density * np.sqrt(accelerometer_hz),
-        ),
+        noise=noise,
         noise_inflation=inertial.noise_inflation,
         T_b_c=calibration.T_b_c,
         robust_scale=visual.robust_scale,

@@ -1,0 +1,108 @@
+"""The noise of an inertial sensor, learned while it is used from what no trajectory between knots can follow.
+
+Motion of a hand or a vehicle lies below the frequency that a trajectory with knots every `T` seconds follows,
+`BAND / T`. What the samples hold above it is noise, whatever its cause: electronics, quantisation, rotors, an engine.
+Its power spectrum is averaged over overlapping blocks of half a second (Welch's method, IEEE Trans. Audio
+Electroacoust. 1967), the older the less.
+
+Below that frequency noise cannot be told from motion. White noise reaches there, so the quietest stretch of the two octaves
+above raises the density that is assumed below; peaks of vibration do not. The density is never taken to be lower
+than the declared one times `inertial.noise_inflation`: scale, alignment and bias of a real sensor are off by amounts
+that change with the motion, and none of this shows above the band.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asyneio.inertial.noise import SensorNoise
+from asyneio.types import INERTIAL_DTYPE, NS_PER_S, FloatArray, RecordArray
+
+#: A trajectory between knots `T` apart follows frequencies up to `BAND / T`: three unknowns of each axis and
+#: interval make one and a half periods; the motion prior leaves less.
+BAND = 2.0
+#: Length of a block [s], and how much later the next begins.
+_BLOCK_S, _HOP_S = 0.5, 0.25
+#: Time over which the spectrum is averaged [s].
+_MEMORY_S = 2.0
+#: A pause of so many sample periods spoils a block.
+_PAUSE_PERIODS = 8.0
+#: The spectrum is smoothed over so many of its values before the quietest is sought; and where it is sought, in
+#: multiples of the band's upper end.
+_SMOOTH, _QUIET_UP_TO = 5, 4.0
+#: Fewer values of the spectrum above the band say nothing.
+_LEAST_VALUES = 5
+#: Slow motion is taken out of a block as a polynomial of this degree.
+_DEGREE = 3
+
+
+class NoiseLearner:
+    """Takes the samples of one sensor and says how noisy they are.
+
+    Args:
+        density: the white noise that is assumed until more is known, and at least [unit/sqrt(Hz)].
+        interval_s: time between knots.
+    """
+
+    def __init__(self, density: float, interval_s: float) -> None:
+        self._density = density
+        self._band_hz = BAND / interval_s
+        self._held: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
+        self._blocks = 0
+        self._frequency_hz: FloatArray = np.empty(0)
+        self._power: FloatArray = np.empty(0)
+
+    def append(self, samples: RecordArray) -> None:
+        """Take over good samples (INERTIAL_DTYPE), ascending in time."""
+        held = self._held
+        if len(held) and len(samples) and samples["t_ns"][0] <= held["t_ns"][-1]:
+            held = held[:0]
+        self._held = np.concatenate([held, samples])
+        block_ns, hop_ns = round(_BLOCK_S * NS_PER_S), round(_HOP_S * NS_PER_S)
+        while len(self._held) and self._held["t_ns"][-1] - self._held["t_ns"][0] >= block_ns:
+            stamps = self._held["t_ns"]
+            self._learn(self._held[: np.searchsorted(stamps, stamps[0] + block_ns, side="right")])
+            self._held = self._held[np.searchsorted(stamps, stamps[0] + hop_ns) :]
+
+    def noise(self, rate_hz: float) -> SensorNoise:
+        """The noise of samples at this rate, as far as it is known."""
+        above = self._frequency_hz > self._band_hz
+        if self._blocks == 0 or np.count_nonzero(above) < _LEAST_VALUES:
+            return SensorNoise(self._density, rate_hz)
+        frequency_hz, power = self._frequency_hz[above], self._power[above]
+        # Density of white noise with the same power between two values of the spectrum.
+        density_square = power / (2.0 * (frequency_hz[1] - frequency_hz[0]))
+        smooth = np.convolve(density_square, np.ones(_SMOOTH) / _SMOOTH, mode="valid")
+        near = frequency_hz[_SMOOTH // 2 : len(smooth) + _SMOOTH // 2] <= _QUIET_UP_TO * self._band_hz
+        white_square = max(self._density**2, float(smooth[near].min()))
+        excess = power * np.maximum(1.0 - white_square / np.maximum(density_square, 1e-300), 0.0)
+        loud = excess > 0.0
+        return SensorNoise(float(np.sqrt(white_square)), rate_hz, frequency_hz[loud], excess[loud])
+
+    def _learn(self, block: RecordArray) -> None:
+        """Average the spectrum of a block in."""
+        t = (block["t_ns"] - block["t_ns"][0]) / NS_PER_S
+        steps = np.diff(t)
+        period = float(np.median(steps))
+        if steps.max() > _PAUSE_PERIODS * period:
+            return
+        n = round(_BLOCK_S / period)
+        even = np.arange(n) * _BLOCK_S / n
+        value = np.column_stack([np.interp(even, t, block["xyz"][:, axis]) for axis in range(3)])
+        frequency_hz, power = _spectrum(value, _BLOCK_S)
+        if len(power) != len(self._power):
+            # The rate has changed: the spectrum begins anew.
+            self._blocks, self._frequency_hz, self._power = 0, frequency_hz, np.zeros(len(power))
+        self._blocks += 1
+        self._power += max(1.0 / self._blocks, _HOP_S / _MEMORY_S) * (power - self._power)
+
+
+def _spectrum(value: FloatArray, seconds: float) -> tuple[FloatArray, FloatArray]:
+    """Frequencies (F,) [Hz] and the variance around each (F,), mean of the axes of `value` (N,3)."""
+    n = len(value)
+    slow = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), _DEGREE)
+    value = value - slow @ np.linalg.lstsq(slow, value, rcond=None)[0]
+    window = np.hanning(n + 1)[:-1]
+    square = np.abs(np.fft.rfft(window[:, None] * value, axis=0)) ** 2
+    power = 2.0 * square.mean(axis=1) / (n * np.sum(window**2))
+    return np.arange(len(power)) / seconds, power

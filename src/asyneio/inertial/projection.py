@@ -1,0 +1,73 @@
+"""The samples of an interval, projected onto the few polynomials that a trajectory between two knots can show.
+
+Between two knots the trajectory's rates are smooth: to far below the noise of any sensor they are polynomials of degree
+`NODES - 1`. All that a hundred samples say of such a curve is said by their best fit, taken at `NODES` times, with its
+covariance: as factors these few values are the same as all samples (exactly so for a polynomial), at a fraction of the
+cost. What the fit leaves over no trajectory can follow: it says how noisy the interval was.
+
+The fit weighs the samples by their covariance (generalised least squares), so that vibration at known frequencies
+takes no part in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.inertial.noise import SensorNoise
+from asyneio.types import FloatArray
+
+#: Values that stand for the samples of an interval.
+NODES = 6
+#: Coefficients that the samples determine so much worse than the best one are left out: a gap.
+_CONDITION = 1e-3
+#: The remainder over its expectation that is not chance any more: with sixty degrees of freedom once in a thousand.
+_SUDDEN = 1.6
+#: Fewer degrees of freedom say nothing about an interval.
+_LEAST_FREEDOM = 12
+
+
+@dataclass(frozen=True)
+class Projected:
+    """Values (n,3) at `t` (n,) [s] that stand for the samples; `root` (n,n), lower triangular, whitens each axis."""
+
+    t: FloatArray
+    value: FloatArray
+    root: FloatArray
+
+
+def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
+    """Project samples.
+
+    Args:
+        t: (N,) times [s], ascending.
+        value: (N,3) samples.
+        noise: of the samples.
+
+    Returns:
+        At most `NODES` values; the samples themselves, where there are no more than that.
+    """
+    if len(t) == 0:
+        return Projected(t, value, np.empty((0, 0)))
+    whiten = np.linalg.inv(np.linalg.cholesky(noise.covariance(t)))
+    if len(t) <= NODES:
+        return Projected(t, value, whiten)
+    middle, half = 0.5 * (t[0] + t[-1]), 0.5 * (t[-1] - t[0])
+    basis = np.polynomial.legendre.legvander((t - middle) / half, NODES - 1)
+    Q, R = np.linalg.qr(whiten @ basis)
+    size = np.abs(np.diag(R))
+    weak = np.flatnonzero(size < _CONDITION * size[0])
+    n = int(weak[0]) if len(weak) else NODES
+    white = whiten @ value
+    coefficients = Q[:, :n].T @ white
+    freedom = 3 * (len(t) - n)
+    excess = float(np.sum((white - Q[:, :n] @ coefficients) ** 2)) / max(freedom, 1)
+    scale = np.sqrt(excess) if freedom >= _LEAST_FREEDOM and excess > _SUDDEN else 1.0
+    nodes = np.polynomial.legendre.leggauss(n)[0]
+    to_nodes = np.linalg.solve(R[:n, :n].T, np.polynomial.legendre.legvander(nodes, n - 1).T).T
+    # Coefficients are white with unit variance: the values' covariance is to_nodes to_nodes^T.
+    orthogonal, lower = np.linalg.qr(to_nodes.T)
+    del orthogonal
+    root = np.linalg.inv(lower.T) / scale
+    return Projected(middle + half * nodes, to_nodes @ coefficients, root)

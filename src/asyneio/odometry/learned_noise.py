@@ -1,0 +1,41 @@
+"""The noise of both inertial sensors as the odometry knows it: declared at first, learned as samples come."""
+
+from __future__ import annotations
+
+from asyneio.config import InertialConfig
+from asyneio.errors import CalibrationError
+from asyneio.inertial.noise import InertialNoise
+from asyneio.inertial.noise_learning import NoiseLearner
+from asyneio.types import ImuNoise, RecordArray
+
+
+class LearnedNoise:
+    """Takes the good samples of both sensors and says how noisy they are.
+
+    Args:
+        inertial: `noise_inflation` is the factor on the declared densities that is believed beforehand.
+        declared: of the calibration.
+        interval_s: time between knots.
+
+    Raises:
+        CalibrationError: a declared density is not positive.
+    """
+
+    def __init__(self, inertial: InertialConfig, declared: ImuNoise, interval_s: float) -> None:
+        densities = declared.gyroscope_density, declared.accelerometer_density
+        if min(densities) <= 0.0:
+            raise CalibrationError(
+                f"found noise densities {densities[0]} and {densities[1]}; expected positive "
+                "values: put the sensor's data sheet figures into imu.yaml"
+            )
+        self._learners = [NoiseLearner(inertial.noise_inflation * d, interval_s) for d in densities]
+
+    def append(self, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
+        """Take over samples (INERTIAL_DTYPE)."""
+        for learner, samples in zip(self._learners, (gyroscope, accelerometer), strict=True):
+            learner.append(samples)
+
+    def now(self, gyroscope_hz: float, accelerometer_hz: float) -> InertialNoise:
+        """What is known of samples at these rates."""
+        gyroscope, accelerometer = self._learners
+        return InertialNoise(gyroscope.noise(gyroscope_hz), accelerometer.noise(accelerometer_hz))
