@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from pathlib import Path
+
+import numpy as np
 
 from asyneio.errors import SimulationError
 from asyneio.presets import MPU6150_NOISE
 from asyneio.simulation.events.sensor import SensorSpec
+from asyneio.simulation.recorded_path import RecordedRun
 from asyneio.simulation.scenario import RigScenario
+from asyneio.types import NS_PER_S, ImuNoise, IntArray
 
 _DAVIS = SensorSpec()
 #: A few lux: slow photoreceptors, much noise.
@@ -29,8 +32,8 @@ class EventScenario(RigScenario):
     """One simulated run of an event camera with an IMU.
 
     `world` names a `WorldKind`; `photographs`: textures are photographs instead of the built-in ones.
-    `motion_scale` multiplies the positions of the motion (a small world needs small ones). A `motion_file`
-    (see `load_motion`), from `motion_offset_s` on, replaces `motion`; it is never scaled. `illumination`:
+    `motion_scale` multiplies the positions of the motion (a small world needs small ones). A `recorded` run
+    replaces motion and IMU (see `along`); it is never scaled. `illumination`:
     intensity of light, 1 in an office; `sunlit`: how many times brighter patches of sun are. The image moves
     at most `largest_step_px` between two renderings, which are at most `longest_step_s` apart. `person` names
     a `Person`, who is in the way at `person_spot_m` on average; motion and world do not depend on it.
@@ -38,8 +41,7 @@ class EventScenario(RigScenario):
 
     name: str = "event_slow"
     motion: str = "gentle"
-    motion_file: Path | None = None
-    motion_offset_s: float = 0.0
+    recorded: RecordedRun | None = None
     world: str = "room"
     photographs: bool = False
     motion_scale: float = 1.0
@@ -67,11 +69,36 @@ class EventScenario(RigScenario):
             raise SimulationError(f"{', '.join(wrong)}; expected a positive value")
         if self.person not in list(Person):
             raise SimulationError(f"person {self.person!r} is unknown; expected one of {', '.join(Person)}")
-        if self.motion_file is not None and self.motion_scale != 1.0:
+        if self.recorded is not None and self.motion_scale != 1.0:
             raise SimulationError(
-                f"motion_scale = {self.motion_scale} with motion_file = {self.motion_file}; a recorded "
-                "motion keeps its size: use motion_scale = 1 and a larger world, such as 'hall'"
+                f"motion_scale = {self.motion_scale} with a recorded motion, which keeps its size: use "
+                "motion_scale = 1 and a larger world, such as 'around'"
             )
+
+    def along(self, recorded: RecordedRun, noise: ImuNoise) -> EventScenario:
+        """This scenario along a recorded way, in a room around it, with the samples of the IMU that went it.
+
+        Args:
+            recorded: motion and samples.
+            noise: of that IMU.
+        """
+        rates = [rate_of(stream["t_ns"]) for stream in (recorded.gyroscope, recorded.accelerometer)]
+        return replace(
+            self,
+            recorded=recorded,
+            start_ns=recorded.start_ns,
+            duration_s=recorded.duration_s,
+            world="around",
+            motion_scale=1.0,
+            noise=noise,
+            gyroscope_rate_hz=rates[0],
+            accelerometer_rate_hz=rates[1],
+        )
+
+
+def rate_of(t_ns: IntArray) -> float:
+    """Rate of a stream [Hz], by the median of its steps."""
+    return NS_PER_S / float(np.median(np.diff(t_ns)))
 
 
 _SLOW = EventScenario()

@@ -9,11 +9,11 @@ import numpy as np
 
 from asyneio.simulation.events.point_truth import PointTruth
 from asyneio.simulation.events.scenario import EventScenario
-from asyneio.simulation.events.source import event_chunks, set_stage
+from asyneio.simulation.events.source import Stage, event_chunks, set_stage
 from asyneio.simulation.events.world import World
-from asyneio.simulation.rig import calibration_of, simulate_inertial
+from asyneio.simulation.rig import InertialRun, calibration_of, simulate_inertial
 from asyneio.simulation.truth import Truth
-from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
+from asyneio.types import EVENT_DTYPE, NS_PER_S, EventRecording, RecordArray
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,7 @@ def simulate_events(scenario: EventScenario, events: RecordArray | None = None) 
     """
     seeds = _seeds(scenario)
     stage = set_stage(scenario, seeds)
-    inertial = simulate_inertial(
-        scenario, stage.motion, np.random.default_rng(seeds[3]), np.random.default_rng(seeds[4])
-    )
+    inertial = _inertial(scenario, stage, seeds)
     if events is None:
         events = np.concatenate([np.empty(0, dtype=EVENT_DTYPE), *event_chunks(stage, seeds[2])])
     recording = EventRecording(
@@ -78,6 +76,20 @@ def simulate_events(scenario: EventScenario, events: RecordArray | None = None) 
         scenario.start_ns - scenario.timeshift_ns,
     )
     return EventSimulation(scenario, recording, inertial.truth, stage.world, points)
+
+
+def _inertial(
+    scenario: EventScenario, stage: Stage, seeds: list[np.random.SeedSequence]
+) -> InertialRun:
+    """The real samples of a recorded motion, or simulated ones."""
+    run = scenario.recorded
+    if run is None:
+        return simulate_inertial(
+            scenario, stage.motion, np.random.default_rng(seeds[3]), np.random.default_rng(seeds[4])
+        )
+    end_ns = scenario.start_ns + round(scenario.duration_s * NS_PER_S)
+    truth = Truth(scenario.start_ns, end_ns, stage.motion, run.bias_gyroscope, run.bias_accelerometer)
+    return InertialRun(run.gyroscope, run.accelerometer, truth)
 
 
 def _seeds(scenario: EventScenario) -> list[np.random.SeedSequence]:

@@ -25,7 +25,6 @@ from asyneio.simulation.events.view import TILE, View, view_of
 from asyneio.simulation.events.world import World
 from asyneio.simulation.events.worlds import Walker, build_world
 from asyneio.simulation.motion import Motion
-from asyneio.simulation.motion_file import load_motion
 from asyneio.simulation.moving import draw_walk
 from asyneio.simulation.pause import PausedMotion
 from asyneio.simulation.presets import draw_motion
@@ -35,6 +34,8 @@ from asyneio.types import EVENT_DTYPE, FloatArray, IntArray, RecordArray
 _US_PER_S = 1_000_000
 _RADIANS = 2.0 * np.pi / _US_PER_S
 _BUFFER = 1 << 17
+#: Spacing of the places that the way of a camera is checked at.
+_WAY_US = 10_000
 #: The camera stays so far from whatever moves.
 _ELBOW_ROOM_M = 0.2
 
@@ -65,11 +66,11 @@ def set_stage(scenario: EventScenario, seeds: list[np.random.SeedSequence]) -> S
     """
     C_c_b = scenario.T_b_c[:3, :3].T
     motion: Motion
-    if scenario.motion_file is None:
+    if scenario.recorded is None:
         rng = np.random.default_rng(seeds[0])
         motion = draw_motion(scenario.motion, rng, C_F_C @ C_c_b, scenario.motion_scale)
     else:
-        motion = load_motion(scenario.motion_file, scenario.motion_offset_s, scenario.duration_s, C_c_b)
+        motion = scenario.recorded.motion
     if scenario.pause_s is not None:
         motion = PausedMotion(motion, *scenario.pause_s)
     world = build_world(
@@ -78,6 +79,7 @@ def set_stage(scenario: EventScenario, seeds: list[np.random.SeedSequence]) -> S
         scenario.sunlit,
         np.random.default_rng(seeds[1]),
         _walker(scenario, np.random.default_rng(seeds[-1])),
+        _way_of(scenario, motion),
     )
     stage = Stage(scenario, motion, world, view_of(scenario.camera))
     _check_free(stage)
@@ -91,8 +93,14 @@ def _walker(scenario: EventScenario, rng: np.random.Generator) -> Walker | None:
     return Walker(draw_walk(rng, scenario.person_spot_m, still), rng)
 
 
+def _way_of(scenario: EventScenario, motion: Motion) -> FloatArray:
+    """Positions (N,3) of the camera along its way, close together [m]."""
+    t_us = np.arange(0, round(scenario.duration_s * _US_PER_S) + 1, _WAY_US)
+    return (motion.T_w_b(t_us * 1e-6) @ scenario.T_b_c)[:, :3, 3]
+
+
 def _check_free(stage: Stage) -> None:
-    t_us = np.arange(0, round(stage.scenario.duration_s * _US_PER_S) + 1, 10_000)
+    t_us = np.arange(0, round(stage.scenario.duration_s * _US_PER_S) + 1, _WAY_US)
     way = stage.T_w_c(t_us)[:, :3, 3]
     low, high = stage.world.free_low, stage.world.free_high
     outside = ((way < low) | (way > high)).any(axis=1)

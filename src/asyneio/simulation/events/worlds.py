@@ -19,6 +19,8 @@ from asyneio.types import FloatArray
 _LARGEST_SIDE = 2048
 #: Texel pitch of what a person wears [m].
 _CLOTHES_PITCH_M = 0.004
+#: The room around a way leaves so much free beside it.
+_SLACK_M = 0.05
 
 
 class WorldKind(StrEnum):
@@ -30,6 +32,7 @@ class WorldKind(StrEnum):
     NEAR = "near"
     FAR = "far"
     HALL = "hall"
+    AROUND = "around"
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,12 @@ class Walker:
 
 
 def build_world(
-    kind: str, photographs: bool, sunlit: float, rng: np.random.Generator, walker: Walker | None = None
+    kind: str,
+    photographs: bool,
+    sunlit: float,
+    rng: np.random.Generator,
+    walker: Walker | None = None,
+    way: FloatArray | None = None,
 ) -> World:
     """A world by name.
 
@@ -61,13 +69,17 @@ def build_world(
         sunlit: how many times brighter patches of sun are than shade; 1 for even light.
         rng: source of randomness; the same state gives the same world.
         walker: a box of a person's size in it; None for nobody. The rest of the world stays the same.
+        way: positions (N,3) of the camera, which the room `around` leaves free; the others are what they are.
 
     Raises:
         SimulationError: the world is unknown, or photographs are missing.
     """
     if kind not in list(WorldKind):
         raise SimulationError(f"world {kind!r} is unknown; expected one of {', '.join(WorldKind)}")
-    plan = _BUILDERS[WorldKind(kind)](rng)
+    if kind == WorldKind.AROUND:
+        plan = _around(rng, np.zeros((1, 3)) if way is None else way)
+    else:
+        plan = _BUILDERS[WorldKind(kind)](rng)
     pictures = load_photographs() if photographs else []
     textures = []
     for rectangle in plan.rectangles:
@@ -201,6 +213,15 @@ def _hall(rng: np.random.Generator) -> _Plan:
     low, high = np.array([-18.0, -16.0, -3.5]), np.array([18.0, 16.0, 5.0])
     faces = _furnished(low, high, 16, (1.5, 3.5), rng)
     return _Plan(faces, 0.02, (-11.0, -10.0, -3.0), (11.0, 10.0, 4.0))
+
+
+def _around(rng: np.random.Generator, way: FloatArray) -> _Plan:
+    """A furnished room of the size that a way needs, like `room` in all else."""
+    low, high = way.min(axis=0) - _SLACK_M, way.max(axis=0) + _SLACK_M
+    walls = np.array([2.0, 2.0, 0.8])
+    pieces = max(9, round(float((high - low + 2.0 * walls)[:2].sum()) / 1.4))
+    faces = _furnished(low - walls, high + walls, pieces, (0.5, 1.1), rng)
+    return _Plan(faces, 0.008, tuple(low), tuple(high))
 
 
 def _boxes(rng: np.random.Generator) -> _Plan:

@@ -1,0 +1,48 @@
+"""Uniform quintic B-splines: weights of six control points, and sums over the measurements of an interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, PPoly
+
+from asyneio.types import FloatArray, IntArray
+
+DEGREE = 5
+#: Control points that act on one interval.
+ACTIVE = DEGREE + 1
+_BUMP = PPoly.from_spline(BSpline.basis_element(np.arange(ACTIVE + 1)))
+
+
+@dataclass(frozen=True)
+class UniformKnots:
+    """Knots from 0 to `intervals step_s`, and as many beyond both ends as quintic splines need."""
+
+    step_s: float
+    intervals: int
+
+    @property
+    def count(self) -> int:
+        """Control points."""
+        return self.intervals + DEGREE
+
+    @property
+    def knots(self) -> FloatArray:
+        """All knots (count + 6,) [s]."""
+        return (np.arange(self.count + ACTIVE) - DEGREE) * self.step_s
+
+    @property
+    def centres_s(self) -> FloatArray:
+        """Where each control point (count,) acts most [s]."""
+        return (np.arange(self.count) - 0.5 * (DEGREE - 1)) * self.step_s
+
+    def weights(self, t_s: FloatArray, derivatives: int) -> tuple[IntArray, FloatArray]:
+        """First control point (N,) that acts at times (N,) within the knots, and weights
+        (1 + derivatives, N, 6) of it and the next five: of the value, its first derivative, and so on."""
+        first = np.clip((t_s / self.step_s).astype(np.int64), 0, self.intervals - 1)
+        share = t_s / self.step_s - first
+        # The control point that comes m-th is at the (5 - m)-th piece of its bump.
+        place = share[:, None] + np.arange(DEGREE, -1, -1)
+        weights = [_BUMP(place, nu=nu) / self.step_s**nu for nu in range(1 + derivatives)]
+        return first, np.array(weights)
