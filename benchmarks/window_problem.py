@@ -49,7 +49,9 @@ def _inertial(value: FloatArray, density: float) -> Inertial:
     t = (np.arange(len(value)) + 0.5) / IMU_HZ
     interval, weights, alpha = _weights(t)
     start = np.searchsorted(interval, np.arange(KNOTS))
-    return Inertial(start, value, weights, alpha, np.full(len(t), 1.0 / (density * IMU_HZ**0.5)))
+    root = np.zeros((len(t), int(np.diff(start).max())))
+    root[np.arange(len(t)), np.arange(len(t)) - start[interval]] = 1.0 / (density * IMU_HZ**0.5)
+    return Inertial(start, value, weights, alpha, root)
 
 
 def _visual(points: FloatArray, anchor: IntArray, rng: np.random.Generator) -> Visual:

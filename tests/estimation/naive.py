@@ -194,7 +194,17 @@ def gyroscope_residuals(problem: Problem, local: Array, bias: Array) -> Array:
     gamma = samples.weights[used] @ local[..., i, :, :]
     omega = times(right_jacobian(gamma[..., 0, :]), gamma[..., 1, :])[..., :3]
     error = samples.value[used] - omega - _bias_at(samples, i, bias)[..., :3]
-    return _rows(error * samples.root_information[used, None], 2)
+    return _rows(_whitened(samples, error), 2)
+
+
+def _whitened(samples: Inertial, error: Array) -> Array:
+    """Errors (..., N,3) of all intervals, those of each by their common root."""
+    start = samples.start - samples.start[0]
+    out = np.empty_like(error)
+    for a, b in zip(start[:-1], start[1:], strict=True):
+        root = samples.root_information[samples.start[0] + a : samples.start[0] + b, : b - a]
+        out[..., a:b, :] = root @ error[..., a:b, :]
+    return out
 
 
 def accelerometer_residuals(problem: Problem, local: Array, point: Point) -> Array:
@@ -212,7 +222,7 @@ def accelerometer_residuals(problem: Problem, local: Array, point: Point) -> Arr
         moving = times(np.swapaxes(exp_se3(xi)[..., :3, :3], -1, -2), xi_ddot[..., 3:])
     force = moving - problem.model.gravity_w @ C
     error = samples.value[used] - force - _bias_at(samples, i, point.bias)[..., 3:]
-    return _rows(error * samples.root_information[used, None], 2)
+    return _rows(_whitened(samples, error), 2)
 
 
 def conditional_weights(tau: Array, dt: Array, prior: int) -> Array:

@@ -38,7 +38,7 @@ def inertial(first: int = 5, prior: int = WNOJ) -> InertialBuffer:
     buffer = InertialBuffer(prior)
     for k, chunk in enumerate([samples(25, 50, 100), samples(), samples(210, 300)]):
         bounds = (START + 100 * k * MS, START + 100 * (k + 1) * MS)
-        direct = DirectSamples(chunk["t_ns"], chunk["xyz"], np.full(len(chunk), 0.25))
+        direct = DirectSamples(chunk["t_ns"], chunk["xyz"], np.tril(chunk["xyz"][:, :1] + np.arange(len(chunk))))
         buffer.append(direct, first + k, *bounds)
     return buffer
 
@@ -48,7 +48,8 @@ def test_samples_know_their_interval_and_fraction() -> None:
     np.testing.assert_array_equal(arrays.start, [0, 3, 3, 5])
     np.testing.assert_allclose(arrays.alpha, [0.25, 0.5, 1.0, 0.1, 1.0], atol=1e-12)
     np.testing.assert_array_equal(arrays.value[:, 0], [25, 50, 100, 210, 300])
-    np.testing.assert_array_equal(arrays.root_information, np.full(5, 4.0))
+    rows = [[25, 0, 0], [50, 51, 0], [100, 101, 102], [210, 0, 0], [300, 301, 0]]
+    np.testing.assert_array_equal(arrays.root_information, rows)
 
 
 def test_weights_are_the_quintic_between_the_ends() -> None:
@@ -170,7 +171,7 @@ def increments(seed: int) -> IntervalInertial:
     rng = np.random.default_rng(seed)
     window = window_of(shaken(seed), 0.1, 200.0)
     found = midpoint(window, 0.01 * rng.normal(size=6), SampleNoise(0.01, 0.1))
-    empty = DirectSamples(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty(0))
+    empty = DirectSamples(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 0)))
     return IntervalInertial(empty, empty, found, found.covariance(0.1))
 
 

@@ -12,7 +12,7 @@ from asyneio.estimation.problem import Prior, Problem, States
 from asyneio.estimation.schemes import SCHEMES
 from asyneio.estimation.window import Window
 from asyneio.estimation.window_settings import TrackObservations, WindowSettings
-from asyneio.inertial.increments import SampleNoise
+from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.trajectory.model import WNOJ_SE3
 from asyneio.types import INERTIAL_DTYPE, RecordArray
 from tests.factors.knots import hat6
@@ -32,13 +32,16 @@ ROOT_INFORMATION = np.array([[200.0, 9.0], [0.0, 180.0]])
 #: Standard deviations of the perturbation of a knot: [eps, varpi, varpi_dot, biases].
 PERTURBATION = np.repeat([0.01, 0.03, 0.3, 0.01], [6, 6, 6, 6])
 
+#: White, with the same standard deviation of a sample at any rate.
+NOISE = InertialNoise(SensorNoise(GYROSCOPE_SIGMA, 1.0), SensorNoise(ACCELEROMETER_SIGMA, 1.0))
+
 SETTINGS = WindowSettings(
     gravity_w=GRAVITY,
     motion_model=WNOJ_SE3,
     root_density=np.array([20.0, 25.0, 22.0, 30.0, 28.0, 33.0]),
     bias_walk=np.array([1e-3, 2e-3, 1e-3, 1e-2, 2e-2, 1e-2]),
     scheme=SCHEMES["gpif"],
-    noise=SampleNoise(GYROSCOPE_SIGMA, ACCELEROMETER_SIGMA),
+    noise=NOISE,
     noise_inflation=1.0,
     T_b_c=T_B_C,
     robust_scale=1e6,

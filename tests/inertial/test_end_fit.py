@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from asyneio.inertial.end_fit import line_at
+from asyneio.inertial.end_fit import line_weights
 
 
 @settings(max_examples=60, deadline=None)
@@ -21,7 +21,8 @@ def test_value_and_variance_are_those_of_polyfit(count: int, seed: int, first: f
     rng = np.random.default_rng(seed)
     t = first + np.cumsum(rng.uniform(1e-4, 1e-2, count))
     samples = rng.normal(size=(count, 3))
-    value, variance = line_at(t, samples, at)
+    weights = line_weights(t, at)
+    value, variance = weights @ samples, weights @ weights
     # Fitted around `at`, so that the constant term is what is asked for.
     for axis in range(3):
         line, covariance = np.polyfit(t - at, samples[:, axis], 1, cov="unscaled")
@@ -33,7 +34,8 @@ def test_a_line_is_reproduced_and_its_scatter_is_the_variance() -> None:
     rng = np.random.default_rng(0)
     t, slope, start = np.array([0.001, 0.004, 0.009, 0.011]), np.array([1.0, -2.0, 30.0]), np.arange(3.0)
     exact = start + t[:, None] * slope
-    value, variance = line_at(t, exact, 0.0)
+    weights = line_weights(t, 0.0)
+    value, variance = weights @ exact, weights @ weights
     np.testing.assert_allclose(value, start, atol=1e-12)
-    runs = [line_at(t, exact + 0.1 * rng.normal(size=exact.shape), 0.0)[0] - start for _ in range(2000)]
+    runs = [weights @ (exact + 0.1 * rng.normal(size=exact.shape)) - start for _ in range(2000)]
     assert np.var(runs) == pytest.approx(variance * 0.01, rel=0.1)

@@ -13,15 +13,17 @@ from asyneio.errors import CalibrationError
 from asyneio.estimation import interval_terms, visual_terms
 from asyneio.estimation.linear_system import linearize
 from asyneio.estimation.problem import States
+from asyneio.inertial.noise import InertialNoise
 from asyneio.odometry import kernels
 from asyneio.odometry.intake import Intake, around
+from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.propagation import predict_knot, propagate, rates_at
 from asyneio.odometry.settings import resolve
 from asyneio.simulation import PinholeCamera
 from asyneio.simulation.scenario import NOISE_FREE
 from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, MotionModel
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, Packet, RecordArray
-from tests.estimation.toy import make_toy
+from tests.estimation.toy import NOISE, make_toy
 from tests.odometry.runs import SCENARIO, configured, simulated
 
 Array = NDArray[np.float64]
@@ -102,20 +104,30 @@ def test_samples_of_an_interval_come_with_a_few_before_it() -> None:
     np.testing.assert_array_equal(around(samples, 0, 2)["t_ns"], [1, 2])
 
 
+def heard(config: Config) -> InertialNoise:
+    """The noise of the simulated sensors after a tenth of a second: declared, at their rates."""
+    recording = simulated().recording
+    noise = LearnedNoise(config.inertial, recording.calibration.noise, 0.1)
+    noise.append(recording.gyroscope[:100], recording.accelerometer[:19])
+    return noise.now()
+
+
 def test_noise_of_a_sample_follows_its_rate() -> None:
     calibration = simulated().recording.calibration
     plain = configured()
-    settings = resolve(plain, calibration, 1000.0, 190.0)
     noise = calibration.noise
-    assert settings.window.noise.gyroscope == pytest.approx(noise.gyroscope_density * np.sqrt(1000.0))
-    assert settings.window.noise.accelerometer == pytest.approx(noise.accelerometer_density * np.sqrt(190.0))
+    known = heard(plain)
+    settings = resolve(plain, calibration, known)
+    samples = settings.window.noise.gyroscope.sample_sigma, settings.window.noise.accelerometer.sample_sigma
+    assert samples[0] == pytest.approx(noise.gyroscope_density * np.sqrt(SCENARIO.gyroscope_rate_hz), rel=1e-3)
+    assert samples[1] == pytest.approx(noise.accelerometer_density * np.sqrt(SCENARIO.accelerometer_rate_hz), rel=1e-3)
     np.testing.assert_allclose(settings.window.bias_walk[:3], noise.gyroscope_walk)
     np.testing.assert_allclose(settings.window.bias_walk[3:], noise.accelerometer_walk)
-    trusted_less = resolve(
-        configured(inertial={"noise_inflation": 3.0, "walk_inflation": 5.0}), calibration, 1000.0, 190.0
-    )
+    wary = configured(inertial={"noise_inflation": 3.0, "walk_inflation": 5.0})
+    known = heard(wary)
+    trusted_less = resolve(wary, calibration, known)
     assert trusted_less.window.noise_inflation == 3.0
-    assert trusted_less.window.noise == settings.window.noise
+    assert trusted_less.window.noise.gyroscope.density == pytest.approx(3.0 * noise.gyroscope_density)
     assert trusted_less.window.bias_walk[4] == pytest.approx(5.0 * settings.window.bias_walk[4])
     assert settings.knot_interval_ns == 100_000_000
     np.testing.assert_array_equal(settings.window.gravity_w, GRAVITY)
@@ -135,7 +147,7 @@ def test_motion_model_and_its_densities(kind: str, densities: list[float], space
         "linear_acceleration_density": 5.0,
     }
     config = configured(motion_prior={"kind": kind, "space": space, **given})
-    window = resolve(config, simulated().recording.calibration, 200.0, 200.0).window
+    window = resolve(config, simulated().recording.calibration, NOISE).window
     assert window.motion_model == MotionModel(WNOJ if kind == "wnoj" else WNOA, number)
     np.testing.assert_array_equal(window.root_density, np.repeat(densities, 3))
 
@@ -143,19 +155,19 @@ def test_motion_model_and_its_densities(kind: str, densities: list[float], space
 @pytest.mark.parametrize(("estimate_bearing", "dof"), [(True, 3), (False, 1)])
 def test_degrees_of_freedom_of_a_landmark(estimate_bearing: bool, dof: int) -> None:
     config = configured(visual={"estimate_bearing": estimate_bearing})
-    assert resolve(config, simulated().recording.calibration, 200.0, 200.0).window.landmark_dof == dof
+    assert resolve(config, simulated().recording.calibration, NOISE).window.landmark_dof == dof
 
 
 def test_noise_free_calibration_is_refused() -> None:
     calibration = replace(simulated().recording.calibration, noise=NOISE_FREE)
     with pytest.raises(CalibrationError, match="noise densities"):
-        resolve(Config(), calibration, 200.0, 200.0)
+        LearnedNoise(Config().inertial, calibration.noise, 0.1)
 
 
 def test_walk_of_zero_stays_solvable() -> None:
     calibration = simulated().recording.calibration
     still = replace(calibration, noise=replace(calibration.noise, gyroscope_walk=0.0))
-    assert (resolve(Config(), still, 200.0, 200.0).window.bias_walk > 0.0).all()
+    assert (resolve(Config(), still, NOISE).window.bias_walk > 0.0).all()
 
 
 def noise_free() -> tuple[States, tuple[RecordArray, RecordArray], NDArray[np.int64]]:

@@ -48,6 +48,7 @@ class NoiseLearner:
         self._density = density
         self._band_hz = BAND / interval_s
         self._held: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
+        self._rate_hz = 1.0
         self._blocks = 0
         self._frequency_hz: FloatArray = np.empty(0)
         self._power: FloatArray = np.empty(0)
@@ -58,14 +59,17 @@ class NoiseLearner:
         if len(held) and len(samples) and samples["t_ns"][0] <= held["t_ns"][-1]:
             held = held[:0]
         self._held = np.concatenate([held, samples])
+        if len(self._held) > 1:
+            self._rate_hz = NS_PER_S / float(max(np.median(np.diff(self._held["t_ns"])), 1.0))
         block_ns, hop_ns = round(_BLOCK_S * NS_PER_S), round(_HOP_S * NS_PER_S)
         while len(self._held) and self._held["t_ns"][-1] - self._held["t_ns"][0] >= block_ns:
             stamps = self._held["t_ns"]
             self._learn(self._held[: np.searchsorted(stamps, stamps[0] + block_ns, side="right")])
             self._held = self._held[np.searchsorted(stamps, stamps[0] + hop_ns) :]
 
-    def noise(self, rate_hz: float) -> SensorNoise:
-        """The noise of samples at this rate, as far as it is known."""
+    def noise(self) -> SensorNoise:
+        """The noise of the samples, as far as it is known."""
+        rate_hz = self._rate_hz
         above = self._frequency_hz > self._band_hz
         if self._blocks == 0 or np.count_nonzero(above) < _LEAST_VALUES:
             return SensorNoise(self._density, rate_hz)

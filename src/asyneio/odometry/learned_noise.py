@@ -35,7 +35,7 @@ class LearnedNoise:
         for learner, samples in zip(self._learners, (gyroscope, accelerometer), strict=True):
             learner.append(samples)
 
-    def now(self, gyroscope_hz: float, accelerometer_hz: float) -> InertialNoise:
-        """What is known of samples at these rates."""
+    def now(self) -> InertialNoise:
+        """What is known of both sensors."""
         gyroscope, accelerometer = self._learners
-        return InertialNoise(gyroscope.noise(gyroscope_hz), accelerometer.noise(accelerometer_hz))
+        return InertialNoise(gyroscope.noise(), accelerometer.noise())

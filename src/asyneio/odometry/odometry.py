@@ -11,10 +11,9 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
-from asyneio.inertial.noise import InertialNoise
 from asyneio.odometry.attempt import RETRY_NS, attempt_start
 from asyneio.odometry.attitude import AttitudeFilter
-from asyneio.odometry.intake import Intake, rate_hz, until
+from asyneio.odometry.intake import Intake, until
 from asyneio.odometry.known_start import checked
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.outliers import optimize_without_outliers
@@ -188,7 +187,7 @@ class Odometry:
         knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
         known = window.states.r
         still = self._rest.judge(from_ns, knot_ns, self._latest)
-        window.extend(knot_ns, knot, *streams, observations, still, self._noise_now())
+        window.extend(knot_ns, knot, *streams, observations, still, self._noise.now())
         if not still:
             window.take_back_rest(from_ns - _REST_DOUBT_NS)
         window.add_landmarks()
@@ -205,9 +204,6 @@ class Odometry:
             saturated=intake.saturated,
             still=still,
         )
-
-    def _noise_now(self) -> InertialNoise:
-        return self._noise.now(rate_hz(self._intake.gyroscope), rate_hz(self._intake.accelerometer))
 
     def _gap_s(self, start_ns: int, end_ns: int) -> float:
         return sample_gap_s((self._intake.gyroscope, self._intake.accelerometer), start_ns, end_ns)
@@ -239,7 +235,7 @@ class Odometry:
             return [], self._initializing(t_ns, self._refusal)
         self._next_attempt_ns = t_ns + RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
-        self._settings = resolve(self._config, self._calibration, self._noise_now())
+        self._settings = resolve(self._config, self._calibration, self._noise.now())
         started = attempt_start(self._intake, self._settings, self._rest.since_ns, self._first_state)
         if isinstance(started, str):
             self._refusal = started
