@@ -45,7 +45,8 @@ class Distortion(StrEnum):
 class CameraIntrinsics:
     """Pinhole camera with distortion.
 
-    `coefficients`: none `()`, radtan `(k1, k2, p1, p2[, k3])`, equidistant `(k1, k2, k3, k4)`.
+    `coefficients`: none `()`, radtan `(k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]])` as OpenCV orders
+    them, equidistant `(k1, k2, k3, k4)`.
     Focal lengths and principal point in pixels; `width`, `height` in pixels.
     """
 

@@ -16,6 +16,12 @@ PLAUSIBLE_RATE_HZ = (5.0, 50_000.0)
 #: A shorter pause is no gap, however fast the sensor is.
 GAP_NS = 5_000_000
 
+#: Event sensors stamp in microseconds.
+_SENSOR_TICK_NS = 1000
+
+#: Streams of one run start and end together within this share of its length.
+_END_TOLERANCE = 0.2
+
 #: Factors between the time units that people write by mistake, against nanoseconds.
 _UNITS = {10**3: "microseconds", 10**6: "milliseconds", 10**9: "seconds"}
 
@@ -89,11 +95,19 @@ def median_rate_hz(t_ns: IntArray) -> float:
     return NS_PER_S / float(np.median(np.diff(t_ns)))
 
 
-def check_overlap(first: IntArray, second: IntArray, first_name: str, second_name: str) -> None:
+def check_overlap(
+    first: IntArray, second: IntArray, first_name: str, second_name: str, first_tick_ns: int = 1
+) -> None:
     """Require that two ascending series of stamps share an interval and look like one time unit.
 
+    Args:
+        first, second: the stamps [ns]; the ends alone will do.
+        first_name, second_name: what they are of, for messages.
+        first_tick_ns: step of the clock of events in `first`, see `tick_of`. A sensor tells microseconds:
+            where these are whole, the stamps are in no smaller unit. Regular stamps tell no such thing.
+
     Raises:
-        RecordingError: no common interval, or spans that differ by a power of a thousand.
+        RecordingError: no common interval, or one span is the other in a smaller unit.
     """
     a0, a1 = int(first[0]), int(first[-1])
     b0, b1 = int(second[0]), int(second[-1])
@@ -103,32 +117,56 @@ def check_overlap(first: IntArray, second: IntArray, first_name: str, second_nam
             f"{ranges}: they do not overlap; both must be nanoseconds of one clock"
             f"{_likely_cause((a0, a1), (b0, b1), first_name, second_name)}"
         )
-    cause = _unit_cause(a1 - a0, b1 - b0, first_name, second_name)
-    if cause and min(a1 - a0, b1 - b0) > 0:
-        raise RecordingError(f"{ranges}: the lengths differ by a power of a thousand{cause}")
+    cause = _scaled_cause((a0, a1), (b0, b1), first_name, second_name)
+    whole = first_tick_ns % _SENSOR_TICK_NS == 0 and a1 - a0 < b1 - b0
+    if cause and not whole:
+        raise RecordingError(f"{ranges}: the spans differ by a power of a thousand{cause}")
+
+
+def tick_of(t_ns: IntArray) -> int:
+    """Greatest common divisor [ns] of the steps between stamps; 0 where there is none."""
+    return int(np.gcd.reduce(np.diff(t_ns), initial=0))
 
 
 def _range(start: int, end: int) -> str:
     return f"{start} to {end} ns ({(end - start) / NS_PER_S:.3f} s)"
 
 
+def _scaled_cause(first: tuple[int, int], second: tuple[int, int], first_name: str, second_name: str) -> str:
+    """A hint when one span is the other in a smaller unit, otherwise nothing.
+
+    A wrong unit scales the stamps as well as the length: start and end of the shorter span, each times the
+    factor, are those of the longer one. An excerpt lies elsewhere in the longer span.
+    """
+    (name, (start, end)), (_, (long_start, long_end)) = sorted(
+        ((first_name, first), (second_name, second)), key=lambda item: item[1][1] - item[1][0]
+    )
+    allowed = _END_TOLERANCE * (long_end - long_start)
+    for factor, unit in _UNITS.items():
+        if max(abs(start * factor - long_start), abs(end * factor - long_end)) <= allowed:
+            return f" (likely factor {factor}: is {name} in {unit}?)"
+    return ""
+
+
 def _likely_cause(first: tuple[int, int], second: tuple[int, int], first_name: str, second_name: str) -> str:
-    for pair in ((first[1] - first[0], second[1] - second[0]), (abs(first[1]), abs(second[1]))):
-        cause = _unit_cause(*pair, first_name, second_name)
+    lengths = (first[1] - first[0], second[1] - second[0])
+    # Stamps of one epoch are alike whatever part of the run they are of, lengths are not.
+    for pair, tolerance in ((lengths, 1.0 + _END_TOLERANCE), ((abs(first[1]), abs(second[1])), 2.5)):
+        cause = _unit_cause(*pair, first_name, second_name, tolerance)
         if cause:
             return cause
     offset_s = (second[0] - first[0]) / NS_PER_S
     return f" (if the unit is right, the clocks are about {offset_s:.3f} s apart: see timeshift_cam_imu)"
 
 
-def _unit_cause(first: int, second: int, first_name: str, second_name: str) -> str:
+def _unit_cause(first: int, second: int, first_name: str, second_name: str, tolerance: float) -> str:
     """A hint when one of two magnitudes is a power of a thousand times the other, otherwise nothing."""
     if min(first, second) <= 0:
         return ""
     smaller = first_name if first < second else second_name
     ratio = max(first, second) / min(first, second)
     for factor, unit in _UNITS.items():
-        if factor / 2.5 < ratio < factor * 2.5:
+        if factor / tolerance < ratio < factor * tolerance:
             return f" (likely factor {factor}: is {smaller} in {unit}?)"
     return ""
 
