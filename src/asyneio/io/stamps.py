@@ -19,8 +19,10 @@ GAP_NS = 5_000_000
 #: Event sensors stamp in microseconds.
 _SENSOR_TICK_NS = 1000
 
-#: Streams of one run start and end together within this share of its length.
-_END_TOLERANCE = 0.2
+#: Streams of one whole run are as long as each other to within this factor.
+_LENGTH_TOLERANCE = 1.2
+#: Their stamps are, though one began earlier.
+_STAMP_TOLERANCE = 2.5
 
 #: Factors between the time units that people write by mistake, against nanoseconds.
 _UNITS = {10**3: "microseconds", 10**6: "milliseconds", 10**9: "seconds"}
@@ -135,40 +137,40 @@ def _range(start: int, end: int) -> str:
 def _scaled_cause(first: tuple[int, int], second: tuple[int, int], first_name: str, second_name: str) -> str:
     """A hint when one span is the other in a smaller unit, otherwise nothing.
 
-    A wrong unit scales the stamps as well as the length: start and end of the shorter span, each times the
-    factor, are those of the longer one. An excerpt lies elsewhere in the longer span.
+    A wrong unit scales the stamps as well as the length: the shorter span, times the factor, is as long as
+    the longer one and overlaps it. That of an excerpt from within the longer span lies far away.
     """
-    (name, (start, end)), (_, (long_start, long_end)) = sorted(
-        ((first_name, first), (second_name, second)), key=lambda item: item[1][1] - item[1][0]
-    )
-    allowed = _END_TOLERANCE * (long_end - long_start)
-    for factor, unit in _UNITS.items():
-        if max(abs(start * factor - long_start), abs(end * factor - long_end)) <= allowed:
-            return f" (likely factor {factor}: is {name} in {unit}?)"
+    lengths = (first[1] - first[0], second[1] - second[0])
+    factor = _unit_factor(*lengths, _LENGTH_TOLERANCE)
+    short, long = (first, second) if lengths[0] < lengths[1] else (second, first)
+    if short[0] * factor < long[1] and long[0] < short[1] * factor:
+        return _unit_cause(*lengths, factor, first_name, second_name)
     return ""
 
 
 def _likely_cause(first: tuple[int, int], second: tuple[int, int], first_name: str, second_name: str) -> str:
-    lengths = (first[1] - first[0], second[1] - second[0])
-    # Stamps of one epoch are alike whatever part of the run they are of, lengths are not.
-    for pair, tolerance in ((lengths, 1.0 + _END_TOLERANCE), ((abs(first[1]), abs(second[1])), 2.5)):
-        cause = _unit_cause(*pair, first_name, second_name, tolerance)
+    lengths, ends = (first[1] - first[0], second[1] - second[0]), (abs(first[1]), abs(second[1]))
+    # An excerpt differs from the whole in length, but not in the order of magnitude of its stamps.
+    for pair, tolerance in ((lengths, _LENGTH_TOLERANCE), (ends, _STAMP_TOLERANCE)):
+        cause = _unit_cause(*pair, _unit_factor(*pair, tolerance), first_name, second_name)
         if cause:
             return cause
     offset_s = (second[0] - first[0]) / NS_PER_S
     return f" (if the unit is right, the clocks are about {offset_s:.3f} s apart: see timeshift_cam_imu)"
 
 
-def _unit_cause(first: int, second: int, first_name: str, second_name: str, tolerance: float) -> str:
-    """A hint when one of two magnitudes is a power of a thousand times the other, otherwise nothing."""
+def _unit_factor(first: int, second: int, tolerance: float) -> int:
+    """The power of a thousand by which two magnitudes differ, to within a factor; 0 where they do not."""
     if min(first, second) <= 0:
-        return ""
-    smaller = first_name if first < second else second_name
+        return 0
     ratio = max(first, second) / min(first, second)
-    for factor, unit in _UNITS.items():
-        if factor / tolerance < ratio < factor * tolerance:
-            return f" (likely factor {factor}: is {smaller} in {unit}?)"
-    return ""
+    return next((f for f in _UNITS if f / tolerance < ratio < f * tolerance), 0)
+
+
+def _unit_cause(first: int, second: int, factor: int, first_name: str, second_name: str) -> str:
+    """A hint that the smaller of two magnitudes is in a smaller unit, nothing where `factor` is 0."""
+    smaller = first_name if first < second else second_name
+    return f" (likely factor {factor}: is {smaller} in {_UNITS[factor]}?)" if factor else ""
 
 
 def _unit_hint(factor: float) -> str:
