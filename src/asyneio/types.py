@@ -47,8 +47,8 @@ class Distortion(StrEnum):
 class CameraIntrinsics:
     """Pinhole camera with distortion.
 
-    `coefficients`: none `()`, radtan `(k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]])` as OpenCV orders
-    them, equidistant `(k1, k2, k3, k4)`.
+    `coefficients`: none `()`, equidistant `(k1, k2, k3, k4)`, radtan as OpenCV orders them
+    `(k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]])`.
     Focal lengths and principal point in pixels; `width`, `height` in pixels.
     """
 
@@ -199,8 +199,8 @@ def _check_records(name: str, array: RecordArray, dtype: np.dtype[np.void]) -> N
     if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != 1:
         found = (array.dtype, array.shape) if isinstance(array, np.ndarray) else type(array).__name__
         raise RecordingError(
-            f"found {found} for the {name} of a packet, expected an array (N,) of {', '.join(dtype.names or ())}"
-            " as asyneio.types defines them"
+            f"found {found} for the {name} of a packet, expected an array (N,) of "
+            f"{', '.join(dtype.names or ())} as asyneio.types defines them"
         )
 
 

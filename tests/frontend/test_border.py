@@ -1,4 +1,4 @@
-"""Arrays from Python that do not fit: an error of ours, nothing taken, and never a crash of the interpreter."""
+"""Arrays from Python that do not fit: an error of ours, nothing taken, never a crash of the interpreter."""
 
 from __future__ import annotations
 

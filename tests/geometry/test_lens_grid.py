@@ -1,4 +1,4 @@
-"""Every kind of lens over a grid: none crashes, each is inverted in all of its valid disc, folds are found."""
+"""Every kind of lens over a grid: none crashes, each is inverted in its valid disc, folds are found."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def disc(lens: distortion.Lens) -> FloatArray:
 
 
 def smallest_eigenvalue(jacobian: tuple[float, ...]) -> float:
-    """Of the symmetric part: positive wherever the map is one-to-one by the criterion of `Lens.max_radius`."""
+    """Of the symmetric part: positive where the criterion of `Lens.max_radius` holds."""
     a, b, c, d = jacobian
     return 0.5 * (a + d) - math.hypot(0.5 * (a - d), 0.5 * (b + c))
 

@@ -43,9 +43,7 @@ def test_an_excerpt_at_zero_shares_the_clock_where_whole_microseconds_tell_the_u
         check((0, 60_000_000), tick_ns=1)
 
 
-@pytest.mark.parametrize(
-    ("factor", "unit"), [(1e3, "microseconds"), (1e6, "milliseconds"), (1e9, "seconds")]
-)
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "microseconds"), (1e6, "milliseconds"), (1e9, "seconds")])
 @pytest.mark.parametrize("start_s", [0.0, 1.5])
 def test_a_smaller_unit_is_named(factor: float, unit: str, start_s: float) -> None:
     with pytest.raises(RecordingError, match=f"is the camera in {unit}"):

@@ -49,6 +49,7 @@ class Rest:
         """Whether all of the recording is at rest."""
         return 0 < self.spans == self.still
 
+
 Pairs = list[tuple[Stillness | None, Stillness | None]]
 
 

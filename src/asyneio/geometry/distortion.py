@@ -227,7 +227,7 @@ def cold_start(lens: Lens, x_d: float, y_d: float) -> tuple[float, float]:
 def _damped_step(
     lens: Lens, x_d: float, y_d: float, x: float, y: float, step: tuple[float, float], error2: float
 ) -> tuple[float, float, bool]:
-    """Longest halving of a Newton step, cut off at the rim of the valid disc, that brings the residual down."""
+    """Longest halving of a Newton step, cut off at the rim of the disc, that brings the residual down."""
     factor = 1.0
     for _ in range(_MAX_HALVINGS):
         x_new, y_new = x + factor * step[0], y + factor * step[1]

@@ -49,7 +49,7 @@ def _parse_lens(located: Located, data: bytes, name: str) -> CameraIntrinsics | 
         return None
     model = located.text(data, "distortion_model").strip()
     distortion = distortion_named(_NAMES.get(model, model), Path(name), "distortion_model")
-    # Drivers fill the coefficients that were not fitted with zeros: a plumb_bob always has a third radial one.
+    # Drivers fill what was not fitted with zeros: a plumb_bob always has a third radial coefficient.
     coefficients = without_zeros(d.tolist()) if distortion is Distortion.RADTAN else tuple(d.tolist())
     if not any(coefficients):
         distortion, coefficients = Distortion.NONE, ()
