@@ -50,7 +50,7 @@ def test_packets_of_other_arrays_are_refused(name: str, wrong: Any) -> None:
 def test_observations_whose_covariance_is_none_are_refused(covariance: tuple[float, ...]) -> None:
     observations = np.zeros(3, dtype=OBSERVATION_DTYPE)
     observations["covariance"][1] = covariance
-    with pytest.raises(RecordingError, match="observation 1 .* positive semidefinite"):
+    with pytest.raises(RecordingError, match=r"observation 1 .* positive semidefinite"):
         make_packet(observations=observations)
 
 
