@@ -13,6 +13,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from asyneio.errors import CalibrationError, RecordingError
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -45,7 +47,8 @@ class Distortion(StrEnum):
 class CameraIntrinsics:
     """Pinhole camera with distortion.
 
-    `coefficients`: none `()`, radtan `(k1, k2, p1, p2[, k3])`, equidistant `(k1, k2, k3, k4)`.
+    `coefficients`: none `()`, equidistant `(k1, k2, k3, k4)`, radtan as OpenCV orders them
+    `(k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]])`.
     Focal lengths and principal point in pixels; `width`, `height` in pixels.
     """
 
@@ -79,12 +82,23 @@ class Calibration:
     """Camera, extrinsics, clock offset and IMU noise of one sensor rig.
 
     `T_b_c` (4,4) maps camera to body (IMU) coordinates; `t_imu = t_cam + timeshift_ns`.
+
+    Raises:
+        CalibrationError: `T_b_c` is no array (4,4) of finite float64.
     """
 
     camera: CameraIntrinsics
     T_b_c: FloatArray
     timeshift_ns: int
     noise: ImuNoise
+
+    def __post_init__(self) -> None:
+        T = self.T_b_c
+        fits = isinstance(T, np.ndarray) and T.dtype == np.float64 and T.shape == (4, 4)
+        if not fits or not np.isfinite(T).all():
+            raise CalibrationError(
+                f"found T_b_c = {T}, expected an array (4,4) of finite float64 that maps camera to body"
+            )
 
 
 @dataclass(frozen=True)
@@ -154,6 +168,9 @@ class Packet:
     """What the sensors delivered up to and including `t_end_ns`, in the IMU clock (dtypes as in Recording).
 
     `events` counts the events behind the observations; None where the recording holds none, only tracks.
+
+    Raises:
+        RecordingError: an array of another type or shape, or an observation whose covariance is none.
     """
 
     t_end_ns: int
@@ -161,6 +178,30 @@ class Packet:
     gyroscope: RecordArray
     accelerometer: RecordArray
     events: int | None = None
+
+    def __post_init__(self) -> None:
+        _check_records("observations", self.observations, OBSERVATION_DTYPE)
+        _check_records("gyroscope", self.gyroscope, INERTIAL_DTYPE)
+        _check_records("accelerometer", self.accelerometer, INERTIAL_DTYPE)
+        uu, uv, vv = self.observations["covariance"].astype(np.float64).T
+        # Single precision: a singular covariance may miss that by its rounding.
+        possible = (uu >= 0.0) & (vv >= 0.0) & (uv * uv <= 1.001 * uu * vv) & np.isfinite(uu * vv)
+        if not possible.all():
+            n = int(np.argmin(possible))
+            raise RecordingError(
+                f"observation {n} of the packet has the covariance (uu, uv, vv) = ({uu[n]:g}, {uv[n]:g}, "
+                f"{vv[n]:g}) px^2, expected a positive semidefinite one; zeros where it is not known"
+            )
+
+
+def _check_records(name: str, array: RecordArray, dtype: np.dtype[np.void]) -> None:
+    """Refuse what compiled code would read as something else."""
+    if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != 1:
+        found = (array.dtype, array.shape) if isinstance(array, np.ndarray) else type(array).__name__
+        raise RecordingError(
+            f"found {found} for the {name} of a packet, expected an array (N,) of "
+            f"{', '.join(dtype.names or ())} as asyneio.types defines them"
+        )
 
 
 class Health(StrEnum):

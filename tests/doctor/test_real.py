@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from asyneio.doctor import Severity, examine
@@ -50,6 +51,19 @@ ROWS = (
     Row("ecd_excerpts/shapes_rotation", ("track",), _EXCERPT | {"lens": OK}, ("no inertial samples",)),
     Row("ecd_excerpts/dynamic_translation", ("track",), _EXCERPT | {"lens": OK}, ("a short excerpt",)),
     Row("ecd_excerpts/boxes_translation", ("track",), _EXCERPT | {"event rate": NOTE}, ("2.64 Mev/s",)),
+    Row(
+        "ecd_shapes_rotation_imu",
+        ("track",),
+        {
+            "duration": WARNING,
+            "clocks": OK,
+            "imu range": OK,
+            "imu units": OK,
+            "imu gravity": NOTE,
+            "lens": OK,
+        },
+        ("0.106004 s: a short excerpt", "in the steadiest half second", "at least 1 s"),
+    ),
     Row("slider_depth", ("track",), _EXCERPT | {"ground truth": OK}, ("no inertial samples",)),
     Row(
         "euroc_V1_01",
@@ -115,3 +129,20 @@ def test_the_mounting_of_a_real_camera_is_refused_when_it_is_turned(data_dir: Pa
     verdict = next(v for v in examine(tmp_path).verdicts if v.check == "extrinsics")
     assert verdict.severity is FAIL
     assert "mirrored" in verdict.cure
+
+
+def test_a_real_gyroscope_that_is_clipped_is_found_out(data_dir: Path, tmp_path: Path) -> None:
+    """The quantised readings of a DAVIS240, which end nowhere, as a sensor of 500 deg/s would give them."""
+    source = data_dir / "ecd_shapes_rotation_imu"
+    rows = np.loadtxt(source / "imu.txt")
+    end = float(np.deg2rad(500.0))
+    clipped = np.abs(rows[:, 4:]) >= end
+    assert np.count_nonzero(clipped.any(axis=1)) == 2093
+    rows[:, 4:] = np.clip(rows[:, 4:], -end, end)
+    np.savetxt(tmp_path / "imu.txt", rows, fmt="%.9f")
+    for name in ("events.txt", "camchain-imucam.yaml", "imu.yaml"):
+        (tmp_path / name).symlink_to(source / name)
+    verdict = next(v for v in examine(tmp_path).verdicts if v.check == "imu range")
+    assert verdict.severity is WARNING
+    found = verdict.values["found"]["gyroscope"]["saturated"]
+    assert 0.95 * clipped.any(axis=1).sum() <= found <= 1.01 * clipped.any(axis=1).sum()

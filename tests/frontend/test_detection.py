@@ -18,7 +18,7 @@ from asyneio.frontend.detection import (
     harris_score,
     is_corner,
 )
-from asyneio.frontend.surface import NEVER_NS
+from asyneio.frontend.surface import NEVER_NS, make_surface
 from asyneio.types import IntArray
 from tests.conftest import SEED
 
@@ -137,3 +137,24 @@ def test_nothing_is_a_corner_on_an_empty_surface_or_near_the_rim() -> None:
         for y in range(SIDE):
             if not (MARGIN <= x < SIDE - MARGIN and MARGIN <= y < SIDE - MARGIN):
                 assert not corner(surface, x, y)
+
+
+def test_corners_do_not_depend_on_the_epoch_of_the_clock() -> None:
+    """Wedges with repeated stamps: beyond 2006 a stamp is larger than that of a pixel that never fired."""
+    rng = np.random.default_rng(0)
+    v, u = np.mgrid[-10:10, -10:10]
+    corners = 0
+    for _ in range(500):
+        angle, half = rng.uniform(-np.pi, np.pi), rng.uniform(0.4, 1.2)
+        away = np.abs((np.arctan2(v, u) - angle + np.pi) % (2 * np.pi) - np.pi)
+        inside = (away < half) | ((u == 0) & (v == 0))
+        t_ns = np.where(inside, rng.integers(1000, 1002, u.shape), rng.integers(995, 1001, u.shape)) * 100_000
+        fired = inside | (rng.random(u.shape) < 0.9)
+        found = []
+        for epoch_ns in (0, 1_780_000_000 * 10**9):
+            surface = make_surface(20, 20)
+            surface.latest_ns[fired, 1] = t_ns[fired] + epoch_ns
+            found.append(is_corner(surface.latest_ns, 1, 10, 10, np.zeros(SCRATCH, dtype=np.int64)))
+        assert found[0] == found[1]
+        corners += found[0]
+    assert corners > 20

@@ -46,7 +46,16 @@ LARGE = dataclasses.replace(
     height=720,
     coefficients=(-0.2, 0.1, 1e-3, -2e-3, -0.02),
 )
-CAMERAS = {"davis": DAVIS, "fisheye": FISHEYE, "plain": PLAIN, "large": LARGE}
+RATIONAL = dataclasses.replace(DAVIS, coefficients=(0.9, 0.3, 1e-3, -5e-4, 0.02, 1.3, 0.6, 0.1))
+PRISM = dataclasses.replace(LARGE, coefficients=(*RATIONAL.coefficients, 2e-3, -1e-3, -3e-3, 5e-4))
+CAMERAS = {
+    "davis": DAVIS,
+    "fisheye": FISHEYE,
+    "plain": PLAIN,
+    "large": LARGE,
+    "rational": RATIONAL,
+    "prism": PRISM,
+}
 MODELS = {name: CameraModel(intrinsics) for name, intrinsics in CAMERAS.items()}
 
 each_camera = pytest.mark.parametrize("name", CAMERAS)
@@ -65,12 +74,13 @@ def textbook_distort(intrinsics: CameraIntrinsics, xy: FloatArray) -> FloatArray
     x, y = xy.T
     r = np.hypot(x, y)
     if intrinsics.distortion is Distortion.RADTAN:
-        k1, k2, p1, p2, k3 = (*intrinsics.coefficients, 0.0)[:5]
-        radial = 1 + k1 * r**2 + k2 * r**4 + k3 * r**6
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (*intrinsics.coefficients, *(0.0,) * 8)[:12]
+        radial = (1 + k1 * r**2 + k2 * r**4 + k3 * r**6) / (1 + k4 * r**2 + k5 * r**4 + k6 * r**6)
         tangential = np.stack(
             [2 * p1 * x * y + p2 * (r**2 + 2 * x**2), p1 * (r**2 + 2 * y**2) + 2 * p2 * x * y], axis=-1
         )
-        return xy * radial[:, None] + tangential
+        prism = np.stack([s1 * r**2 + s2 * r**4, s3 * r**2 + s4 * r**4], axis=-1)
+        return xy * radial[:, None] + tangential + prism
     if intrinsics.distortion is Distortion.EQUIDISTANT:
         theta = np.arctan(r)
         theta_d = theta + sum(k * theta ** (2 * i + 3) for i, k in enumerate(intrinsics.coefficients))
@@ -83,7 +93,9 @@ def to_pixels(intrinsics: CameraIntrinsics, xy: FloatArray) -> FloatArray:
     return textbook_distort(intrinsics, xy) * focal + centre
 
 
-@pytest.mark.parametrize(("name", "step"), [("davis", 0.61), ("plain", 2.7), ("large", 7.3)])
+@pytest.mark.parametrize(
+    ("name", "step"), [("davis", 0.61), ("plain", 2.7), ("large", 7.3), ("rational", 2.7), ("prism", 7.3)]
+)
 def test_every_pixel_of_an_ordinary_lens_round_trips(name: str, step: float) -> None:
     uv = sensor_grid(CAMERAS[name], step)
     xy, _, valid = MODELS[name].undistort(uv)
@@ -141,10 +153,10 @@ def test_distortion_jacobian_is_the_central_difference(name: str) -> None:
     lens, h = MODELS[name].pinhole.lens, 1e-6
     rng = np.random.default_rng(0)
     for x, y in rng.uniform(-0.8, 0.8, (50, 2)):
-        _, _, a, b, c = distortion.distort(lens, x, y)
+        _, _, a, b, c, d = distortion.distort(lens, x, y)
         d_x = np.subtract(distortion.distort(lens, x + h, y)[:2], distortion.distort(lens, x - h, y)[:2])
         d_y = np.subtract(distortion.distort(lens, x, y + h)[:2], distortion.distort(lens, x, y - h)[:2])
-        np.testing.assert_allclose([[a, b], [b, c]], np.stack([d_x, d_y], axis=1) / (2 * h), atol=1e-8)
+        np.testing.assert_allclose([[a, b], [c, d]], np.stack([d_x, d_y], axis=1) / (2 * h), atol=1e-8)
 
 
 @each_camera
@@ -163,8 +175,8 @@ def test_one_newton_step_from_the_table_reaches_the_tolerance_on_davis() -> None
     xy_d = (uv - (DAVIS.cx, DAVIS.cy)) / (DAVIS.fx, DAVIS.fy)
     for (u, v), target, distorted in zip(uv, xy, xy_d, strict=True):
         x, y = look_up(model.table, u, v)
-        x_d, y_d, a, b, c = distortion.distort(model.pinhole.lens, x, y)
-        step = np.linalg.solve([[a, b], [b, c]], distorted - (x_d, y_d))
+        x_d, y_d, a, b, c, d = distortion.distort(model.pinhole.lens, x, y)
+        step = np.linalg.solve([[a, b], [c, d]], distorted - (x_d, y_d))
         assert np.abs(np.array([x, y]) + step - target).max() < 1e-9
 
 
@@ -174,7 +186,8 @@ def test_one_newton_step_from_the_table_reaches_the_tolerance_on_davis() -> None
 def test_radtan_fold_is_where_the_radial_polynomial_turns() -> None:
     lens = distortion.make_lens(Distortion.RADTAN, (-0.5, 0.0, 0.0, 0.0))
     assert lens.max_radius == pytest.approx(distortion.FOLD_MARGIN * math.sqrt(1 / 1.5), rel=1e-12)
-    assert math.isinf(MODELS["davis"].pinhole.lens.max_radius)
+    assert math.atan(MODELS["davis"].pinhole.lens.max_radius) == pytest.approx(distortion.MAX_ANGLE)
+    assert math.isinf(MODELS["plain"].pinhole.lens.max_radius)
 
 
 def test_equidistant_fold_is_where_the_angle_polynomial_turns() -> None:
@@ -192,7 +205,7 @@ def test_determinant_is_positive_in_the_valid_disc_and_vanishes_just_outside(
 
     def smallest_determinant(radius: float) -> float:
         jacobians = [distortion.distort(lens, radius * math.cos(t), radius * math.sin(t))[2:] for t in angles]
-        return min(a * c - b * b for a, b, c in jacobians)
+        return min(a * d - b * c for a, b, c, d in jacobians)
 
     assert min(map(smallest_determinant, np.linspace(0, lens.max_radius, 50))) > 0
     assert smallest_determinant(lens.max_radius / distortion.FOLD_MARGIN * 1.001) < 0
@@ -269,9 +282,13 @@ def test_empty_input_gives_empty_output() -> None:
         ({"fx": 0.0}, "positive focal"),
         ({"cy": math.nan}, "finite"),
         ({"width": 0}, "at least 1 x 1"),
-        ({"coefficients": (0.1, 0.2)}, "found 2 coefficients .* expected 4 or 5"),
+        ({"coefficients": (0.1, 0.2)}, "found 2 coefficients .* expected 4, 5, 8, 12 or 14"),
         ({"coefficients": (0.1, 0.2, math.inf, 0.0)}, "finite"),
+        ({"coefficients": (0.1, 0.2, math.nan, 0.0)}, "finite"),
+        ({"coefficients": (1e7, 0.0, 0.0, 0.0)}, "up to 1e\\+06"),
+        ({"coefficients": (*(0.0,) * 12, 0.01, 0.0)}, "a tilted sensor .* not supported"),
         ({"distortion": Distortion.NONE}, "expected 0"),
+        ({"distortion": Distortion.EQUIDISTANT, "coefficients": (0.1,) * 5}, "expected 4;"),
     ],
 )
 def test_impossible_cameras_are_refused(change: dict[str, object], words: str) -> None:

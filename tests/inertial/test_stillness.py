@@ -110,3 +110,8 @@ def test_a_sensor_on_a_turning_disc(data_dir: Path) -> None:
         found = measure_stillness(t_ns, recording.gyroscope["xyz"], end_ns - SPAN_NS, end_ns)
         assert found is not None
         assert deviation(found, found.mean, LEAST_DENSITY[0]) > 10.0
+
+
+def test_a_span_of_years_between_two_stamps_tells_nothing() -> None:
+    t_ns = np.array([0, 10**6, 10**18, 10**18 + 10**6])
+    assert measure_stillness(t_ns, np.zeros((4, 3)), -1, 10**18 + 10**6) is None

@@ -145,3 +145,8 @@ def test_garbage(tmp_path: Path, head: bytes, data: bytes) -> None:
         open_recording(path)
     except AsyneioError:
         return
+
+
+def test_a_path_may_be_text(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="does not exist"):
+        open_recording(str(tmp_path / "absent"))

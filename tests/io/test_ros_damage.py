@@ -121,6 +121,10 @@ def test_several_truths(tmp_path: Path, records: list[Record]) -> None:
         ("plumb_bob", [0.0] * 5, Distortion.NONE, ()),
         ("equidistant", [0.1, 0.0, 0.0, 0.02], Distortion.EQUIDISTANT, (0.1, 0.0, 0.0, 0.02)),
         ("rational_polynomial", [-0.3, 0.1, 0, 0, 0, 0, 0, 0], Distortion.RADTAN, (-0.3, 0.1, 0.0, 0.0)),
+        ("rational_polynomial", [0.1] * 8, Distortion.RADTAN, (0.1,) * 8),
+        ("rational_polynomial", [0.0] * 8, Distortion.NONE, ()),
+        ("rational_polynomial", [0.0] * 11 + [0.01], Distortion.RADTAN, (*(0.0,) * 11, 0.01)),
+        ("rational_polynomial", [*(0.1,) * 8, *(0.0,) * 6], Distortion.RADTAN, (0.1,) * 8),
     ],
 )
 @pytest.mark.parametrize("ros", [1, 2])
@@ -145,7 +149,9 @@ def test_lens(
     ("k", "d", "model", "said"),
     [
         ([0.0] * 9, [], "", ""),
-        (K, [0.1] * 8, "rational_polynomial", "'rational_polynomial' is not understood"),
+        (K, [0.1] * 14, "rational_polynomial", "a tilted sensor"),
+        (K, [0.1] * 3, "plumb_bob", "found 3 coefficients"),
+        (K, [0.1] * 4, "ftheta", "'ftheta'; expected one of"),
         ([-5.0, *K[1:]], [], "", "not taken for the lens"),
     ],
 )

@@ -26,7 +26,14 @@ from asyneio.doctor.imu_time import (
     check_overlap_of_clocks,
     streams_of,
 )
-from asyneio.doctor.imu_values import check_blows, check_dead_axes, check_imu_units, check_noise, check_rest
+from asyneio.doctor.imu_values import (
+    check_blows,
+    check_dead_axes,
+    check_gravity,
+    check_imu_units,
+    check_noise,
+    check_rest,
+)
 from asyneio.doctor.lens import check_calibration_there, check_focal_length, check_lens
 from asyneio.doctor.other_kinds import MATLAB, PICTURES, POSES
 from asyneio.doctor.truth import check_truth
@@ -53,6 +60,7 @@ CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
     check_dead_axes,
     check_blows,
     check_rest,
+    check_gravity,
     check_noise,
     check_overlap_of_clocks,
     check_calibration_there,
@@ -73,7 +81,7 @@ CURES = {
 
 
 def examine(
-    path: Path, options: ReadOptions | None = None, progress: Callable[[float], None] | None = None
+    path: Path | str, options: ReadOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> Diagnosis:
     """Whether a recording is usable, and if not, what is to be done.
 
@@ -83,7 +91,7 @@ def examine(
         progress: is told the share done.
     """
     started = time.perf_counter()
-    evidence, reading_s = gather(path, options or ReadOptions(), progress)
+    evidence, reading_s = gather(Path(path), options or ReadOptions(), progress)
     verdicts = [_what_it_is(evidence)] if evidence.examinable else []
     cure = CURES.get(evidence.kind, "")
     verdicts += [fail(refusal.part, refusal.message, "", cure) for refusal in evidence.refusals]

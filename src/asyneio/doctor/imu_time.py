@@ -196,7 +196,8 @@ def check_overlap_of_clocks(evidence: Evidence) -> Verdict | None:
     expected = "samples over all that the camera saw"
     try:
         ends = (np.array(camera), np.array(imu))
-        check_overlap(*ends, "the camera", "the IMU")
+        tick_ns = evidence.events.tick_ns if evidence.events else 1
+        check_overlap(*ends, "the camera", "the IMU", tick_ns)
     except RecordingError as error:
         return fail("clocks", measured, expected, str(error), **values)
     if share < _COVERED and shared < _MIN_S * NS_PER_S <= camera[1] - camera[0]:

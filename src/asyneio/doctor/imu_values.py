@@ -10,7 +10,7 @@ from asyneio.doctor.verdict import Verdict
 from asyneio.errors import RecordingError
 from asyneio.inertial.gating import SampleGate, SensorLimits
 from asyneio.inertial.stillness import LEAST_DENSITY, Stillness, possible
-from asyneio.io.inertial_files import check_units
+from asyneio.io.inertial_files import STANDARD_GRAVITY, check_units
 from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
 _SENSORS = ("gyroscope", "accelerometer")
@@ -28,6 +28,8 @@ _BY_DEFINITION = {
     "AEDAT-2.0": ", converted from the sensor's counts",
 }
 _BLOCK_S = 0.005
+#: The error of an accelerometer that is worth a word; gravity differs by 0.5 % over the earth.
+_GRAVITY_OFF = 0.015
 _UNIT_HINT = "check its unit (per sqrt(Hz), rad, m/s^2)"
 
 
@@ -140,6 +142,26 @@ def check_rest(evidence: Evidence) -> Verdict | None:
             **values,
         )
     return ok("rest", f"at rest in {rest.still} of {rest.spans} half seconds", **values)
+
+
+def check_gravity(evidence: Evidence) -> Verdict | None:
+    """At rest an accelerometer reads gravity: what it reads otherwise is error of its scale or its bias."""
+    rest = evidence.rest
+    if rest.force is None:
+        return None
+    where = f"at rest ({rest.still} half seconds)" if rest.still else "in the steadiest half second"
+    measured = f"|a| = {rest.force:.4g} m/s^2 {where}"
+    values = {"at_rest": rest.still > 0, "force": rest.force}
+    off = rest.force / STANDARD_GRAVITY - 1.0
+    if abs(off) <= _GRAVITY_OFF:
+        return ok("imu gravity", measured, **values)
+    return note(
+        "imu gravity",
+        f"{measured}, {off:+.1%} of gravity",
+        f"{STANDARD_GRAVITY:.4g} m/s^2 within {_GRAVITY_OFF:.1%}",
+        "the accelerometer's scale or bias is off: calibrate it, or expect the scale of the path to be off",
+        **values,
+    )
 
 
 def check_noise(evidence: Evidence) -> Verdict | None:

@@ -126,7 +126,7 @@ def _is_one_arc(scratch: IntArray, n: int, largest: int, shortest: int, longest:
         right = right + 1 if right + 1 < n else 0
     for length in range(longest, shortest - 1, -1):
         inside = scratch[n + longest + length - 1]
-        if inside > outside or (inside == outside and abs(inside) < -NEVER_NS):
+        if inside > outside or (inside == outside and abs(inside) != -NEVER_NS):
             return True
         outside = max(outside, scratch[n + length - 1])
     return False

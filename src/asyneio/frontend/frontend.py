@@ -8,6 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from asyneio.config import FrontendConfig
+from asyneio.errors import RecordingError
+from asyneio.frontend.border import EventBorder, check_gyroscope
 from asyneio.frontend.gradient_tracker import GradientTracker
 from asyneio.frontend.haste import HasteTracker
 from asyneio.frontend.statistics import FrontendStatistics
@@ -15,6 +17,8 @@ from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, EventRecording, Rec
 
 #: The rate of roll is taken as constant over this long.
 _ROLL_STEP_NS = 4_000_000
+#: No gyroscope reads more [rad/s]: such a sample, or one that is not finite, is corrupt.
+_MOST_ROLL = 1e3
 
 
 class Tracker(Protocol):
@@ -47,10 +51,14 @@ class Frontend:
         config: the section `frontend`.
         width: of the sensor [px].
         height: of the sensor [px].
+
+    Raises:
+        RecordingError: no sensor has this size.
     """
 
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
         self._tracker: Tracker = _TRACKERS[config.tracker](config, width, height)
+        self._border = EventBorder(width, height)
         self._roll_rate = 0.0
 
     def process(self, events: RecordArray, gyroscope: RecordArray | None = None) -> RecordArray:
@@ -65,7 +73,15 @@ class Frontend:
         Returns:
             OBSERVATION_DTYPE in the clock of the events. A stamp is that of its position, somewhat earlier
             than the event that led to it.
+
+        Raises:
+            RecordingError: not an array of events, an event outside the sensor, a polarity other than 0 and
+                1, stamps that descend or lie before an earlier packet, samples of another type. Nothing of
+                the packet is taken then.
         """
+        if gyroscope is not None:
+            check_gyroscope(gyroscope)
+        events = self._border.admitted(events)
         if events.size == 0:
             return np.empty(0, dtype=OBSERVATION_DTYPE)
         if gyroscope is None:
@@ -82,7 +98,12 @@ class Frontend:
         A share `unused` (0 to 1) of the tracks that are given out lies on something that moves by itself, or
         was refused for another reason. The default tracker follows so many more features, at most twice
         `max_features`, that the others number what they would without; the baseline does not.
+
+        Raises:
+            RecordingError: no share.
         """
+        if not 0.0 <= unused <= 1.0:
+            raise RecordingError(f"found {unused} for the share of unused tracks, expected 0 to 1")
         self._tracker.make_up_for(unused)
 
     def statistics(self) -> FrontendStatistics:
@@ -92,8 +113,10 @@ class Frontend:
     def _roll_rate_in(self, gyroscope: RecordArray, start_ns: int, end_ns: int) -> float:
         """Rate of the image's roll [rad/s], against the camera's; without samples, as it was."""
         a, b = np.searchsorted(gyroscope["t_ns"], [start_ns, end_ns])
-        if b > a:
-            self._roll_rate = -float(gyroscope["xyz"][a:b, 2].mean())
+        rates = gyroscope["xyz"][a:b, 2]
+        rates = rates[np.abs(rates) < _MOST_ROLL]
+        if rates.size:
+            self._roll_rate = -float(rates.mean())
         return self._roll_rate
 
 
@@ -111,9 +134,10 @@ def gyroscope_in_camera(recording: EventRecording) -> RecordArray:
 def _steps(events: RecordArray) -> Iterator[tuple[RecordArray, int, int]]:
     """Non-empty pieces of a packet over which the roll's rate is constant, with the times they span."""
     t_ns = events["t_ns"]
-    start_ns, last_ns = int(t_ns[0]), int(t_ns[-1])
-    edges = np.arange(start_ns, last_ns + _ROLL_STEP_NS + 1, _ROLL_STEP_NS)
-    cuts = np.searchsorted(t_ns, edges)
-    for i in range(edges.size - 1):
-        if cuts[i + 1] > cuts[i]:
-            yield events[cuts[i] : cuts[i + 1]], int(edges[i]), int(edges[i + 1])
+    begin = 0
+    while begin < events.size:
+        # From edge to edge of a grid that begins with the packet; silence, however long, is passed over.
+        start_ns = int(t_ns[begin]) - int(t_ns[begin] - t_ns[0]) % _ROLL_STEP_NS
+        end = int(np.searchsorted(t_ns, start_ns + _ROLL_STEP_NS))
+        yield events[begin:end], start_ns, start_ns + _ROLL_STEP_NS
+        begin = end

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.config import FrontendConfig
+from asyneio.frontend.border import EventBorder
 from asyneio.frontend.features import TRACKING, make_features
 from asyneio.frontend.gradient_feature import GradientSettings
 from asyneio.frontend.gradient_kernel import process_events
@@ -53,6 +54,7 @@ class GradientTracker:
         self._wanted = config.max_features
         capacity = _MOST * config.max_features
         self.features = make_features(capacity)
+        self._border = EventBorder(width, height)
         self._surface = make_surface(width, height)
         self._registration = make_registration(width, height, capacity)
         self._work = make_workspace(self.settings.mask_sigma_px)
@@ -61,7 +63,12 @@ class GradientTracker:
         self._events = 0
 
     def process(self, events: RecordArray, roll_rate: float = 0.0) -> RecordArray:
-        """Observations that a packet leads to; `roll_rate` of the image in it [rad/s], x towards y."""
+        """Observations that a packet leads to; `roll_rate` of the image in it [rad/s], x towards y.
+
+        Raises:
+            RecordingError: events that do not fit, see `EventBorder.admitted`.
+        """
+        events = self._border.admitted(events)
         if events.size:
             self._turn(int(events["t_ns"][0]), roll_rate)
         self._events += events.size

@@ -12,6 +12,7 @@ import numba as nb
 import numpy as np
 
 from asyneio.config import FrontendConfig
+from asyneio.frontend.border import EventBorder
 from asyneio.frontend.detection import SCRATCH, is_corner
 from asyneio.frontend.haste_kernel import FREE, GROWING, HASTE_DTYPE, RADIUS, TRACKING, feed
 from asyneio.frontend.pieces import in_pieces
@@ -201,6 +202,7 @@ class HasteTracker:
         )
         self.features = np.zeros(config.max_features, dtype=HASTE_DTYPE)
         self.counters = np.zeros(COUNTERS, dtype=np.int64)
+        self._border = EventBorder(width, height)
         self._surface = make_surface(width, height)
         self._registration = make_registration(width, height, config.max_features)
         self._clock = np.full(2, NEVER_NS, dtype=np.int64)
@@ -213,7 +215,11 @@ class HasteTracker:
         They come in the order of their making. Each is stamped with the middle of its feature's window, so
         times ascend for a feature but not from one feature to the next. The trackers find turns on their own
         and do not ask for the `roll_rate`.
+
+        Raises:
+            RecordingError: events that do not fit, see `EventBorder.admitted`.
         """
+        events = self._border.admitted(events)
         self._events += events.size
         return in_pieces(events, self._buffer, self._step)
 

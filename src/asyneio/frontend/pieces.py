@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from asyneio.types import EVENT_DTYPE, RecordArray
+from asyneio.types import RecordArray
 
 
 def in_pieces(
@@ -16,8 +16,6 @@ def in_pieces(
 
     `step` returns the next event to process and how many records it wrote.
     """
-    # Kernels are compiled for writable arrays only; a recording may be a read-only memory map.
-    events = np.require(events, EVENT_DTYPE, ["C", "W"])
     pieces, start = [buffer[:0].copy()], 0
     while start < events.size:
         start, written = step(events, start)

@@ -80,7 +80,7 @@ def fill_table(camera: Pinhole, table: Table) -> None:
             x_d = (j * table.stride - camera.cx) / camera.fx
             y_d = (i * table.stride - camera.cy) / camera.fy
             x, y = cold_start(camera.lens, x_d, y_d)
-            x, y, _a, _b, _c, status = undistort(camera.lens, x_d, y_d, x, y)
+            x, y, _a, _b, _c, _d, status = undistort(camera.lens, x_d, y_d, x, y)
             solved = status == SOLVED
             table.xy[i, j, 0] = x if solved else np.nan
             table.xy[i, j, 1] = y if solved else np.nan
@@ -103,13 +103,13 @@ def undistort_pixels(
         x, y = look_up(table, u, v)
         if not x * x + y * y < limit2:
             x, y = cold_start(camera.lens, x_d, y_d)
-        x, y, a, b, c, status = undistort(camera.lens, x_d, y_d, x, y)
+        x, y, a, b, c, d, status = undistort(camera.lens, x_d, y_d, x, y)
         if status != SOLVED:
             continue
-        determinant = a * c - b * b
+        determinant = a * d - b * c
         xy[n, 0], xy[n, 1] = x, y
-        jac[n, 0, 0], jac[n, 0, 1] = c / (determinant * camera.fx), -b / (determinant * camera.fy)
-        jac[n, 1, 0], jac[n, 1, 1] = -b / (determinant * camera.fx), a / (determinant * camera.fy)
+        jac[n, 0, 0], jac[n, 0, 1] = d / (determinant * camera.fx), -b / (determinant * camera.fy)
+        jac[n, 1, 0], jac[n, 1, 1] = -c / (determinant * camera.fx), a / (determinant * camera.fy)
         valid[n] = True
 
 
@@ -125,7 +125,7 @@ def project_points(camera: Pinhole, p_c: FloatArray, uv: FloatArray, valid: Bool
         x, y = p_c[n, 0] / p_c[n, 2], p_c[n, 1] / p_c[n, 2]
         if not x * x + y * y <= limit2:
             continue
-        x_d, y_d, _a, _b, _c = distort(camera.lens, x, y)
+        x_d, y_d, _a, _b, _c, _d = distort(camera.lens, x, y)
         u, v = camera.fx * x_d + camera.cx, camera.fy * y_d + camera.cy
         if on_sensor(camera, u, v):
             uv[n, 0], uv[n, 1] = u, v

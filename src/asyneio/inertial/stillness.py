@@ -54,6 +54,9 @@ def measure_stillness(t_ns: IntArray, value: FloatArray, start_ns: int, end_ns: 
     inside = slice(*np.searchsorted(t_ns, [start_ns, end_ns], side="right"))
     t, x = t_ns[inside], value[inside]
     bins = (end_ns - start_ns) // BIN_NS
+    # One wrong stamp makes a span of years, with more bins than fit into memory.
+    if len(t) < 2 * bins:
+        return None
     # The bins end with the span; samples are taken with start < t <= end.
     index = bins - 1 - (end_ns - t) // BIN_NS
     t, x, index = t[index >= 0], x[index >= 0], index[index >= 0]

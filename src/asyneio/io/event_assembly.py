@@ -11,11 +11,21 @@ from asyneio.io.event_cache import EventTable, load_events
 from asyneio.io.event_checks import SensorSizeError
 from asyneio.io.event_source import Progress
 from asyneio.io.inertial_files import InertialStreams, check_units
-from asyneio.io.stamps import check_overlap, check_rate, drop_equal_stamps, median_rate_hz, sort_in_time
+from asyneio.io.stamps import (
+    check_overlap,
+    check_rate,
+    drop_equal_stamps,
+    median_rate_hz,
+    sort_in_time,
+    tick_of,
+)
 from asyneio.types import EventRecording, RecordArray
 
 #: Sensors tried in this order where no file tells the size: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
 USUAL_SIZES = ((240, 180), (320, 240), (346, 260), (640, 480), (1280, 720))
+
+#: So many events show the step of their clock.
+_TICK_EVENTS = 10_000
 
 
 def assemble(
@@ -56,7 +66,8 @@ def assemble(
     ends_ns = table.events["t_ns"][[0, -1]] + timeshift_ns
     if inertial.gyroscope.size:
         # Both sensors of one sample have the same time.
-        check_overlap(ends_ns, inertial.gyroscope["t_ns"], f"the events of {contents.name}", "the IMU")
+        name, tick_ns = f"the events of {contents.name}", tick_of(table.events["t_ns"][:_TICK_EVENTS])
+        check_overlap(ends_ns, inertial.gyroscope["t_ns"], name, "the IMU", tick_ns)
     return EventRecording(
         name=contents.name,
         events=table.events,

@@ -33,7 +33,7 @@ _MAX_LISTED = 8
 
 
 def open_recording(
-    path: Path,
+    path: Path | str,
     options: ReadOptions | None = None,
     progress: Progress | None = None,
     max_track_seconds: float | None = None,
@@ -53,7 +53,7 @@ def open_recording(
         CalibrationError: a calibration file is missing, malformed or impossible, or leaves a choice.
         ConfigError: there is no such preset.
     """
-    options = options or ReadOptions()
+    path, options = Path(path), options or ReadOptions()
     if (path / TRACKS_FILE).is_file():
         return read_tracks_folder(path, options, max_track_seconds)
     if max_track_seconds is not None and path.exists():

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from asyneio.errors import CalibrationError
 from asyneio.io.bag import Topic
-from asyneio.io.calibration.lens import distortion_named, make_lens
+from asyneio.io.calibration.lens import distortion_named, make_lens, without_zeros
 from asyneio.io.ros_places import Located
 from asyneio.io.ros_survey import Survey
 from asyneio.types import CameraIntrinsics, Distortion
 
-#: What ROS calls models that have another name here; the rational one is radtan where it ends early.
-_NAMES = {"": "none", "fisheye": "equidistant", "rational_polynomial": "radtan"}
+#: What ROS calls models that have another name here.
+_NAMES = {"": "none", "fisheye": "equidistant"}
 
 
 def lens_of(
@@ -48,13 +48,10 @@ def _parse_lens(located: Located, data: bytes, name: str) -> CameraIntrinsics | 
     if not k[0]:
         return None
     model = located.text(data, "distortion_model").strip()
-    if model == "rational_polynomial" and d[5:].any():
-        raise CalibrationError(f"the distortion model {model!r} is not understood")
     distortion = distortion_named(_NAMES.get(model, model), Path(name), "distortion_model")
-    # A plumb_bob always has a third radial coefficient.
-    radtan = d[:5] if d[4:5].any() else d[:4]
-    coefficients = (radtan if distortion is Distortion.RADTAN else d).tolist()
+    # Drivers fill what was not fitted with zeros: a plumb_bob always has a third radial coefficient.
+    coefficients = without_zeros(d.tolist()) if distortion is Distortion.RADTAN else tuple(d.tolist())
     if not any(coefficients):
-        distortion, coefficients = Distortion.NONE, []
+        distortion, coefficients = Distortion.NONE, ()
     size = [located.number(data, side) for side in ("width", "height")]
     return make_lens((k[0], k[4], k[2], k[5]), size, distortion, coefficients, Path(name))

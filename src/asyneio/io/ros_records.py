@@ -156,10 +156,13 @@ def _lens(recording: EventRecording, encoding: Encoding) -> Iterator[Record]:
 
 def _lens_body(camera: CameraIntrinsics, encoding: Encoding) -> bytes:
     equidistant = camera.distortion is Distortion.EQUIDISTANT
-    d = (*camera.coefficients, *(0.0,) * 5)[: 4 if equidistant else 5]
+    # ROS names radtan with OpenCV's further coefficients by another name.
+    count = 4 if equidistant else max(5, len(camera.coefficients))
+    model = b"equidistant" if equidistant else b"plumb_bob" if count == 5 else b"rational_polynomial"
+    d = (*camera.coefficients, *(0.0,) * 5)[:count]
     k = (camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0)
     r = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     p = (*k[0:3], 0.0, *k[3:6], 0.0, *k[6:9], 0.0)
-    body = encoding.lens(b"equidistant" if equidistant else b"plumb_bob", d, (*k, *r, *p))
+    body = encoding.lens(model, d, (*k, *r, *p))
     # No binning, and no region: the whole image.
     return body + bytes(4 + 4 + 4 * 4 + 1)

@@ -16,6 +16,14 @@ PLAUSIBLE_RATE_HZ = (5.0, 50_000.0)
 #: A shorter pause is no gap, however fast the sensor is.
 GAP_NS = 5_000_000
 
+#: Event sensors stamp in microseconds.
+_SENSOR_TICK_NS = 1000
+
+#: Streams of one whole run are as long as each other to within this factor.
+_LENGTH_TOLERANCE = 1.2
+#: Their stamps are, though one began earlier.
+_STAMP_TOLERANCE = 2.5
+
 #: Factors between the time units that people write by mistake, against nanoseconds.
 _UNITS = {10**3: "microseconds", 10**6: "milliseconds", 10**9: "seconds"}
 
@@ -89,11 +97,19 @@ def median_rate_hz(t_ns: IntArray) -> float:
     return NS_PER_S / float(np.median(np.diff(t_ns)))
 
 
-def check_overlap(first: IntArray, second: IntArray, first_name: str, second_name: str) -> None:
+def check_overlap(
+    first: IntArray, second: IntArray, first_name: str, second_name: str, first_tick_ns: int = 1
+) -> None:
     """Require that two ascending series of stamps share an interval and look like one time unit.
 
+    Args:
+        first, second: the stamps [ns]; the ends alone will do.
+        first_name, second_name: what they are of, for messages.
+        first_tick_ns: step of the clock of events in `first`, see `tick_of`. A sensor tells microseconds:
+            where these are whole, the stamps are in no smaller unit. Regular stamps tell no such thing.
+
     Raises:
-        RecordingError: no common interval, or spans that differ by a power of a thousand.
+        RecordingError: no common interval, or one span is the other in a smaller unit.
     """
     a0, a1 = int(first[0]), int(first[-1])
     b0, b1 = int(second[0]), int(second[-1])
@@ -103,34 +119,58 @@ def check_overlap(first: IntArray, second: IntArray, first_name: str, second_nam
             f"{ranges}: they do not overlap; both must be nanoseconds of one clock"
             f"{_likely_cause((a0, a1), (b0, b1), first_name, second_name)}"
         )
-    cause = _unit_cause(a1 - a0, b1 - b0, first_name, second_name)
-    if cause and min(a1 - a0, b1 - b0) > 0:
-        raise RecordingError(f"{ranges}: the lengths differ by a power of a thousand{cause}")
+    cause = _scaled_cause((a0, a1), (b0, b1), first_name, second_name)
+    whole = first_tick_ns % _SENSOR_TICK_NS == 0 and a1 - a0 < b1 - b0
+    if cause and not whole:
+        raise RecordingError(f"{ranges}: the spans differ by a power of a thousand{cause}")
+
+
+def tick_of(t_ns: IntArray) -> int:
+    """Greatest common divisor [ns] of the steps between stamps; 0 where there is none."""
+    return int(np.gcd.reduce(np.diff(t_ns), initial=0))
 
 
 def _range(start: int, end: int) -> str:
     return f"{start} to {end} ns ({(end - start) / NS_PER_S:.3f} s)"
 
 
+def _scaled_cause(first: tuple[int, int], second: tuple[int, int], first_name: str, second_name: str) -> str:
+    """A hint when one span is the other in a smaller unit, otherwise nothing.
+
+    A wrong unit scales the stamps as well as the length: the shorter span, times the factor, is as long as
+    the longer one and overlaps it. That of an excerpt from within the longer span lies far away.
+    """
+    lengths = (first[1] - first[0], second[1] - second[0])
+    factor = _unit_factor(*lengths, _LENGTH_TOLERANCE)
+    short, long = (first, second) if lengths[0] < lengths[1] else (second, first)
+    if short[0] * factor < long[1] and long[0] < short[1] * factor:
+        return _unit_cause(*lengths, factor, first_name, second_name)
+    return ""
+
+
 def _likely_cause(first: tuple[int, int], second: tuple[int, int], first_name: str, second_name: str) -> str:
-    for pair in ((first[1] - first[0], second[1] - second[0]), (abs(first[1]), abs(second[1]))):
-        cause = _unit_cause(*pair, first_name, second_name)
+    lengths, ends = (first[1] - first[0], second[1] - second[0]), (abs(first[1]), abs(second[1]))
+    # An excerpt differs from the whole in length, but not in the order of magnitude of its stamps.
+    for pair, tolerance in ((lengths, _LENGTH_TOLERANCE), (ends, _STAMP_TOLERANCE)):
+        cause = _unit_cause(*pair, _unit_factor(*pair, tolerance), first_name, second_name)
         if cause:
             return cause
     offset_s = (second[0] - first[0]) / NS_PER_S
     return f" (if the unit is right, the clocks are about {offset_s:.3f} s apart: see timeshift_cam_imu)"
 
 
-def _unit_cause(first: int, second: int, first_name: str, second_name: str) -> str:
-    """A hint when one of two magnitudes is a power of a thousand times the other, otherwise nothing."""
+def _unit_factor(first: int, second: int, tolerance: float) -> int:
+    """The power of a thousand by which two magnitudes differ, to within a factor; 0 where they do not."""
     if min(first, second) <= 0:
-        return ""
-    smaller = first_name if first < second else second_name
+        return 0
     ratio = max(first, second) / min(first, second)
-    for factor, unit in _UNITS.items():
-        if factor / 2.5 < ratio < factor * 2.5:
-            return f" (likely factor {factor}: is {smaller} in {unit}?)"
-    return ""
+    return next((f for f in _UNITS if f / tolerance < ratio < f * tolerance), 0)
+
+
+def _unit_cause(first: int, second: int, factor: int, first_name: str, second_name: str) -> str:
+    """A hint that the smaller of two magnitudes is in a smaller unit, nothing where `factor` is 0."""
+    smaller = first_name if first < second else second_name
+    return f" (likely factor {factor}: is {smaller} in {_UNITS[factor]}?)" if factor else ""
 
 
 def _unit_hint(factor: float) -> str:

@@ -82,8 +82,8 @@ def _samples_text(gyroscope: RecordArray, accelerometer: RecordArray) -> str:
 
 
 def _lens_text(camera: CameraIntrinsics) -> str | None:
-    """`calib.txt`, which knows radtan only; None for another lens, which the Kalibr file holds."""
-    if camera.distortion is Distortion.EQUIDISTANT:
+    """`calib.txt`, which knows radtan up to k3; None for another lens, which the Kalibr file holds."""
+    if camera.distortion is Distortion.EQUIDISTANT or any(camera.coefficients[5:]):
         return None
     coefficients = (*camera.coefficients, *(0.0,) * 5)[:5]
     values = (camera.fx, camera.fy, camera.cx, camera.cy, *coefficients)

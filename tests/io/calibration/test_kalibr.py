@@ -48,6 +48,9 @@ def flip(calibration: Calibration) -> list[list[float]]:
         (Distortion.NONE, ()),
         (Distortion.RADTAN, (0.1, 0.2, 1e-5, -1e-300)),
         (Distortion.RADTAN, (0.1, 0.02, 3e-4, -0.4e-4, 0.5)),
+        (Distortion.RADTAN, (0.0, 0.0, 0.0, 0.0)),
+        (Distortion.RADTAN, (0.9, 0.3, 1e-3, -5e-4, 0.02, 1.3, 0.6, 0.1)),
+        (Distortion.RADTAN, (0.9, 0.3, 1e-3, -5e-4, 0.02, 1.3, 0.6, 0.1, 1e-3, 1e-4, -1e-3, 2e-4)),
         (Distortion.EQUIDISTANT, (0.1, -0.2, 0.3, 1.0 / 3.0)),
     ],
 )
@@ -112,7 +115,7 @@ _SHEARED[2][3] = 0.0
     [
         ("camera_model", "omni", "only 'pinhole' is supported"),
         ("distortion_model", "fov", "expected one of none, radtan, equidistant"),
-        ("distortion_coeffs", [0.1, 0.2], "2 distortion_coeffs for the model radtan; expected 4 or 5"),
+        ("distortion_coeffs", [0.1, 0.2], "found 2 coefficients .* expected 4, 5, 8"),
         ("distortion_coeffs", "0.1", "expected a list of numbers"),
         ("intrinsics", [199.0, 199.0, 120.0], "expected a list of 4 numbers"),
         ("intrinsics", [-199.0, 199.0, 120.0, 90.0], "focal lengths are -199"),

@@ -196,7 +196,7 @@ def _replaced(path: Path, old: str, new: str) -> Path:
         ("vins-fusion", '"cam0_pinhole.yaml"', "[1]", "names no file"),
         ("openvins", '"kalibr_imu_chain.yaml"', '"../imu.yaml"', "which is not in its folder"),
         ("basalt", '"pinhole-radtan8"', '"eucm"', "camera_type of cam1 is 'eucm'"),
-        ("basalt", '"k4": 0.0', '"k4": 0.1', "camera_type of cam1 is 'pinhole-radtan8'"),
+        ("basalt", '"k4": 0.0', '"k4": 1e9', "found distortion coefficients .* finite numbers up to"),
         ("basalt", '"cam_time_offset_ns": 2400000', '"cam_time_offset_ns": 1e30', "expected nanoseconds"),
         ("basalt", '"T_imu_cam": [', '"T_imu_cam": [], "old": [', "T_imu_cam has 0 entries"),
         ("basalt", '"T_imu_cam": [', '"T_imu_cam": 3, "old": [', "T_imu_cam is 3; expected a list"),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import make_lens
+from asyneio.io.calibration.lens import make_lens, without_zeros
 from asyneio.io.calibration.rigid import read_quaternion_pose
 from asyneio.io.calibration.sections import (
     CalibrationFile,
@@ -31,7 +31,7 @@ _NOISE_KEYS = {
     "gyroscope_walk": "gyro_bias_std",
     "accelerometer_walk": "accel_bias_std",
 }
-_UNDERSTOOD = "pinhole, kb4 (equidistant), pinhole-radtan8 without its denominator"
+_UNDERSTOOD = "pinhole, kb4 (equidistant), pinhole-radtan8"
 _MAX_SHIFT_NS = 10**18
 #: The first three numbers are biases, which the estimator finds; the rest is scale and misalignment.
 _BIAS_KEYS = ("calib_accel_bias", "calib_gyro_bias")
@@ -89,10 +89,10 @@ def _read_lens(section: dict[str, Any], index: int, path: Path) -> CameraIntrins
     if kind == "kb4":
         coefficients = [number(values, f"k{n}", path) for n in range(1, 5)]
         return make_lens(focal, size, Distortion.EQUIDISTANT, coefficients, path)
-    if kind == "pinhole-radtan8" and not any(number(values, f"k{n}", path) for n in (4, 5, 6)):
-        coefficients = [number(values, key, path) for key in ("k1", "k2", "p1", "p2", "k3")]
-        coefficients = coefficients if coefficients[-1] else coefficients[:-1]
-        return make_lens(focal, size, Distortion.RADTAN, coefficients, path)
+    if kind == "pinhole-radtan8":
+        keys = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+        radtan = without_zeros([number(values, key, path) for key in keys])
+        return make_lens(focal, size, Distortion.RADTAN if radtan else Distortion.NONE, radtan, path)
     raise CalibrationError(
         f"{path}: camera_type of cam{index} is {shown(kind)}; understood are {_UNDERSTOOD}: "
         "calibrate with one of these"

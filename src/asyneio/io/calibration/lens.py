@@ -21,10 +21,10 @@ DISTORTION_NAMES = {
     "radtan": Distortion.RADTAN,
     "radial-tangential": Distortion.RADTAN,
     "plumb_bob": Distortion.RADTAN,
+    "rational_polynomial": Distortion.RADTAN,
     "equidistant": Distortion.EQUIDISTANT,
 }
 
-_COEFFICIENT_COUNTS = {Distortion.NONE: (0,), Distortion.RADTAN: (4, 5), Distortion.EQUIDISTANT: (4,)}
 #: Share of the image that may have no preimage. Beyond 86 degrees a fisheye has none on the normalised plane,
 #: and the corners around its image circle never had; a polynomial that folds there was fitted to little.
 _MAX_LOST = {Distortion.NONE: 0.0, Distortion.RADTAN: 0.1, Distortion.EQUIDISTANT: 0.5}
@@ -63,13 +63,26 @@ def make_lens(
         )
     if model is Distortion.NONE and not any(coefficients):
         coefficients = ()
-    if len(coefficients) not in _COEFFICIENT_COUNTS[model]:
-        wanted = " or ".join(map(str, _COEFFICIENT_COUNTS[model]))
-        raise CalibrationError(
-            f"{path}: {len(coefficients)} distortion_coeffs for the model {model}; expected {wanted}"
-        )
+    try:
+        distortion.check_coefficients(model, coefficients)
+    except GeometryError as error:
+        raise CalibrationError(f"{path}: {error}") from error
     lens = tuple(map(float, coefficients))
     return CameraIntrinsics(float(fx), float(fy), float(cx), float(cy), int(width), int(height), model, lens)
+
+
+def without_zeros(coefficients: Sequence[float]) -> tuple[float, ...]:
+    """The shortest radtan coefficients that mean the same: tools fill what they did not fit with zeros.
+
+    `()`, which is a lens without distortion, where all are zero.
+    """
+    if not any(coefficients):
+        return ()
+    needed = max(n for n, value in enumerate(coefficients, 1) if value)
+    for count in distortion.COEFFICIENT_COUNTS[Distortion.RADTAN]:
+        if needed <= count <= len(coefficients):
+            return tuple(coefficients[:count])
+    return tuple(coefficients)
 
 
 def read_lens(
