@@ -74,10 +74,19 @@ class InertialConfig(_Section):
         description="every sample a factor; GP preintegration; discrete preintegration; the same with "
         "fitted rates",
     )
-    noise_inflation: float = Field(5.0, gt=0.0, description="factor on the white-noise densities")
+    noise_inflation: float = Field(
+        5.0,
+        gt=0.0,
+        description="factor on the declared white-noise densities that is believed until more is known; what "
+        "the samples show raises it (`imu_noise` in summary.json)",
+    )
     walk_inflation: float = Field(2.0, gt=0.0, description="factor on the bias walks")
-    initial_gyroscope_bias_sigma: float = Field(0.02, gt=0.0, description="rad/s")
-    initial_accelerometer_bias_sigma: float = Field(0.1, gt=0.0, description="m/s^2")
+    initial_gyroscope_bias_sigma: float = Field(
+        0.05, gt=0.0, description="rad/s; data sheets give turn-on biases of 0.02 to 0.1, and up to 0.35"
+    )
+    initial_accelerometer_bias_sigma: float = Field(
+        0.2, gt=0.0, description="m/s^2; data sheets give turn-on biases of 0.2 to 0.8"
+    )
     gravity: float = Field(9.81, gt=9.7, lt=9.9, description="m/s^2")
 
 

@@ -24,7 +24,7 @@ from asyneio.io.health_files import write_attitudes, write_health
 from asyneio.odometry import Odometry
 from asyneio.odometry.kernels import are_compiled, compile_kernels
 from asyneio.packets import calibration_of, observations_of, packets, usable_span
-from asyneio.summary import Costs, Grid, Summary, camera_summary, summarize
+from asyneio.summary import Costs, Grid, Summary, camera_summary, imu_noise_summary, summarize
 from asyneio.tracking import ObservationStream, ReplayedStream
 from asyneio.types import (
     NS_PER_S,
@@ -163,7 +163,12 @@ def run_recording(
     notes = (*recording.notes, *(tracked.notes() if tracked else ()))
     grid = Grid(start_ns, interval_ns, total)
     summary = summarize(recording, given, run, grid, costs, error)
-    summary = replace(summary, notes=notes, camera=camera_summary(estimator.calibration()))
+    summary = replace(
+        summary,
+        notes=notes,
+        camera=camera_summary(estimator.calibration()),
+        imu_noise=imu_noise_summary(calibration_of(recording).noise, run.reports),
+    )
     return RunResult(run, summary, given, tuple(origins.values()))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
@@ -17,6 +17,7 @@ from asyneio.types import (
     CalibrationEstimate,
     EventRecording,
     Health,
+    ImuNoise,
     RecordArray,
     Recording,
     Run,
@@ -59,6 +60,26 @@ class CameraSummary:
 
 
 @dataclass(frozen=True)
+class SensorNoiseSummary:
+    """White noise of one inertial sensor [unit/sqrt(Hz)]: declared by the calibration, effective (learned from the
+    samples; median and largest over the run), and vibration [unit], root mean square, largest. Unit rad/s or m/s^2.
+    """
+
+    declared_density: float
+    effective_density: float
+    largest_effective_density: float
+    largest_vibration: float
+
+
+@dataclass(frozen=True)
+class ImuNoiseSummary:
+    """Both sensors."""
+
+    gyroscope: SensorNoiseSummary
+    accelerometer: SensorNoiseSummary
+
+
+@dataclass(frozen=True)
 class Summary:
     """Figures of one run; times in seconds, factors without unit.
 
@@ -66,7 +87,7 @@ class Summary:
     counted apart. Of events, `frontend_s` is what tracking took, in its own thread beside the rest; `events`
     are 0 for a recording of tracks. `first_estimate_s` counts from the start of the recording. `health` is
     the last one, `health_s` the seconds in each. `failure` says why the output is missing or incomplete,
-    empty when it is whole. `camera` is None without a segment at the end.
+    empty when it is whole. `camera` is None without a segment at the end, `imu_noise` without a single step.
     """
 
     recording: str
@@ -92,6 +113,7 @@ class Summary:
     failure: str
     notes: tuple[str, ...]
     camera: CameraSummary | None = None
+    imu_noise: ImuNoiseSummary | None = None
 
     def to_json(self) -> str:
         """The summary as JSON text; what is not finite becomes null."""
@@ -126,6 +148,22 @@ def camera_summary(found: CalibrationEstimate | None) -> CameraSummary | None:
         return None
     sigma_deg = math.degrees(float(found.sigma[1:].max()))
     return CameraSummary(float(found.time_offset_s), float(found.sigma[0]), sigma_deg)
+
+
+def imu_noise_summary(declared: ImuNoise, reports: Sequence[StepReport]) -> ImuNoiseSummary | None:
+    """How noisy the inertial sensors were beside what the calibration declares."""
+    known = [report.noise for report in reports if report.noise is not None]
+    if not known:
+        return None
+    density = np.array([noise.density for noise in known])
+    vibration = np.array([noise.vibration for noise in known])
+    sensors = (
+        SensorNoiseSummary(
+            figure, float(np.median(density[:, k])), float(density[:, k].max()), float(vibration[:, k].max())
+        )
+        for k, figure in enumerate((declared.gyroscope_density, declared.accelerometer_density))
+    )
+    return ImuNoiseSummary(*sensors)
 
 
 def summarize(

@@ -10,6 +10,7 @@ import pytest
 from asyneio.config import InertialConfig
 from asyneio.io import open_recording
 from asyneio.odometry.attitude import AttitudeFilter
+from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.simulation import MotionStyle, Truth, draw_motion, simulate
 from asyneio.simulation.rig import C_F_C, InertialRun, simulate_inertial
 from asyneio.types import Attitude, EventRecording, Health, ImuNoise, RecordArray
@@ -18,18 +19,22 @@ from tests.odometry.runs import INTERVAL_NS, SCENARIO, run, varied
 NOISE = SCENARIO.noise
 
 
+def learned_noise(noise: ImuNoise) -> LearnedNoise:
+    return LearnedNoise(InertialConfig(), noise, INTERVAL_NS * 1e-9)
+
+
 def filtered(
     gyroscope: RecordArray, accelerometer: RecordArray, noise: ImuNoise, interval_ns: int = INTERVAL_NS
 ) -> list[Attitude]:
     """One attitude after each packet of `interval_ns`."""
-    attitudes = AttitudeFilter(InertialConfig(), noise)
+    attitudes, learned = AttitudeFilter(InertialConfig(), noise.gyroscope_walk), learned_noise(noise)
     start_ns = max(int(gyroscope["t_ns"][0]), int(accelerometer["t_ns"][0]))
     ends_ns = np.arange(start_ns + interval_ns, gyroscope["t_ns"][-1], interval_ns)
     cuts = [np.r_[0, np.searchsorted(s["t_ns"], ends_ns, side="right")] for s in (gyroscope, accelerometer)]
-    found = [
-        attitudes.update(gyroscope[a:b], accelerometer[c:d], int(end))
-        for end, a, b, c, d in zip(ends_ns, cuts[0], cuts[0][1:], cuts[1], cuts[1][1:], strict=False)
-    ]
+    found = []
+    for end, a, b, c, d in zip(ends_ns, cuts[0], cuts[0][1:], cuts[1], cuts[1][1:], strict=False):
+        learned.append(gyroscope[a:b], accelerometer[c:d])
+        found.append(attitudes.update(gyroscope[a:b], accelerometer[c:d], int(end), learned.now()))
     return [a for a in found if a is not None]
 
 
@@ -106,7 +111,18 @@ def test_proper_without_some_samples() -> None:
     for attitude in found:
         np.testing.assert_allclose(attitude.C_w_b @ attitude.C_w_b.T, np.eye(3), atol=1e-9)
     assert found[24].tilt_sigma_rad > 1.3 * whole[24].tilt_sigma_rad
-    assert AttitudeFilter(InertialConfig(), NOISE).update(gyroscope, accelerometer[:0], begin_ns) is None
+    attitudes, noise = AttitudeFilter(InertialConfig(), NOISE.gyroscope_walk), learned_noise(NOISE).now()
+    assert attitudes.update(gyroscope, accelerometer[:0], begin_ns, noise) is None
+
+
+@pytest.mark.parametrize("end_ns", [-(2**63), 2**63 - 1])
+def test_a_packet_centuries_away_takes_no_memory(end_ns: int) -> None:
+    imu = turning(6, 1.0)
+    attitudes, noise = AttitudeFilter(InertialConfig(), NOISE.gyroscope_walk), learned_noise(NOISE).now()
+    attitudes.update(imu.gyroscope, imu.accelerometer, int(imu.gyroscope["t_ns"][-1]), noise)
+    found = attitudes.update(imu.gyroscope[:0], imu.accelerometer[:0], end_ns, noise)
+    assert found is not None
+    assert np.isfinite(found.C_w_b).all()
 
 
 def test_yaw_is_the_gyroscopes_since_the_first_sample() -> None:

@@ -21,13 +21,16 @@ from scipy.spatial.transform import Rotation
 from asyneio.config import InertialConfig
 from asyneio.geometry.gravity import upright
 from asyneio.inertial.dead_reckoning import interpolate_samples
+from asyneio.inertial.noise import InertialNoise
 from asyneio.inertial.stillness import possible
 from asyneio.odometry.intake import around
 from asyneio.odometry.propagation import propagate
-from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Attitude, FloatArray, ImuNoise, RecordArray
+from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Attitude, FloatArray, RecordArray
 
 #: Length of a step [s]: the mean of its samples is one measurement.
 _STEP_S = 0.025
+#: What is longer ago than this [s] is not gone through step by step: samples of a clock that was set, or none.
+_LONGEST_S = 10.0
 #: How long an acceleration of a hand or a small vehicle lasts [s].
 _PUSH_S = 0.2
 #: Tilt that the first sample's acceleration may feign [rad]: a tenth of gravity.
@@ -44,11 +47,10 @@ _UNSEEN_RATE = 1.0
 class AttitudeFilter:
     """Takes inertial samples; gives the attitude in a world with z up whose yaw begins at zero."""
 
-    def __init__(self, inertial: InertialConfig, noise: ImuNoise) -> None:
+    def __init__(self, inertial: InertialConfig, gyroscope_walk: float) -> None:
         self._gravity = inertial.gravity
-        self._turn_density = inertial.noise_inflation * noise.gyroscope_density
-        self._walk = inertial.walk_inflation * noise.gyroscope_walk
-        self._force_density = inertial.noise_inflation * noise.accelerometer_density
+        self._walk = inertial.walk_inflation * gyroscope_walk
+        self._turn_density = self._force_density = 0.0
         self._constant_tilt = inertial.initial_accelerometer_bias_sigma / inertial.gravity
         self._gyroscope: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
         self._accelerometer: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
@@ -59,9 +61,13 @@ class AttitudeFilter:
         #: Magnitude of the force of late, and over a longer time.
         self._recent = self._magnitude = inertial.gravity
 
-    def update(self, gyroscope: RecordArray, accelerometer: RecordArray, t_end_ns: int) -> Attitude | None:
-        """Take samples (INERTIAL_DTYPE, ascending, up to `t_end_ns`); the attitude then, None before both
-        sensors have delivered."""
+    def update(
+        self, gyroscope: RecordArray, accelerometer: RecordArray, t_end_ns: int, noise: InertialNoise
+    ) -> Attitude | None:
+        """Take samples (INERTIAL_DTYPE, ascending, up to `t_end_ns`) of this noise; the attitude then, None before
+        both sensors have delivered."""
+        self._turn_density = noise.gyroscope.density_of_mean(_STEP_S)
+        self._force_density = noise.accelerometer.density_of_mean(_STEP_S)
         self._gyroscope = np.concatenate([self._gyroscope, _possible(gyroscope)])
         self._accelerometer = np.concatenate([self._accelerometer, _possible(accelerometer)])
         if min(len(self._gyroscope), len(self._accelerometer)) == 0:
@@ -90,6 +96,8 @@ class AttitudeFilter:
 
     def _advance(self, from_ns: int, to_ns: int) -> None:
         """Through one step after the other, predicting and correcting."""
+        # A span in Python's numbers: a wrong stamp may be centuries away.
+        from_ns = max(from_ns, to_ns - round(_LONGEST_S * NS_PER_S))
         steps = max(1, round((to_ns - from_ns) / NS_PER_S / _STEP_S))
         times = np.linspace(from_ns, to_ns, steps + 1).astype(np.int64)
         used = self._bias.copy()

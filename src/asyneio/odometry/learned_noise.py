@@ -6,7 +6,7 @@ from asyneio.config import InertialConfig
 from asyneio.errors import CalibrationError
 from asyneio.inertial.noise import InertialNoise
 from asyneio.inertial.noise_learning import NoiseLearner
-from asyneio.types import ImuNoise, RecordArray
+from asyneio.types import ImuNoise, NoiseEstimate, RecordArray
 
 
 class LearnedNoise:
@@ -28,6 +28,7 @@ class LearnedNoise:
                 f"found noise densities {densities[0]} and {densities[1]}; expected positive "
                 "values: put the sensor's data sheet figures into imu.yaml"
             )
+        self._interval_s = interval_s
         self._learners = [NoiseLearner(inertial.noise_inflation * d, interval_s) for d in densities]
 
     def append(self, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
@@ -39,3 +40,10 @@ class LearnedNoise:
         """What is known of both sensors."""
         gyroscope, accelerometer = self._learners
         return InertialNoise(gyroscope.noise(), accelerometer.noise())
+
+    def estimate(self) -> NoiseEstimate:
+        """The same in a few numbers."""
+        now = self.now()
+        first, second = now.gyroscope, now.accelerometer
+        densities = first.density_of_mean(self._interval_s), second.density_of_mean(self._interval_s)
+        return NoiseEstimate(densities, (first.vibration, second.vibration))

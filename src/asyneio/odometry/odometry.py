@@ -69,7 +69,7 @@ class Odometry:
         self._packet_ns: int | None = None
         self._noise = LearnedNoise(config.inertial, calibration.noise, config.window.knot_interval_s)
         self._begin_segment()
-        self._attitude = AttitudeFilter(config.inertial, calibration.noise)
+        self._attitude = AttitudeFilter(config.inertial, calibration.noise.gyroscope_walk)
         self._upright: Attitude | None = None
 
     def _begin_segment(self) -> None:
@@ -107,6 +107,7 @@ class Odometry:
             still=self._rest.still,
             attitude=None if posed else self._upright,
             refused=self._intake.refused_share(packet.observations["id"]),
+            noise=self._noise.estimate(),
         )
 
     def _step(self, packet: Packet, before_ns: int | None) -> tuple[list[Estimate], StepReport]:
@@ -127,7 +128,8 @@ class Odometry:
         samples = len(packet.gyroscope) + len(packet.accelerometer)
         self._gated = self._intake.gated / max(samples, 1)
         self._rest.append(packet)
-        self._upright = self._attitude.update(packet.gyroscope, packet.accelerometer, packet.t_end_ns)
+        streams = packet.gyroscope, packet.accelerometer
+        self._upright = self._attitude.update(*streams, packet.t_end_ns, self._noise.now())
 
     def _track(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
         """All knots that the intake covers."""
@@ -157,7 +159,7 @@ class Odometry:
         report = StepReport(packet.t_end_ns, health, reason, segment=self._segment)
         self._segment += health is Health.LOST
         self._begin_segment()
-        self._attitude = AttitudeFilter(self._config.inertial, self._calibration.noise)
+        self._attitude = AttitudeFilter(self._config.inertial, self._calibration.noise.gyroscope_walk)
         self._take(packet)
         return report
 
