@@ -61,8 +61,9 @@ class CameraSummary:
 
 @dataclass(frozen=True)
 class SensorNoiseSummary:
-    """White noise of one inertial sensor [unit/sqrt(Hz)]: declared by the calibration, effective (learned from the
-    samples; median and largest over the run), and vibration [unit], root mean square, largest. Unit rad/s or m/s^2.
+    """White noise of one inertial sensor [unit/sqrt(Hz)]: declared by the calibration, effective (learned
+    from the samples; median and largest over the run), and vibration [unit], root mean square, largest. Unit
+    rad/s or m/s^2.
     """
 
     declared_density: float

@@ -278,9 +278,9 @@ class FirstState:
 class NoiseEstimate:
     """How noisy the inertial sensors are, as learned so far, gyroscope first.
 
-    `density` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)] of the white noise that leaves means over a knot interval as uncertain
-    as they are; `vibration` [rad/s, m/s^2]: root mean square of what the samples hold besides white noise, above
-    the frequencies that the trajectory follows.
+    `density` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)] of the white noise that leaves means over a knot interval as
+    uncertain as they are; `vibration` [rad/s, m/s^2]: root mean square of what the samples hold besides white
+    noise, above the frequencies that the trajectory follows.
     """
 
     density: tuple[float, float]
@@ -292,8 +292,8 @@ class StepReport:
     """What one call of `Odometry.process` did, for the log and the report.
 
     `attitude` is given while there is no pose to give; `still`: the sensor was taken to be at rest;
-    `refused`: share of the packet's tracks that were found to be no points of the static scene. `noise` is what
-    the inertial samples of this step count with.
+    `refused`: share of the packet's tracks that were found to be no points of the static scene. `noise` is
+    what the inertial samples of this step count with.
     """
 
     t_ns: int

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,7 +202,7 @@ def _whitened(samples: Inertial, error: Array) -> Array:
     """Errors (..., N,3) of all intervals, those of each by their common root."""
     start = samples.start - samples.start[0]
     out = np.empty_like(error)
-    for a, b in zip(start[:-1], start[1:], strict=True):
+    for a, b in pairwise(start):
         root = samples.root_information[samples.start[0] + a : samples.start[0] + b, : b - a]
         out[..., a:b, :] = root @ error[..., a:b, :]
     return out

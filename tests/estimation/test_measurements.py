@@ -38,7 +38,8 @@ def inertial(first: int = 5, prior: int = WNOJ) -> InertialBuffer:
     buffer = InertialBuffer(prior)
     for k, chunk in enumerate([samples(25, 50, 100), samples(), samples(210, 300)]):
         bounds = (START + 100 * k * MS, START + 100 * (k + 1) * MS)
-        direct = DirectSamples(chunk["t_ns"], chunk["xyz"], np.tril(chunk["xyz"][:, :1] + np.arange(len(chunk))))
+        root = np.tril(chunk["xyz"][:, :1] + np.arange(len(chunk)))
+        direct = DirectSamples(chunk["t_ns"], chunk["xyz"], root)
         buffer.append(direct, first + k, *bounds)
     return buffer
 

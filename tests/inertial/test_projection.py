@@ -54,9 +54,7 @@ def test_no_more_samples_than_values_pass_as_they_are() -> None:
     assert len(project(t[:0], value[:0], WHITE).t) == 0
 
 
-@pytest.mark.parametrize(
-    ("noise", "rate"), [(WHITE, 200.0), (SHAKEN, 1000.0)], ids=["white", "vibration"]
-)
+@pytest.mark.parametrize(("noise", "rate"), [(WHITE, 200.0), (SHAKEN, 1000.0)], ids=["white", "vibration"])
 def test_claimed_covariance_is_the_errors(noise: SensorNoise, rate: float) -> None:
     t = np.arange(1, round(0.1 * rate) + 1) / rate
     value = np.stack([drawn(noise, t, 400, seed) for seed in range(3)], axis=2) + curve(t, 7)

@@ -118,9 +118,10 @@ def test_noise_of_a_sample_follows_its_rate() -> None:
     noise = calibration.noise
     known = heard(plain)
     settings = resolve(plain, calibration, known)
-    samples = settings.window.noise.gyroscope.sample_sigma, settings.window.noise.accelerometer.sample_sigma
-    assert samples[0] == pytest.approx(noise.gyroscope_density * np.sqrt(SCENARIO.gyroscope_rate_hz), rel=1e-3)
-    assert samples[1] == pytest.approx(noise.accelerometer_density * np.sqrt(SCENARIO.accelerometer_rate_hz), rel=1e-3)
+    first, second = settings.window.noise.gyroscope, settings.window.noise.accelerometer
+    assert (first.density, second.density) == (noise.gyroscope_density, noise.accelerometer_density)
+    assert first.rate_hz == pytest.approx(SCENARIO.gyroscope_rate_hz, rel=1e-3)
+    assert second.rate_hz == pytest.approx(SCENARIO.accelerometer_rate_hz, rel=1e-3)
     np.testing.assert_allclose(settings.window.bias_walk[:3], noise.gyroscope_walk)
     np.testing.assert_allclose(settings.window.bias_walk[3:], noise.accelerometer_walk)
     wary = configured(inertial={"noise_inflation": 3.0, "walk_inflation": 5.0})

@@ -32,8 +32,8 @@ class Inertial(NamedTuple):
     """Samples of one inertial sensor, or the few values that stand for those of an interval
     (`inertial.projection`).
 
-    Those of interval i are whitened together: row n of `root_information`, of the m-th of them, holds what the first
-    m of them count in it; the rest of the row is zero.
+    Those of interval i are whitened together: row n of `root_information`, of the m-th of them, holds what
+    the first m of them count in it; the rest of the row is zero.
     """
 
     start: IntArray  # (I+1,)

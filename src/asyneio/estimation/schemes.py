@@ -68,8 +68,8 @@ SCHEMES = {
 
 @dataclass(frozen=True)
 class DirectSamples:
-    """Values that are factors on the trajectory: `t_ns` (N,), `value` (N,3), and `root` (N,N), lower triangular,
-    which whitens each axis of them."""
+    """Values that are factors on the trajectory: `t_ns` (N,), `value` (N,3), and `root` (N,N), lower
+    triangular, which whitens each axis of them."""
 
     t_ns: IntArray
     value: FloatArray
@@ -103,8 +103,8 @@ def measure(
         bounds_ns: start and end of the interval; a sample at its start belongs to the interval before.
         bias: (6,) [b_g, b_a], where increments are linearised.
         noise: of the samples, as all factors weigh them.
-        inflation: what that noise is said to be larger by than the sensor's own; how smooth Gaussian processes
-            are taken to be follows from the sensor's own.
+        inflation: what that noise is said to be larger by than the sensor's own; how smooth Gaussian
+            processes are taken to be follows from the sensor's own.
 
     Raises:
         EstimationError: the scheme has nothing but increments, and there are no samples to make them of.

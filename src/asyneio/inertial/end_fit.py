@@ -8,7 +8,8 @@ from asyneio.types import FloatArray
 
 
 def line_weights(t: FloatArray, at: float) -> FloatArray:
-    """Weights (N,) by which two or more samples at `t` (N,) [s] make up their least-squares line at the time `at`."""
+    """Weights (N,) by which two or more samples at `t` (N,) [s] make up the value of their least-squares line
+    at the time `at`."""
     middle = t.mean()
     spread = t - middle
     return np.asarray(1.0 / len(t) + (at - middle) * spread / float(spread @ spread))

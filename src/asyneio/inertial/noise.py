@@ -1,9 +1,10 @@
 """Noise of an inertial sensor as it is: a white part, and vibration above what a trajectory follows.
 
-A data sheet gives white noise. On a vehicle the samples carry vibration besides, whose power is ten to a thousand
-times larger, but lies at frequencies where it averages away: the mean over 0.1 s of a tone at 87 Hz keeps a thirtieth
-of its amplitude. White noise of the same power would hide a hundred times more of the motion. So the two are kept
-apart, and what is left of each in a mean or a fitted polynomial is computed, not assumed (`SensorNoise.covariance`).
+A data sheet gives white noise. On a vehicle the samples carry vibration besides, whose power is ten to a
+thousand times larger, but lies at frequencies where it averages away: the mean over 0.1 s of a tone at 87 Hz
+keeps a thirtieth of its amplitude. White noise of the same power would hide a hundred times more of the
+motion. So the two are kept apart, and what is left of each in a mean or a fitted polynomial is computed, not
+assumed (`SensorNoise.covariance`).
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ def _none() -> FloatArray:
 class SensorNoise:
     """Noise of one sensor, alike on its three axes; unit: rad/s or m/s^2.
 
-    `density` [unit/sqrt(Hz)] of the white part, in samples at `rate_hz`. Vibration: `power` (F,) [unit^2], the
-    variance of what lies around each of the frequencies `frequency_hz` (F,).
+    `density` [unit/sqrt(Hz)] of the white part, in samples at `rate_hz`. Vibration: `power` (F,) [unit^2],
+    the variance of what lies around each of the frequencies `frequency_hz` (F,).
 
     Raises:
         InertialError: the density or the rate is not a positive number.
@@ -40,7 +41,9 @@ class SensorNoise:
     def __post_init__(self) -> None:
         for name, value in (("noise density", self.density), ("sample rate", self.rate_hz)):
             if not (np.isfinite(value) and value > 0.0):
-                raise InertialError(f"the {name} of an inertial sensor is {value}; expected a positive number")
+                raise InertialError(
+                    f"the {name} of an inertial sensor is {value}; expected a positive number"
+                )
 
     @property
     def white_sigma(self) -> float:

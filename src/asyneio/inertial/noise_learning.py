@@ -1,14 +1,14 @@
 """The noise of an inertial sensor, learned while it is used from what no trajectory between knots can follow.
 
 Motion of a hand or a vehicle lies below the frequency that a trajectory with knots every `T` seconds follows,
-`BAND / T`. What the samples hold above it is noise, whatever its cause: electronics, quantisation, rotors, an engine.
-Its power spectrum is averaged over overlapping blocks of half a second (Welch's method, IEEE Trans. Audio
-Electroacoust. 1967), the older the less.
+`BAND / T`. What the samples hold above it is noise, whatever its cause: electronics, quantisation, rotors, an
+engine. Its power spectrum is averaged over overlapping blocks of half a second (Welch's method, IEEE Trans.
+Audio Electroacoust. 1967), the older the less.
 
-Below that frequency noise cannot be told from motion. White noise reaches there, so the quietest stretch of the two octaves
-above raises the density that is assumed below; peaks of vibration do not. The density is never taken to be lower
-than the declared one times `inertial.noise_inflation`: scale, alignment and bias of a real sensor are off by amounts
-that change with the motion, and none of this shows above the band.
+Below that frequency noise cannot be told from motion. White noise reaches there, so the quietest stretch of
+the two octaves above raises the density that is assumed below; peaks of vibration do not. The density is
+never taken to be lower than the declared one times `inertial.noise_inflation`: scale, alignment and bias of a
+real sensor are off by amounts that change with the motion, and none of this shows above the band.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.inertial.noise import SensorNoise
+from asyneio.inertial.stillness import possible
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, FloatArray, RecordArray
 
 #: A trajectory between knots `T` apart follows frequencies up to `BAND / T`: three unknowns of each axis and
@@ -27,8 +28,8 @@ _BLOCK_S, _HOP_S = 0.5, 0.25
 _MEMORY_S = 2.0
 #: A pause of so many sample periods spoils a block.
 _PAUSE_PERIODS = 8.0
-#: The spectrum is smoothed over so many of its values before the quietest is sought; and where it is sought, in
-#: multiples of the band's upper end.
+#: The spectrum is smoothed over so many of its values before the quietest is sought; and where it is sought,
+#: in multiples of the band's upper end.
 _SMOOTH, _QUIET_UP_TO = 5, 4.0
 #: Fewer values of the spectrum above the band say nothing.
 _LEAST_VALUES = 5
@@ -54,8 +55,8 @@ class NoiseLearner:
         self._power: FloatArray = np.empty(0)
 
     def append(self, samples: RecordArray) -> None:
-        """Take over good samples (INERTIAL_DTYPE), ascending in time."""
-        held = self._held
+        """Take over samples (INERTIAL_DTYPE), ascending in time; after a step back they begin anew."""
+        held, samples = self._held, samples[possible(samples["xyz"])]
         if len(held) and len(samples) and samples["t_ns"][0] <= held["t_ns"][-1]:
             held = held[:0]
         self._held = np.concatenate([held, samples])

@@ -1,12 +1,13 @@
-"""The samples of an interval, projected onto the few polynomials that a trajectory between two knots can show.
+"""The samples of an interval, projected onto the polynomials that a trajectory between two knots can show.
 
-Between two knots the trajectory's rates are smooth: to far below the noise of any sensor they are polynomials of degree
-`NODES - 1`. All that a hundred samples say of such a curve is said by their best fit, taken at `NODES` times, with its
-covariance: as factors these few values are the same as all samples (exactly so for a polynomial), at a fraction of the
-cost. What the fit leaves over no trajectory can follow: it says how noisy the interval was.
+Between two knots the trajectory's rates are smooth: to far below the noise of any sensor they are polynomials
+of degree `NODES - 1`. All that a hundred samples say of such a curve is said by their best fit, taken at
+`NODES` times, with its covariance: as factors these few values are the same as all samples (exactly so for a
+polynomial), at a fraction of the cost. What the fit leaves over no trajectory can follow: it says how noisy
+the interval was.
 
-The fit weighs the samples by their covariance (generalised least squares), so that vibration at known frequencies
-takes no part in it.
+The fit weighs the samples by their covariance (generalised least squares), so that vibration at known
+frequencies takes no part in it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from asyneio.types import FloatArray
 NODES = 6
 #: Coefficients that the samples determine so much worse than the best one are left out: a gap.
 _CONDITION = 1e-3
-#: The remainder over its expectation that is not chance any more: with sixty degrees of freedom once in a thousand.
+#: The remainder over its expectation that is not chance any more: with sixty degrees of freedom once in a
+#: thousand.
 _SUDDEN = 1.6
 #: Fewer degrees of freedom say nothing about an interval.
 _LEAST_FREEDOM = 12
@@ -30,7 +32,8 @@ _LEAST_FREEDOM = 12
 
 @dataclass(frozen=True)
 class Projected:
-    """Values (n,3) at `t` (n,) [s] that stand for the samples; `root` (n,n), lower triangular, whitens each axis."""
+    """Values (n,3) at `t` (n,) [s] that stand for the samples; `root` (n,n), lower triangular, whitens each
+    axis."""
 
     t: FloatArray
     value: FloatArray
@@ -67,7 +70,5 @@ def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
     nodes = np.polynomial.legendre.leggauss(n)[0]
     to_nodes = np.linalg.solve(R[:n, :n].T, np.polynomial.legendre.legvander(nodes, n - 1).T).T
     # Coefficients are white with unit variance: the values' covariance is to_nodes to_nodes^T.
-    orthogonal, lower = np.linalg.qr(to_nodes.T)
-    del orthogonal
-    root = np.linalg.inv(lower.T) / scale
+    root = np.linalg.inv(np.linalg.qr(to_nodes.T, mode="r").T) / scale
     return Projected(middle + half * nodes, to_nodes @ coefficients, root)

@@ -29,7 +29,8 @@ from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Attitude, FloatArray, Record
 
 #: Length of a step [s]: the mean of its samples is one measurement.
 _STEP_S = 0.025
-#: What is longer ago than this [s] is not gone through step by step: samples of a clock that was set, or none.
+#: What is longer ago than this [s] is not gone through step by step: samples of a clock that was set, or
+#: none.
 _LONGEST_S = 10.0
 #: How long an acceleration of a hand or a small vehicle lasts [s].
 _PUSH_S = 0.2
@@ -64,8 +65,8 @@ class AttitudeFilter:
     def update(
         self, gyroscope: RecordArray, accelerometer: RecordArray, t_end_ns: int, noise: InertialNoise
     ) -> Attitude | None:
-        """Take samples (INERTIAL_DTYPE, ascending, up to `t_end_ns`) of this noise; the attitude then, None before
-        both sensors have delivered."""
+        """Take samples (INERTIAL_DTYPE, ascending, up to `t_end_ns`) of this noise; the attitude then, None
+        before both sensors have delivered."""
         self._turn_density = noise.gyroscope.density_of_mean(_STEP_S)
         self._force_density = noise.accelerometer.density_of_mean(_STEP_S)
         self._gyroscope = np.concatenate([self._gyroscope, _possible(gyroscope)])
@@ -99,7 +100,7 @@ class AttitudeFilter:
         # A span in Python's numbers: a wrong stamp may be centuries away.
         from_ns = max(from_ns, to_ns - round(_LONGEST_S * NS_PER_S))
         steps = max(1, round((to_ns - from_ns) / NS_PER_S / _STEP_S))
-        times = np.linspace(from_ns, to_ns, steps + 1).astype(np.int64)
+        times = from_ns + (to_ns - from_ns) * np.arange(steps + 1, dtype=np.int64) // steps
         used = self._bias.copy()
         streams = (self._gyroscope, self._accelerometer)
         zero = np.zeros(3)
