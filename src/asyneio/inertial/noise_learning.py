@@ -33,6 +33,8 @@ _PAUSE_PERIODS = 8.0
 _SMOOTH, _QUIET_UP_TO = 5, 4.0
 #: Fewer values of the spectrum above the band say nothing.
 _LEAST_VALUES = 5
+#: Fewer samples in a block have no spectrum above any band.
+_LEAST_SAMPLES = 16
 #: Slow motion is taken out of a block as a polynomial of this degree.
 _DEGREE = 3
 
@@ -92,6 +94,8 @@ class NoiseLearner:
         if steps.max() > _PAUSE_PERIODS * period:
             return
         n = round(_BLOCK_S / period)
+        if n < _LEAST_SAMPLES:
+            return
         even = np.arange(n) * _BLOCK_S / n
         value = np.column_stack([np.interp(even, t, block["xyz"][:, axis]) for axis in range(3)])
         frequency_hz, power = _spectrum(value, _BLOCK_S)
