@@ -11,9 +11,10 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
+from asyneio.inertial.repeats import RenewedPackets
 from asyneio.odometry.attempt import RETRY_NS, attempt_start
 from asyneio.odometry.attitude import AttitudeFilter
-from asyneio.odometry.intake import Intake, rate_hz, until
+from asyneio.odometry.intake import Intake, until
 from asyneio.odometry.known_start import checked
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
@@ -66,6 +67,7 @@ class Odometry:
         self._calibration = calibration
         self._segment = 0
         self._packet_ns: int | None = None
+        self._renewed = RenewedPackets()
         self._begin_segment()
         self._attitude = AttitudeFilter(config.inertial, calibration.noise)
         self._upright: Attitude | None = None
@@ -92,6 +94,7 @@ class Odometry:
 
         States of a step that turns out LOST are not given out.
         """
+        packet = self._renewed.passed(packet)
         before_ns, self._packet_ns = self._packet_ns, packet.t_end_ns
         if before_ns is not None and packet.t_end_ns < before_ns:
             back_s = (before_ns - packet.t_end_ns) / NS_PER_S
@@ -121,7 +124,7 @@ class Odometry:
         return self._try_start(packet.t_end_ns)
 
     def _take(self, packet: Packet) -> None:
-        self._intake.append(packet)
+        self._intake.append(packet, self._renewed.rates_hz)
         samples = len(packet.gyroscope) + len(packet.accelerometer)
         self._gated = self._intake.gated / max(samples, 1)
         self._rest.append(packet)
@@ -233,12 +236,7 @@ class Odometry:
             return [], self._initializing(t_ns, self._refusal)
         self._next_attempt_ns = t_ns + RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
-        self._settings = resolve(
-            self._config,
-            self._calibration,
-            rate_hz(self._intake.gyroscope),
-            rate_hz(self._intake.accelerometer),
-        )
+        self._settings = resolve(self._config, self._calibration, *self._renewed.rates_hz)
         started = attempt_start(self._intake, self._settings, self._rest.since_ns, self._first_state)
         if isinstance(started, str):
             self._refusal = started
