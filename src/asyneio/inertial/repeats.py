@@ -3,8 +3,8 @@
 A repeated reading is the same measurement again and tells nothing new. The accelerometer of the DAVIS240, for
 instance, is renewed at 1 kHz and read at 2.3 kHz, so that each of its values appears two or three times.
 
-One repeated reading proves nothing: readings are quantised, and a sensor that barely moves may read the same
-value twice, or hundreds of times at rest, by measuring it anew each time. What tells the two apart is how long
+One repeated reading proves nothing: readings are quantised, and a sensor that barely moves may read the
+same value twice, or hundreds of times at rest, by measuring it anew each time. What tells the two apart is how long
 equal readings last. A held value lasts `k` readings or, where the two rates are no multiples of each other,
 `k` or `k + 1`, never fewer and never more; chance makes runs of all lengths, the short ones most often.
 Therefore nothing is left out until holding is proven, and a value that stays for longer than a sensor holds
@@ -23,11 +23,11 @@ from asyneio.types import INERTIAL_DTYPE, NS_PER_S, BoolArray, IntArray, Packet,
 _MEMORY = 200
 #: Share of the runs that may be shorter or longer than a held value lasts: samples get lost on the way.
 _EXCEPTIONS = 0.05
-#: Finished runs that prove holding where every value repeats: chance makes eight runs of two or three readings
-#: and no other with odds of 4e-4 at best.
+#: Finished runs that prove holding where every value repeats: chance makes eight runs of two or three
+#: readings and no other with odds of 4e-4 at best.
 _ENOUGH = 8
-#: Where some values do not repeat, all runs remembered must have one or two readings, and so many of them two:
-#: chance makes a run of three or more of a ninth of them then.
+#: Where some values do not repeat, nearly all runs remembered must have one or two readings, and so many of
+#: them two: chance makes three or more readings of an eighth of the runs then.
 _LEAST_REPEATS = 0.35
 #: Share of shorter runs that disproves holding.
 _DISPROOF = 0.1
@@ -56,7 +56,7 @@ class Renewals:
         self._lengths: IntArray = np.empty(0, dtype=np.int64)
         self._steps_ns: IntArray = np.empty(0, dtype=np.int64)
         self._last: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
-        #: Length of the run that is not over; -1 before the first one has begun where we can see it begin.
+        #: Length of the run that is not over; 0 in the very first one, -1 before it.
         self._running = -1
         self._kept_ns = 0
 
@@ -90,16 +90,15 @@ class Renewals:
     def _count(self, same: BoolArray) -> None:
         """Take in the runs that ended; the very first one may have begun before the recording."""
         begins = np.flatnonzero(~same)
+        if self._running < 0:
+            begins, self._running = begins[1:], 0
         if begins.size == 0:
-            self._running += len(same) if self._running > 0 else 0
+            self._running += len(same) if self._running else 0
             return
         ended = np.diff(begins)
-        if self._running > 0:
+        if self._running:
             ended = np.append(self._running + begins[0], ended)
-        elif self._running < 0 and ended.size:
-            ended = ended[1:]
-        first_is_open = self._running < 0 and begins.size == 1
-        self._running = -1 if first_is_open else len(same) - int(begins[-1])
+        self._running = len(same) - int(begins[-1])
         self._lengths = np.concatenate([self._lengths, ended])[-_MEMORY:]
 
     def _renewed(self, t_ns: IntArray, same: BoolArray) -> BoolArray:

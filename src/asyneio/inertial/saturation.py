@@ -24,9 +24,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from asyneio.types import BoolArray, FloatArray
 
 #: How many times further beyond the end than usual line and parabola must go after two, three, ... equal
-#: readings. Real recordings without saturation, three hundred samples at a time, reach 4.0, 2.9, 2.8, 1.7, 1.8
-#: (`tests/inertial/test_saturation.py`).
+#: readings. A real recording without saturation, cut into pieces of three hundred samples, reaches 4.0, 2.9,
+#: 2.8, 1.7 and 1.8 for two to six.
 _BREAKS = (6.0, 4.0, 3.5, 2.5)
+#: And by so many of the converter's steps for each sample: a slower motion may come to rest unnoticed.
+_STEPS = 2.0
 #: What counts as usual: a distance that one in ten is beyond, of so many samples before.
 _USUAL, _HISTORY = 0.9, 40
 #: Fewer than these tell nothing.
@@ -36,7 +38,7 @@ _ABRUPT = 6.0
 #: Readings in two or more abrupt swings that reach the same value.
 _TOUCHES = 3
 #: Equal readings in a row, whatever came before; at least, and as a multiple of the longest other run.
-_STAY, _STAY_FACTOR = 10, 2
+_STAY, _STAY_FACTOR = 5, 2
 #: Readings kept from the packets before.
 _TAIL = 3 * _HISTORY
 
@@ -46,7 +48,7 @@ class RangeEnds:
 
     def __init__(self) -> None:
         self._ends = [(_End(), _End()) for _ in range(3)]
-        self._other_runs = [_OtherRuns() for _ in range(3)]
+        self._habits = [_Habits() for _ in range(3)]
         self._tail: FloatArray = np.empty((0, 3))
 
     def reached(self, xyz: FloatArray, least: float) -> BoolArray:
@@ -56,28 +58,32 @@ class RangeEnds:
         first = len(self._tail)
         self._tail = rows[-_TAIL:]
         out = np.zeros(len(xyz), dtype=np.bool_)
-        same = rows[1:][max(first - 1, 0) :] == rows[:-1][max(first - 1, 0) :]
+        step = np.abs(np.diff(rows[max(first - 1, 0) :], axis=0))
+        same = step == 0.0
         for k, (top, bottom) in enumerate(self._ends):
             if same[:, k].any():
                 high, low = max(top.extreme, least), max(bottom.extreme, least)
                 x = xyz[len(xyz) - len(same) :, k]
                 same[:, k] &= (x < high) & (-x < low)
-            self._other_runs[k].see(same[:, k])
-            longest = self._other_runs[k].longest
+            habits = self._habits[k]
+            habits.see(step[:, k], same[:, k])
             for end, column in ((top, rows[:, k]), (bottom, -rows[:, k])):
                 for i in np.flatnonzero(column[first:] >= end.extreme).tolist():
-                    out[i] |= end.reached(column[: first + i + 1], least, longest)
+                    out[i] |= end.reached(column[: first + i + 1], least, habits)
         return out
 
 
-class _OtherRuns:
-    """The longest run of equal readings on an axis that is not at an end."""
+class _Habits:
+    """Of one axis: the longest run of equal readings that is not at an end, and the smallest step."""
 
     def __init__(self) -> None:
         self.longest = self._running = 1
+        self.step = np.inf
 
-    def see(self, same: BoolArray) -> None:
-        """Take in which of the next readings (N,) equal the one before."""
+    def see(self, step: FloatArray, same: BoolArray) -> None:
+        """Take in by how much each of the next readings (N,) differs from the one before, and whether it is
+        equal to it away from the ends."""
+        self.step = float(step.min(where=step > 0.0, initial=self.step))
         if not same.any():
             self._running = 1 if same.size else self._running
             return
@@ -104,13 +110,13 @@ class _End:
         #: Whether the last swing to the extreme was abrupt.
         self._abrupt = False
 
-    def reached(self, rows: FloatArray, least: float, longest: int) -> bool:
+    def reached(self, rows: FloatArray, least: float, habits: _Habits) -> bool:
         """Whether the last of `rows` (M,) is at the end.
 
         Args:
             rows: the last readings; only those whose last one is at the extreme or beyond need be given.
             least: no end is below.
-            longest: run of equal readings that this axis made elsewhere.
+            habits: of the axis elsewhere.
         """
         value = float(rows[-1])
         if value < self.extreme:
@@ -125,8 +131,8 @@ class _End:
         self._touches += self._abrupt
         if not self._known and value >= least:
             again = self._swings > 1 and self._touches >= _TOUCHES
-            stays = self._run >= max(_STAY, _STAY_FACTOR * longest + 2)
-            self._known = again or stays or self._breaks_off(rows[: -self._run], value)
+            stays = self._run >= max(_STAY, _STAY_FACTOR * habits.longest + 2)
+            self._known = again or stays or self._breaks_off(rows[: -self._run], value, habits.step)
         return self._known
 
     def _begin_swing(self, before: FloatArray, value: float) -> None:
@@ -139,13 +145,16 @@ class _End:
         self._swings += self._abrupt
         self._run = 0
 
-    def _breaks_off(self, before: FloatArray, value: float) -> bool:
-        """Whether line and parabola through the samples before go far beyond the run at `value`."""
+    def _breaks_off(self, before: FloatArray, value: float, step: float) -> bool:
+        """Whether line and parabola through the samples before (M,) go far beyond the run at `value`.
+
+        By more than a motion that is as slow as a converter's `step` from sample to sample.
+        """
         if self._run < 2 or len(before) < 3:
             return False
         line, parabola = _continued(before[None, -3:], self._run)
         beyond = min(float(line[0]), float(parabola[0])) - value
-        if beyond <= 0.0:
+        if beyond <= _STEPS * self._run * step:
             return False
         usual = _usual_distance(before, self._run)
         return usual is not None and beyond > _BREAKS[min(self._run - 2, len(_BREAKS) - 1)] * usual

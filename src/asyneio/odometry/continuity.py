@@ -33,7 +33,7 @@ _JUMP, _LEAST_JUMPS = 6.0, (0.02, 0.2)
 #: Samples on each side of a jump that tell what is usual.
 _AROUND = 12
 #: Steps around a jump that are not zero; fewer do not tell what is usual.
-_ENOUGH_CHANGES = 5
+_ENOUGH_CHANGES = 4
 #: Turning the optical axis by more than this share of the field of view carries all features away:
 #: one whose patch (21 px) reaches over the border is not followed for long.
 _TURN_SHARE = 0.85
@@ -144,10 +144,10 @@ def _jumps(value: FloatArray, least: float) -> BoolArray:
 def _usual_size(steps: FloatArray) -> FloatArray:
     """Median (N,) of the steps (N,) around each, of those that are not zero.
 
-    Held samples and those of a coarse sensor at rest make many steps of zero. Where nearly all are zero, so is
-    the usual one.
+    Held samples and those of a coarse sensor at rest make many steps of zero. Where nearly all are zero, so
+    is the usual one.
     """
-    around = np.sort(sliding_window_view(np.pad(steps, _AROUND, mode="edge"), 2 * _AROUND + 1), axis=1)
+    around = np.sort(sliding_window_view(np.pad(steps, _AROUND, mode="reflect"), 2 * _AROUND + 1), axis=1)
     changes = np.count_nonzero(around, axis=1)
     middle = around.shape[1] - 1 - changes // 2
     median = np.take_along_axis(around, np.minimum(middle, around.shape[1] - 1)[:, None], axis=1)[:, 0]
