@@ -15,8 +15,8 @@ from asyneio.config import HealthConfig
 from asyneio.odometry.continuity import Continuity, Jumps, field_of_view
 from asyneio.odometry.health import HealthMonitor, Vitals
 from asyneio.odometry.vitals import ScaleChanges, sample_gap_s
-from asyneio.simulation.scenario import DAVIS240C
 from asyneio.simulation.faults import held
+from asyneio.simulation.scenario import DAVIS240C
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Health, RecordArray
 
 STEP_NS = 100_000_000
