@@ -6,7 +6,7 @@ instance, is renewed at 1 kHz and read at 2.3 kHz, so that each of its values ap
 One repeated reading proves nothing: readings are quantised, and a sensor that barely moves may read the
 same value twice, or hundreds of times at rest, by measuring it anew each time. What tells the two apart is
 how long equal readings last. A held value lasts `k` readings or, where the two rates are no multiples of each
-other, `k` or `k + 1`, never fewer and never more; chance makes runs of all lengths, the short ones most often.
+other, `k` or `k + 1`, never fewer and never more; chance makes runs of all lengths, short ones most often.
 Therefore nothing is left out until holding is proven, and a value that stays for longer than a sensor holds
 one has been measured again: one reading for each time of holding is kept, so that a long rest is no pause.
 """
