@@ -82,8 +82,8 @@ def test_saturated_samples_are_refused(rng: np.random.Generator) -> None:
     at_limit = (np.abs(clipped["xyz"]) >= 16.0).any(axis=1)
     left = np.isin(clipped["t_ns"], passed["t_ns"]) & at_limit
     assert gate.saturated > 0.9 * np.count_nonzero(at_limit)
-    # The first two of the first run, before the range was known.
-    assert np.count_nonzero(left) <= 2
+    # The first ones at each of the six ends, before it was known.
+    assert np.count_nonzero(left) <= 6 * 3
     assert gate.saturated <= np.count_nonzero(at_limit)
 
 

@@ -15,6 +15,7 @@ from asyneio.config import HealthConfig
 from asyneio.odometry.continuity import Continuity, Jumps, field_of_view
 from asyneio.odometry.health import HealthMonitor, Vitals
 from asyneio.odometry.vitals import ScaleChanges, sample_gap_s
+from asyneio.simulation.faults import held
 from asyneio.simulation.scenario import DAVIS240C
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Health, RecordArray
 
@@ -225,3 +226,19 @@ def test_a_jump_of_the_samples_is_known_for_a_while() -> None:
     assert told[:10] == [False] * 10
     assert told[11:15] == [True] * 4
     assert told[-3:] == [False] * 3
+
+
+@pytest.mark.parametrize("renewed", [1.6, 2.0, 3.0, 5.0])
+def test_renewals_of_held_samples_are_no_jumps(renewed: float) -> None:
+    samples = held(smooth_rates(1000, seed=3), renewed)
+    assert not any(jumped(samples, 0.0))
+    assert jumped(samples, 2.0)[11:15] == [True] * 4
+
+
+def test_a_jump_from_rest_is_seen_by_a_coarse_sensor() -> None:
+    """One that reads nothing but zero, but for a step now and then."""
+    samples = smooth_rates(1000, seed=3)
+    samples["xyz"] = 0.0
+    samples["xyz"][::40] = 1e-3
+    assert not any(jumped(samples, 0.0))
+    assert jumped(samples, 0.3)[11:15] == [True] * 4

@@ -48,6 +48,25 @@ def test_a_saturated_sensor_reads_its_limit() -> None:
     np.testing.assert_array_equal(clipped["xyz"][~beyond], clean["xyz"][~beyond])
 
 
+def test_a_quantised_sensor_reads_multiples_of_its_step() -> None:
+    clean = readings()
+    coarse = faults.quantised(clean, 0.25)
+    np.testing.assert_array_equal(coarse["xyz"] / 0.25, np.rint(coarse["xyz"] / 0.25))
+    assert np.abs(coarse["xyz"] - clean["xyz"]).max() <= 0.125
+    np.testing.assert_array_equal(coarse["t_ns"], clean["t_ns"])
+
+
+@pytest.mark.parametrize(("renewed", "lengths"), [(1.0, {1}), (3.0, {3}), (7 / 3, {2, 3}), (1.6, {1, 2})])
+def test_a_held_value_is_the_first_one_and_lasts(renewed: float, lengths: set[int]) -> None:
+    clean = readings(2100)
+    kept = faults.held(clean, renewed)
+    first = np.flatnonzero(np.append(True, (np.diff(kept["xyz"], axis=0) != 0.0).any(axis=1)))
+    np.testing.assert_array_equal(kept["xyz"][first], clean["xyz"][first])
+    assert set(np.diff(first).tolist()) == lengths
+    assert abs(2100 / len(first) - renewed) < 0.01
+    np.testing.assert_array_equal(kept["t_ns"], clean["t_ns"])
+
+
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(start=st.integers(-50, 11_000), length=st.integers(0, 11_000))
 def test_a_silent_sensor_lacks_exactly_the_interval(start: int, length: int) -> None:
@@ -117,5 +136,9 @@ def test_impossible_faults_are_refused(rng: np.random.Generator) -> None:
         faults.spikes(readings(), 2.0, 1.0, rng)
     with pytest.raises(SimulationError, match="a limit of 0"):
         faults.saturated(readings(), 0.0)
+    with pytest.raises(SimulationError, match="positive"):
+        faults.quantised(readings(), 0.0)
+    with pytest.raises(SimulationError, match="1 or more"):
+        faults.held(readings(), 0.5)
     with pytest.raises(SimulationError, match="an interval from 5 to 4"):
         faults.without(readings(), 5, 4)

@@ -9,6 +9,7 @@ from asyneio.doctor.imu_time import streams_of
 from asyneio.doctor.verdict import Verdict
 from asyneio.errors import RecordingError
 from asyneio.inertial.gating import SampleGate, SensorLimits
+from asyneio.inertial.repeats import Renewals
 from asyneio.inertial.stillness import LEAST_DENSITY, Stillness, possible
 from asyneio.io.inertial_files import STANDARD_GRAVITY, check_units
 from asyneio.types import NS_PER_S, FloatArray, RecordArray
@@ -99,10 +100,10 @@ def check_blows(evidence: Evidence) -> Verdict | None:
         _SENSORS, (streams.gyroscope, streams.accelerometer), _LEAST_RANGES, LEAST_DENSITY, strict=True
     ):
         gate = SampleGate()
-        rate_hz = NS_PER_S / max(float(np.median(np.diff(rows["t_ns"]))), 1.0)
-        limits = SensorLimits(density * np.sqrt(rate_hz), least)
+        renewals = Renewals()
         for start in range(0, rows.size, _GATE_SAMPLES):
-            gate.passed(rows[start : start + _GATE_SAMPLES], limits)
+            renewed = renewals.passed(rows[start : start + _GATE_SAMPLES])
+            gate.passed(renewed, SensorLimits(density * np.sqrt(renewals.rate_hz), least))
         if gate.spikes or gate.saturated:
             found[name] = {"saturated": gate.saturated, "spikes": gate.spikes, "samples": int(rows.size)}
     if not found:

@@ -5,8 +5,7 @@ three lines: through its neighbours, through the two samples before it, through 
 samples around tell: a spike is far from all three, compared with what is usual there. A knock that lasts
 three samples is on one of the lines and stays; vibration raises what is usual.
 
-*Saturation.* Noise never repeats a reading to the last bit. A run of equal readings that are also the largest
-this sensor has ever given, and more than gravity or a slow turn accounts for, is the end of its range.
+*Saturation.* See `saturation`.
 
 A reading that is refused leaves a gap, which every inertial scheme treats as such (`estimation.schemes`).
 """
@@ -18,14 +17,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from asyneio.inertial.saturation import RangeEnds
 from asyneio.types import BoolArray, FloatArray, RecordArray
 
 #: A spike is so many standard deviations of the sensor's noise from all three lines, over and above
 _NOISE_SIGMAS = 20.0
 #: so many times the usual distance. Real hand-held, flying and rotating-disk recordings reach 9 (tests).
 _USUAL = 30.0
-#: Equal readings in a row that noise does not make.
+#: Suspects in a row that are no spikes.
 _RUN = 3
+#: Samples off their lines that tell what is usual, where most are on them to the last bit: at rest, readings
+#: are equal but for some steps of the converter.
+_ENOUGH_OFF = 5
 #: Samples that a suspect is compared with to find the worst.
 _NEIGHBOURS = 5
 #: Samples of the packets before that go on counting for what is usual.
@@ -54,18 +57,18 @@ class SampleGate:
         self._before: FloatArray = np.empty((0, 4))
         self._before_ns = 0
         self._last_ns: int | None = None
-        self._extreme = 0.0
-        self._previous: FloatArray = np.empty((0, 3))
+        self._ends = RangeEnds()
 
     def passed(self, samples: RecordArray, limits: SensorLimits) -> RecordArray:
         """The samples (INERTIAL_DTYPE) without those that cannot be right."""
         samples = samples[self._in_order(samples)]
-        stuck = self._at_the_limit(samples["xyz"], limits.least_range)
-        self.saturated += int(np.count_nonzero(stuck))
-        samples = samples[~stuck]
         spike = self._far_from_all_lines(samples, limits.sigma)
         self.spikes += int(np.count_nonzero(spike))
-        return samples[~spike]
+        # A spike beyond the range would hide its end.
+        samples = samples[~spike]
+        stuck = self._ends.reached(samples["xyz"], limits.least_range)
+        self.saturated += int(np.count_nonzero(stuck))
+        return samples[~stuck]
 
     @property
     def refused(self) -> int:
@@ -82,20 +85,6 @@ class SampleGate:
         self._last_ns = None if self._last_ns is None and not good.any() else int(latest[-1])
         self.corrupt += int(np.count_nonzero(~good))
         return good
-
-    def _at_the_limit(self, xyz: FloatArray, least_range: float) -> BoolArray:
-        """Which samples have an axis that stands at the largest reading so far."""
-        rows = np.vstack([self._previous, xyz])
-        self._previous = rows[-(_RUN - 1) :]
-        same = rows[1:] == rows[:-1]
-        # The third of three equal readings; once the range is known, the others are found by it.
-        long = np.zeros(rows.shape, dtype=np.bool_)
-        long[2:] = same[1:] & same[:-1] & (np.abs(rows[2:]) >= max(least_range, self._extreme))
-        if long.any():
-            self._extreme = float(np.abs(rows[long]).max())
-        if self._extreme == 0.0:
-            return np.zeros(len(xyz), dtype=np.bool_)
-        return np.asarray((np.abs(xyz) >= self._extreme).any(axis=1))
 
     def _far_from_all_lines(self, samples: RecordArray, sigma: float) -> BoolArray:
         rows = np.column_stack([(samples["t_ns"] - self._origin(samples)) * 1e-9, samples["xyz"]])
@@ -149,8 +138,11 @@ def _isolated(rows: FloatArray, sigma: float) -> BoolArray:
 def _suspects(rows: FloatArray, sigma: float) -> BoolArray:
     """Which samples (N,) are further from all three lines than a good one can be."""
     distance = _distances(rows[:, 0], rows[:, 1:])
-    allowed = _USUAL * np.median(distance, axis=0) + _NOISE_SIGMAS * sigma
-    return np.asarray(np.any(distance > allowed, axis=1))
+    usual = np.median(distance, axis=0)
+    for k in np.flatnonzero(usual == 0.0).tolist():
+        off = distance[distance[:, k] > 0.0, k]
+        usual[k] = np.median(off) if len(off) >= _ENOUGH_OFF else 0.0
+    return np.asarray(np.any(distance > _USUAL * usual + _NOISE_SIGMAS * sigma, axis=1))
 
 
 def _from_median(x: FloatArray) -> FloatArray:

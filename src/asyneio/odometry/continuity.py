@@ -7,7 +7,7 @@ may lose all of its features, and a blow makes the samples jump.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.transform import Rotation
 
 from asyneio.types import (
@@ -32,6 +32,8 @@ _ENOUGH = 20
 _JUMP, _LEAST_JUMPS = 6.0, (0.02, 0.2)
 #: Samples on each side of a jump that tell what is usual.
 _AROUND = 12
+#: Steps around a jump that are not zero; fewer do not tell what is usual.
+_ENOUGH_CHANGES = 4
 #: Turning the optical axis by more than this share of the field of view carries all features away:
 #: one whose patch (21 px) reaches over the border is not followed for long.
 _TURN_SHARE = 0.85
@@ -135,5 +137,18 @@ class Jumps:
 def _jumps(value: FloatArray, least: float) -> BoolArray:
     """Which steps (N-1,) from sample to sample of `value` (N,3) stand out."""
     steps = np.linalg.norm(np.diff(value, axis=0), axis=1)
-    usual = median_filter(steps, size=2 * _AROUND + 1, mode="nearest")
+    usual = _usual_size(steps)
     return np.asarray((steps > _JUMP * usual) & (steps > least))
+
+
+def _usual_size(steps: FloatArray) -> FloatArray:
+    """Median (N,) of the steps (N,) around each, of those that are not zero.
+
+    Held samples and those of a coarse sensor at rest make many steps of zero. Where nearly all are zero, so
+    is the usual one.
+    """
+    around = np.sort(sliding_window_view(np.pad(steps, _AROUND, mode="reflect"), 2 * _AROUND + 1), axis=1)
+    changes = np.count_nonzero(around, axis=1)
+    middle = around.shape[1] - 1 - changes // 2
+    median = np.take_along_axis(around, np.minimum(middle, around.shape[1] - 1)[:, None], axis=1)[:, 0]
+    return np.where(changes < _ENOUGH_CHANGES, 0.0, median)

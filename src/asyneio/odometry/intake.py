@@ -51,13 +51,17 @@ class Intake:
         self._refused: IntArray = np.empty(0, dtype=np.int64)
         self._neighbourhood = Neighbourhood()
 
-    def append(self, packet: Packet) -> tuple[RecordArray, RecordArray]:
+    def append(
+        self, packet: Packet, rates_hz: tuple[float, float] | None = None
+    ) -> tuple[RecordArray, RecordArray]:
         """Take over a packet; observations outside the lens model's valid set are counted and dropped.
+
+        `rates_hz`: of the gyroscope and the accelerometer; without them, those of the packet's samples.
 
         Returns:
             The inertial samples of the packet that are believed: gyroscope, accelerometer.
         """
-        gyroscope, accelerometer = self._gate(packet)
+        gyroscope, accelerometer = self._gate(packet, rates_hz)
         self.gyroscope = np.concatenate([self.gyroscope, gyroscope])
         self.accelerometer = np.concatenate([self.accelerometer, accelerometer])
         self.end_ns = packet.t_end_ns
@@ -82,17 +86,19 @@ class Intake:
         )
         return gyroscope, accelerometer
 
-    def _gate(self, packet: Packet) -> tuple[RecordArray, RecordArray]:
+    def _gate(self, packet: Packet, rates_hz: tuple[float, float] | None) -> tuple[RecordArray, RecordArray]:
         """The inertial samples of a packet without spikes, saturated and corrupt ones, which are counted."""
         streams = packet.gyroscope, packet.accelerometer
         if self._noise is None:
             return streams
+        if rates_hz is None:
+            rates_hz = rate_hz(streams[0]), rate_hz(streams[1])
         before = [(gate.refused, gate.saturated) for gate in self._gates]
         densities = self._noise.gyroscope_density, self._noise.accelerometer_density
         first, second = (
-            gate.passed(samples, SensorLimits(density * np.sqrt(rate_hz(samples)), least))
-            for gate, samples, density, least in zip(
-                self._gates, streams, densities, _LEAST_RANGES, strict=True
+            gate.passed(samples, SensorLimits(density * np.sqrt(rate), least))
+            for gate, samples, density, rate, least in zip(
+                self._gates, streams, densities, rates_hz, _LEAST_RANGES, strict=True
             )
         )
         self.gated = sum(g.refused - b[0] for g, b in zip(self._gates, before, strict=True))

@@ -11,6 +11,7 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.covariance import joint_covariance
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
+from asyneio.inertial.repeats import RenewedPackets
 from asyneio.odometry.attempt import RETRY_NS, attempt_start
 from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.intake import Intake, until
@@ -68,6 +69,7 @@ class Odometry:
         self._segment = 0
         self._packet_ns: int | None = None
         self._noise = LearnedNoise(config.inertial, calibration.noise, config.window.knot_interval_s)
+        self._renewed = RenewedPackets()
         self._begin_segment()
         self._attitude = AttitudeFilter(config.inertial, calibration.noise.gyroscope_walk)
         self._upright: Attitude | None = None
@@ -94,6 +96,7 @@ class Odometry:
 
         States of a step that turns out LOST are not given out.
         """
+        packet = self._renewed.passed(packet)
         before_ns, self._packet_ns = self._packet_ns, packet.t_end_ns
         if before_ns is not None and packet.t_end_ns < before_ns:
             back_s = (before_ns - packet.t_end_ns) / NS_PER_S
@@ -124,7 +127,7 @@ class Odometry:
         return self._try_start(packet.t_end_ns)
 
     def _take(self, packet: Packet) -> None:
-        self._noise.append(*self._intake.append(packet))
+        self._noise.append(*self._intake.append(packet, self._renewed.rates_hz))
         samples = len(packet.gyroscope) + len(packet.accelerometer)
         self._gated = self._intake.gated / max(samples, 1)
         self._rest.append(packet)

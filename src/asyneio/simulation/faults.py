@@ -1,4 +1,4 @@
-"""Faults of sensors, as pure functions of records: spikes, saturation, gaps, jumps.
+"""Faults of sensors, as pure functions of records: spikes, saturation, steps, held samples, gaps, jumps.
 
 All take records with a field `t_ns`, ascending (EVENT_DTYPE, INERTIAL_DTYPE, OBSERVATION_DTYPE), and return
 new ones; the input stays as it is. Intervals are half open, [start, end).
@@ -44,6 +44,33 @@ def saturated(records: RecordArray, limit: float) -> RecordArray:
     if not limit > 0.0:
         raise SimulationError(f"a limit of {limit}; expected a positive one")
     return _with_readings(records, np.clip(records["xyz"], -limit, limit))
+
+
+def quantised(records: RecordArray, step: float) -> RecordArray:
+    """Inertial samples (INERTIAL_DTYPE) of a sensor that reads multiples of `step` [unit of the samples].
+
+    Raises:
+        SimulationError: the step is not positive.
+    """
+    if not step > 0.0:
+        raise SimulationError(f"a step of {step}; expected a positive one")
+    return _with_readings(records, np.rint(records["xyz"] / step) * step)
+
+
+def held(records: RecordArray, readings: float) -> RecordArray:
+    """Inertial samples (INERTIAL_DTYPE) of a sensor whose value is renewed every so many readings.
+
+    With 7/3, say, a value lasts two or three readings.
+
+    Raises:
+        SimulationError: renewed more often than read.
+    """
+    if not readings >= 1.0:
+        raise SimulationError(f"a value renewed every {readings} readings; expected 1 or more")
+    index = np.arange(records.size)
+    # The value at the first reading after each renewal.
+    renewed = np.ceil(np.floor((index + 1e-9) / readings) * readings - 1e-9).astype(np.int64)
+    return _with_readings(records, records["xyz"][np.minimum(renewed, index)])
 
 
 def without(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:

@@ -1,0 +1,158 @@
+"""Held samples: a sensor whose value is renewed less often than it is read repeats each reading.
+
+A repeated reading is the same measurement again and tells nothing new. The accelerometer of the DAVIS240, for
+instance, is renewed at 1 kHz and read at 2.3 kHz, so that each of its values appears two or three times.
+
+One repeated reading proves nothing: readings are quantised, and a sensor that barely moves may read the
+same value twice, or hundreds of times at rest, by measuring it anew each time. What tells the two apart is
+how long equal readings last. A held value lasts `k` readings or, where the two rates are no multiples of each
+other, `k` or `k + 1`, never fewer and never more; chance makes runs of all lengths, short ones most often.
+Therefore nothing is left out until holding is proven, and a value that stays for longer than a sensor holds
+one has been measured again: one reading for each time of holding is kept, so that a long rest is no pause.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from asyneio.types import INERTIAL_DTYPE, NS_PER_S, BoolArray, IntArray, Packet, RecordArray
+
+#: Runs and steps of time that are remembered.
+_MEMORY = 200
+#: Share of the runs that may be shorter or longer than a held value lasts: samples get lost on the way.
+_EXCEPTIONS = 0.05
+#: Finished runs that prove holding where every value repeats: chance makes eight runs of two or three
+#: readings and no other with odds of 4e-4 at best.
+_ENOUGH = 8
+#: Where some values do not repeat, nearly all runs remembered must have one or two readings, and so many of
+#: them two: chance makes three or more readings of an eighth of the runs then.
+_LEAST_REPEATS = 0.35
+#: Share of shorter runs that disproves holding.
+_DISPROOF = 0.1
+
+
+@dataclass(frozen=True)
+class _Hold:
+    """A value lasts `shortest` or `longest` readings, `mean` of them on average."""
+
+    shortest: int
+    longest: int
+    mean: float
+
+
+_NOT_HELD = _Hold(1, 1, 1.0)
+
+
+class Renewals:
+    """Passes each renewed reading of one sensor once, at the time when it was first read.
+
+    `rate_hz` is the rate of what is measured anew, 1 Hz before the second sample.
+    """
+
+    def __init__(self) -> None:
+        self._hold = _NOT_HELD
+        self._lengths: IntArray = np.empty(0, dtype=np.int64)
+        self._steps_ns: IntArray = np.empty(0, dtype=np.int64)
+        self._last: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
+        #: Length of the run that is not over; 0 in the very first one, -1 before it.
+        self._running = -1
+        self._kept_ns = 0
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate of the renewed readings [Hz]."""
+        if self._steps_ns.size == 0:
+            return 1.0
+        return NS_PER_S / (max(float(np.median(self._steps_ns)), 1.0) * self._hold.mean)
+
+    @property
+    def held(self) -> bool:
+        """Whether readings are known to be held."""
+        return self._hold.longest > 1
+
+    def passed(self, samples: RecordArray) -> RecordArray:
+        """The samples (INERTIAL_DTYPE) without those that repeat a held value."""
+        if len(samples) == 0:
+            return samples
+        rows = np.concatenate([self._last, samples])
+        same = (rows["xyz"][1:] == rows["xyz"][:-1]).all(axis=1)
+        if len(self._last) == 0:
+            same = np.append(False, same)
+        self._last = samples[-1:]
+        steps_ns = np.diff(rows["t_ns"])
+        self._steps_ns = np.concatenate([self._steps_ns, steps_ns[steps_ns > 0]])[-_MEMORY:]
+        self._count(same)
+        self._hold = _judged(self._lengths, self._hold)
+        return samples[self._renewed(samples["t_ns"], same)]
+
+    def _count(self, same: BoolArray) -> None:
+        """Take in the runs that ended; the very first one may have begun before the recording."""
+        begins = np.flatnonzero(~same)
+        if self._running < 0:
+            begins, self._running = begins[1:], 0
+        if begins.size == 0:
+            self._running += len(same) if self._running else 0
+            return
+        ended = np.diff(begins)
+        if self._running:
+            ended = np.append(self._running + begins[0], ended)
+        self._running = len(same) - int(begins[-1])
+        self._lengths = np.concatenate([self._lengths, ended])[-_MEMORY:]
+
+    def _renewed(self, t_ns: IntArray, same: BoolArray) -> BoolArray:
+        """Which samples to keep: new values, and old ones that have lasted for longer than they are held."""
+        keep = ~same
+        if not self.held:
+            self._kept_ns = int(t_ns[-1])
+            return np.ones_like(keep)
+        hold_ns = (self._hold.longest - 0.5) * float(np.median(self._steps_ns))
+        kept_ns = self._kept_ns
+        for i, t in enumerate(t_ns.tolist()):
+            # Time may have been set back.
+            keep[i] |= not 0 <= t - kept_ns < hold_ns
+            if keep[i]:
+                kept_ns = t
+        self._kept_ns = kept_ns
+        return keep
+
+
+class RenewedPackets:
+    """Does so for both sensors of a rig, packet by packet."""
+
+    def __init__(self) -> None:
+        self._gyroscope, self._accelerometer = Renewals(), Renewals()
+
+    @property
+    def rates_hz(self) -> tuple[float, float]:
+        """Rates of the renewed readings [Hz]: gyroscope, accelerometer."""
+        return self._gyroscope.rate_hz, self._accelerometer.rate_hz
+
+    def passed(self, packet: Packet) -> Packet:
+        """The packet without samples that repeat a held value."""
+        return replace(
+            packet,
+            gyroscope=self._gyroscope.passed(packet.gyroscope),
+            accelerometer=self._accelerometer.passed(packet.accelerometer),
+        )
+
+
+def _judged(lengths: IntArray, before: _Hold) -> _Hold:
+    """How long values are held, by the lengths (N,) of the last runs of equal readings."""
+    if lengths.size < _ENOUGH:
+        return before
+    # The shortest length that is no exception.
+    shortest = int(np.sort(lengths)[int(_EXCEPTIONS * lengths.size)])
+    usual = lengths[(lengths == shortest) | (lengths == shortest + 1)]
+    if usual.size >= (1.0 - _EXCEPTIONS) * lengths.size:
+        longer = float(np.mean(usual > shortest))
+        proven = shortest > 1 or (lengths.size == _MEMORY and longer >= _LEAST_REPEATS)
+        if proven:
+            return _Hold(shortest, shortest + (longer > _EXCEPTIONS), float(usual.mean()))
+    if float(np.mean(lengths < before.shortest)) > _DISPROOF:
+        return _NOT_HELD
+    # Two-thirds of runs of one reading are no sign of a value held for one or two.
+    if before.shortest == 1 and float(np.mean(lengths > before.longest)) > _DISPROOF:
+        return _NOT_HELD
+    return before

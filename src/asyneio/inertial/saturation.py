@@ -1,0 +1,186 @@
+"""The end of a sensor's range: many readings pile up at one extreme value of one axis, and none lies beyond.
+
+Readings are quantised. At the top of a smooth swing two to eight of them are equal without any end of the
+range being near (real hand-held recording at 1 kHz), so that equal readings alone prove nothing. A reading at
+the end of the range is told by one of three signs, each on readings equal to the largest that this axis has
+ever given in this direction:
+
+*It breaks off.* The line and the parabola through the three samples before go well beyond it, compared with
+how far samples usually are from such a line or parabola after the same number of samples. The more readings
+are equal, the less it takes.
+
+*It is reached again.* Two separate, abrupt swings end at exactly the same value.
+
+*It stays.* The readings are equal for much longer than this axis is known to repeat a reading otherwise.
+
+What is read later corrects: a reading beyond shows that it was no end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from asyneio.types import BoolArray, FloatArray
+
+#: How many times further beyond the end than usual line and parabola must go after two, three, ... equal
+#: readings. A real recording without saturation, cut into pieces of three hundred samples, reaches 4.0, 2.9,
+#: 2.8, 1.7 and 1.8 for two to six.
+_BREAKS = (6.0, 4.0, 3.5, 2.5)
+#: And by so many of the converter's steps for each sample: a slower motion may come to rest unnoticed.
+_STEPS = 2.0
+#: What counts as usual: a distance that one in ten is beyond, of so many samples before.
+_USUAL, _HISTORY = 0.9, 40
+#: Fewer than these tell nothing.
+_LEAST_HISTORY = 15
+#: A swing is abrupt where its last step is so many times the usual distance.
+_ABRUPT = 6.0
+#: Readings in two or more abrupt swings that reach the same value.
+_TOUCHES = 3
+#: Equal readings in a row, whatever came before; at least, and as a multiple of the longest other run.
+_STAY, _STAY_FACTOR = 5, 2
+#: Readings kept from the packets before.
+_TAIL = 3 * _HISTORY
+
+
+class RangeEnds:
+    """Both ends of the three axes of one sensor."""
+
+    def __init__(self) -> None:
+        self._ends = [(_End(), _End()) for _ in range(3)]
+        self._habits = [_Habits() for _ in range(3)]
+        self._tail: FloatArray = np.empty((0, 3))
+
+    def reached(self, xyz: FloatArray, least: float) -> BoolArray:
+        """Which of the next samples (N,3) have an axis that is at an end of its range, which is `least` or
+        more."""
+        rows = np.concatenate([self._tail, xyz])
+        first = len(self._tail)
+        self._tail = rows[-_TAIL:]
+        out = np.zeros(len(xyz), dtype=np.bool_)
+        step = np.abs(np.diff(rows[max(first - 1, 0) :], axis=0))
+        same = step == 0.0
+        for k, (top, bottom) in enumerate(self._ends):
+            if same[:, k].any():
+                high, low = max(top.extreme, least), max(bottom.extreme, least)
+                x = xyz[len(xyz) - len(same) :, k]
+                same[:, k] &= (x < high) & (-x < low)
+            habits = self._habits[k]
+            habits.see(step[:, k], same[:, k])
+            for end, column in ((top, rows[:, k]), (bottom, -rows[:, k])):
+                for i in np.flatnonzero(column[first:] >= end.extreme).tolist():
+                    out[i] |= end.reached(column[: first + i + 1], least, habits)
+        return out
+
+
+class _Habits:
+    """Of one axis: the longest run of equal readings that is not at an end, and the smallest step."""
+
+    def __init__(self) -> None:
+        self.longest = self._running = 1
+        self.step = np.inf
+
+    def see(self, step: FloatArray, same: BoolArray) -> None:
+        """Take in by how much each of the next readings (N,) differs from the one before, and whether it is
+        equal to it away from the ends."""
+        self.step = float(step.min(where=step > 0.0, initial=self.step))
+        if not same.any():
+            self._running = 1 if same.size else self._running
+            return
+        breaks = np.flatnonzero(~same)
+        if breaks.size == 0:
+            self._running += same.size
+        else:
+            inside = np.append(np.diff(breaks), same.size - breaks[-1])
+            self.longest = max(self.longest, self._running + int(breaks[0]), int(inside.max()))
+            self._running = int(inside[-1])
+        self.longest = max(self.longest, self._running)
+
+
+class _End:
+    """One end of one axis, for readings whose sign is such that the end is the largest."""
+
+    def __init__(self) -> None:
+        self.extreme = -np.inf
+        self._known = False
+        #: Of readings at the extreme: in a row; in abrupt swings, and the number of these.
+        self._run = self._touches = self._swings = 0
+        #: What came before the first one, until a second swing asks for it.
+        self._approach: FloatArray | None = None
+        #: Whether the last swing to the extreme was abrupt.
+        self._abrupt = False
+
+    def reached(self, rows: FloatArray, least: float, habits: _Habits) -> bool:
+        """Whether the last of `rows` (M,) is at the end.
+
+        Args:
+            rows: the last readings; only those whose last one is at the extreme or beyond need be given.
+            least: no end is below.
+            habits: of the axis elsewhere.
+        """
+        value = float(rows[-1])
+        if value < self.extreme:
+            return False
+        if value > self.extreme:
+            self.extreme, self._known = value, False
+            self._run = self._touches = self._swings = 0
+            self._abrupt, self._approach = False, rows[-_HISTORY - 5 : -1].copy()
+        elif len(rows) > 1 and rows[-2] != value:
+            self._begin_swing(rows[:-1], value)
+        self._run += 1
+        self._touches += self._abrupt
+        if not self._known and value >= least:
+            again = self._swings > 1 and self._touches >= _TOUCHES
+            stays = self._run >= max(_STAY, _STAY_FACTOR * habits.longest + 2)
+            self._known = again or stays or self._breaks_off(rows[: -self._run], value, habits.step)
+        return self._known
+
+    def _begin_swing(self, before: FloatArray, value: float) -> None:
+        """Another swing reaches the extreme."""
+        if self._approach is not None:
+            self._swings = int(_is_abrupt(self._approach, value))
+            self._touches = self._run * self._swings
+            self._approach = None
+        self._abrupt = _is_abrupt(before, value)
+        self._swings += self._abrupt
+        self._run = 0
+
+    def _breaks_off(self, before: FloatArray, value: float, step: float) -> bool:
+        """Whether line and parabola through the samples before (M,) go far beyond the run at `value`.
+
+        By more than a motion that is as slow as a converter's `step` from sample to sample.
+        """
+        if self._run < 2 or len(before) < 3:
+            return False
+        line, parabola = _continued(before[None, -3:], self._run)
+        beyond = min(float(line[0]), float(parabola[0])) - value
+        if beyond <= _STEPS * self._run * step:
+            return False
+        usual = _usual_distance(before, self._run)
+        return usual is not None and beyond > _BREAKS[min(self._run - 2, len(_BREAKS) - 1)] * usual
+
+
+def _continued(three: FloatArray, ahead: int) -> tuple[FloatArray, FloatArray]:
+    """Where the first three readings of rows (N,3 or more) lead after so many samples: by a line, by a
+    parabola, both (N,)."""
+    step = three[:, 2] - three[:, 1]
+    bend = step - (three[:, 1] - three[:, 0])
+    line = three[:, 2] + ahead * step
+    return line, line + 0.5 * ahead * (ahead + 1) * bend
+
+
+def _is_abrupt(before: FloatArray, value: float) -> bool:
+    """Whether the step from the last of the readings before (M,) to `value` is far larger than usual ones."""
+    usual = _usual_distance(before, 1)
+    return usual is not None and value - float(before[-1]) > _ABRUPT * usual
+
+
+def _usual_distance(before: FloatArray, ahead: int) -> float | None:
+    """How far samples usually are from the nearer of the two; None where there are too few to tell."""
+    before = before[-(_HISTORY + ahead) :]
+    if len(before) < _LEAST_HISTORY + ahead + 3:
+        return None
+    windows = sliding_window_view(before, 3 + ahead)
+    line, parabola = _continued(windows, ahead)
+    error = np.minimum(np.abs(line - windows[:, -1]), np.abs(parabola - windows[:, -1]))
+    return float(np.sort(error)[int(_USUAL * len(error))])
