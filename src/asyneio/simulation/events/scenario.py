@@ -7,9 +7,9 @@ from enum import StrEnum
 from pathlib import Path
 
 from asyneio.errors import SimulationError
-from asyneio.presets import MPU6150_NOISE
 from asyneio.simulation.events.sensor import SensorSpec
-from asyneio.simulation.scenario import RigScenario
+from asyneio.simulation.imu_sensors import imu_named
+from asyneio.simulation.scenario import RigScenario, with_imu
 
 _DAVIS = SensorSpec()
 #: A few lux: slow photoreceptors, much noise.
@@ -76,15 +76,8 @@ class EventScenario(RigScenario):
 
 _SLOW = EventScenario()
 
-#: What the scenarios of the suite have in common. An accelerometer's zero is off by tens of thousandths of g
-#: by its data sheet, a gyroscope's, once warmed up and corrected at rest, by half a degree per second.
-_SUITE = replace(
-    _SLOW,
-    duration_s=30.0,
-    noise=MPU6150_NOISE,
-    initial_gyroscope_bias_sigma=0.01,
-    initial_accelerometer_bias_sigma=0.08,
-)
+#: What the scenarios of the suite have in common: length, and the IMU of that camera.
+_SUITE = with_imu(replace(_SLOW, duration_s=30.0), imu_named("MPU-6150"))
 #: A lamp in a dim room.
 _HDR = {"illumination": 0.1, "sunlit": 60.0}
 
