@@ -23,10 +23,9 @@ class StreamErrors:
     Attributes:
         full_scale: readings end at plus and minus this [unit].
         quantum: step of the readings [unit]; 0 for none.
-        bandwidth_hz: half-power frequency of the low-pass filter, Butterworth of second order; infinite for
-            no filter.
-        delay_s: group delay of the whole filter for slow motion; None for that of a second-order filter of
-            this bandwidth.
+        bandwidth_hz: half-power frequency of the low-pass filter, a Butterworth; infinite for no filter.
+        order: of the filter.
+        delay_s: group delay of the whole chain for slow motion; None for that of the filter alone.
         update_rate_hz: how often a reading is renewed; a reader that asks more often gets the last one
             again. None: at every output.
         scale_sigma: of the scale factor of an axis.
@@ -45,6 +44,7 @@ class StreamErrors:
     full_scale: float = np.inf
     quantum: float = 0.0
     bandwidth_hz: float = np.inf
+    order: int = 2
     delay_s: float | None = None
     update_rate_hz: float | None = None
     scale_sigma: float = 0.0
@@ -59,13 +59,13 @@ class StreamErrors:
         given = {one.name: getattr(self, one.name) for one in fields(self)}
         set_ = {name: value for name, value in given.items() if value is not None}
         wrong = [f"{name} = {value}" for name, value in set_.items() if not value >= 0.0]
-        positive = ("full_scale", "bandwidth_hz", "update_rate_hz")
+        positive = ("full_scale", "bandwidth_hz", "order", "update_rate_hz")
         wrong += [f"{name} = {set_[name]}" for name in positive if set_.get(name) == 0.0]
         wrong += [f"lost_share = {self.lost_share}"] if self.lost_share >= 1.0 else []
         if wrong:
             raise SimulationError(
-                f"{', '.join(wrong)}; expected no negative figure, a positive full scale, bandwidth and "
-                "update rate, and a share of lost samples below 1"
+                f"{', '.join(wrong)}; expected no negative figure, a positive full scale, bandwidth, "
+                "order and update rate, and a share of lost samples below 1"
             )
 
 

@@ -1,8 +1,9 @@
 """The low-pass filter of an inertial sensor, with its delay, between the motion and the samples.
 
-What the sensor feels, motion and vibration alike, is evaluated on a grid of at least 4 kHz; white noise of the right density is added there, and both go through a Butterworth
-filter of second order. A data sheet states a delay as well as a bandwidth: what the filter itself does not
-account for is a pure delay (sampling and decimation), applied to the motion exactly.
+What the sensor feels, motion and vibration alike, is evaluated on a grid of at least 4 kHz; white noise of
+the right density is added there, and both go through a Butterworth filter. A data sheet states a delay as
+well as a bandwidth: what the filter itself does not account for is a pure delay (sampling and decimation),
+applied to the motion exactly.
 """
 
 from __future__ import annotations
@@ -27,20 +28,20 @@ _RUN_IN = 20.0
 
 
 def group_delay_s(errors: StreamErrors) -> float:
-    """How late a sensor reports slow motion [s]: the stated delay, or that of a second-order filter.
+    """How late a sensor reports slow motion [s]: the stated delay, or that of its filter.
 
-    A Butterworth filter of second order delays slow motion by `sqrt(2) / (2 pi bandwidth)`.
+    A Butterworth filter of order n delays slow motion by `1 / (2 pi bandwidth sin(pi / 2n))`.
 
     Raises:
         SimulationError: the stated delay is shorter than the filter's own.
     """
-    own_s = 0.0 if np.isinf(errors.bandwidth_hz) else np.sqrt(2.0) / (2.0 * np.pi * errors.bandwidth_hz)
+    own_s = 1.0 / (2.0 * np.pi * errors.bandwidth_hz * np.sin(np.pi / 2.0 / errors.order))
     if errors.delay_s is None:
         return float(own_s)
     if errors.delay_s < own_s:
         raise SimulationError(
-            f"delay_s = {errors.delay_s} with bandwidth_hz = {errors.bandwidth_hz}; expected at least the "
-            f"delay of a second-order filter, {own_s:.6f} s"
+            f"delay_s = {errors.delay_s} with bandwidth_hz = {errors.bandwidth_hz}, order = "
+            f"{errors.order}; expected at least the filter's own delay, {own_s:.6f} s"
         )
     return errors.delay_s
 
@@ -61,7 +62,7 @@ def sampled(
     Args:
         signal: values (N,3) at times (N,) [s]; asked for slightly before the first sample as well.
         first_s, rate_hz, count: when to sample.
-        errors: bandwidth and delay are used.
+        errors: bandwidth, order and delay are used.
         density: of the noise [unit/sqrt(Hz)], below the bandwidth.
         rng: of the noise.
     """
@@ -70,7 +71,7 @@ def sampled(
         return signal(t_s) + density * np.sqrt(rate_hz) * rng.normal(size=(count, 3))
     factor = int(np.ceil(max(_GRID_HZ, 10.0 * errors.bandwidth_hz) / rate_hz - 1e-9))
     grid_hz = factor * rate_hz
-    sos = butter(2, errors.bandwidth_hz, fs=grid_hz, output="sos")
+    sos = butter(errors.order, errors.bandwidth_hz, fs=grid_hz, output="sos")
     extra_s = group_delay_s(errors) - _digital_delay_s(sos, grid_hz)
     run_in = int(np.ceil(_RUN_IN / (2.0 * np.pi * errors.bandwidth_hz) * grid_hz))
     total = run_in + (count - 1) * factor + 1
@@ -88,7 +89,7 @@ def sampled(
 
 
 def _digital_delay_s(sos: FloatArray, grid_hz: float) -> float:
-    """Group delay at zero frequency of one second-order section: difference of the moments of its sides."""
-    b, a = sos[0, :3], sos[0, 3:]
+    """Group delay at zero frequency of sections (K,6): differences of the moments of their two sides."""
     lags = np.arange(3)
-    return float((lags @ b / b.sum() - lags @ a / a.sum()) / grid_hz)
+    b, a = sos[:, :3], sos[:, 3:]
+    return float(np.sum(b @ lags / b.sum(axis=1) - a @ lags / a.sum(axis=1)) / grid_hz)
