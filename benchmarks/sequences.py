@@ -75,7 +75,7 @@ def fingerprint(simulation: EventSimulation) -> str:
     return digest.hexdigest()[:10]
 
 
-def _code(path: Path) -> str:
+def code_of(path: Path) -> str:
     """The syntax tree of a module without its docstrings."""
     tree = ast.parse(path.read_bytes())
     for node in ast.walk(tree):
@@ -138,7 +138,7 @@ def tracked(simulation: EventSimulation, config: Config, cache: Path | None) -> 
     key.update(f"{config.frontend!r} {config.window.knot_interval_s} {recording.calibration!r}".encode())
     for folder in (asyneio.frontend, asyneio.geometry):
         for path in sorted(Path(folder.__path__[0]).rglob("*.py")):
-            key.update(_code(path).encode())
+            key.update(code_of(path).encode())
     kept = cache / f"{recording.name}-{key.hexdigest()[:10]}.npz" if cache else None
     if kept and kept.is_file():
         with np.load(kept, allow_pickle=False) as found:
