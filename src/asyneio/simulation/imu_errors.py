@@ -132,15 +132,14 @@ def digitised(values: FloatArray, errors: StreamErrors) -> FloatArray:
 
 
 def update_times(
-    errors: StreamErrors, t_s: FloatArray, rng: np.random.Generator
+    errors: StreamErrors, t_s: FloatArray, output_hz: float, rng: np.random.Generator
 ) -> tuple[float, float, IntArray]:
-    """When readings are renewed, for outputs at times (N,) [s], evenly spaced.
+    """When readings are renewed, for outputs at times (N,) [s], evenly spaced at a rate.
 
     Returns: the first renewal [s], the rate [Hz], and (N,) which renewal an output shows.
     """
     if errors.update_rate_hz is None:
-        rate_hz = (t_s.size - 1) / (t_s[-1] - t_s[0]) if t_s.size > 1 else 1.0
-        return float(t_s[0]), float(rate_hz), np.arange(t_s.size)
+        return float(t_s[0]), output_hz, np.arange(t_s.size)
     rate_hz = errors.update_rate_hz
     # The clocks of sensor and reader do not know each other.
     first_s = float(t_s[0] - rng.uniform(0.0, 1.0) / rate_hz)

@@ -55,7 +55,7 @@ class ImuSensor:
     accelerometer_bias_sigma: float = 0.05
     warming_k: float = 2.0
     warming_s: float = 300.0
-    sources: Mapping[str, str] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
 #: White noise and a bias that walks, nothing else.

@@ -148,7 +148,7 @@ def _values(
     t_s = t_ns / NS_PER_S
     if np.isinf(errors.bandwidth_hz) and errors.delay_s is None and errors.update_rate_hz is None:
         return corrupt(stream.signal(t_s + stream.ahead_s), t_ns, bias, spec, rng)
-    first_s, rate_hz, shown = update_times(errors, t_s, random.update)
+    first_s, rate_hz, shown = update_times(errors, t_s, spec.rate_hz, random.update)
     count = int(shown[-1]) + 1
     values = sampled(
         lambda times_s: stream.signal(times_s + stream.ahead_s),
