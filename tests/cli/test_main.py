@@ -240,6 +240,10 @@ def test_settings_are_read_and_checked(asyneio: Asyneio, folder: Path, tmp_path:
         ),
         (("simulate", "calm", "-o", "x"), "asyneio: scenario 'calm' is unknown; expected one of moderate"),
         (("simulate", "moderate", "-o", "x", "--duration", "-1"), "expected both positive"),
+        (
+            ("simulate", "moderate", "-o", "x", "--imu", "best"),
+            "IMU 'best' is unknown; expected one of ideal",
+        ),
     ],
 )
 def test_errors_are_one_paragraph(
@@ -334,6 +338,14 @@ def test_evaluate_reads_estimates(asyneio: Asyneio, folder: Path, tmp_path: Path
     as_npz = asyneio("evaluate", tmp_path / "out" / "estimates.npz", truth, "-p", "origin", "--json")
     assert as_text[0] == as_npz[0] == 0
     assert as_text[1] == as_npz[1]
+
+
+def test_simulate_with_a_named_imu_writes_its_steps(asyneio: Asyneio, tmp_path: Path) -> None:
+    for name, steps in (("mpu6150", 9.80665 / 2048.0), ("ideal", None)):
+        status, _, _ = asyneio("simulate", "gentle", "-o", tmp_path / name, "--duration", "1", "--imu", name)
+        assert status == 0
+        readings = read_tracks_folder(tmp_path / name).accelerometer["xyz"] / (steps or 1e-3)
+        assert (np.abs(readings - np.rint(readings)).max() < 1e-3) == (steps is not None)
 
 
 def test_simulate_is_reproducible_and_readable(asyneio: Asyneio, tmp_path: Path) -> None:

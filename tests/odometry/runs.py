@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.config import Config
 from asyneio.odometry import Odometry
-from asyneio.simulation import SCENARIOS, Scenario, Simulation, TrackSpec, simulate
+from asyneio.simulation import IDEAL_IMU, SCENARIOS, Scenario, Simulation, TrackSpec, simulate, with_imu
 from asyneio.types import (
     INERTIAL_DTYPE,
     OBSERVATION_DTYPE,
@@ -36,8 +36,9 @@ TRACKS = TrackSpec(
     max_spacing_s=0.12,
     pixel_sigma=PIXEL_SIGMA,
 )
+#: The noise is what it is said to be: whether covariances are honest is judged by it.
 SCENARIO = replace(
-    SCENARIOS["aggressive"],
+    with_imu(SCENARIOS["aggressive"], IDEAL_IMU),
     duration_s=4.0,
     gyroscope_rate_hz=200.0,
     accelerometer_rate_hz=190.0,

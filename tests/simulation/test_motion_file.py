@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import SimulationError
 from asyneio.simulation.events.source import set_stage
+from asyneio.simulation.imu_sensors import IDEAL_IMU
 from asyneio.simulation.motion_file import SplineMotion, load_motion
 from asyneio.simulation.rig import simulate_inertial
 from asyneio.simulation.scenario import NOISE_FREE
@@ -76,6 +77,7 @@ def test_the_imu_reads_the_derivatives_of_the_spline(file: Path) -> None:
         motion_file=file,
         motion_offset_s=1.0,
         duration_s=3.0,
+        imu=IDEAL_IMU,
         noise=NOISE_FREE,
         initial_gyroscope_bias_sigma=0.0,
         initial_accelerometer_bias_sigma=0.0,

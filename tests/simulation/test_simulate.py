@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asyneio.errors import SimulationError
-from asyneio.simulation import SCENARIOS, SceneKind, Simulation, simulate
+from asyneio.simulation import IDEAL_IMU, SCENARIOS, SceneKind, Simulation, simulate, with_imu
 from asyneio.simulation.scene import draw_landmarks
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, OBSERVATION_DTYPE
 
-SHORT = dataclasses.replace(SCENARIOS["moderate"], duration_s=2.0)
+SHORT = dataclasses.replace(with_imu(SCENARIOS["moderate"], IDEAL_IMU), duration_s=2.0)
 
 
 @pytest.fixture(scope="module")

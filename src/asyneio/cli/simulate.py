@@ -42,6 +42,13 @@ def simulate(
     event_format: Annotated[
         EventFormat, typer.Option("--format", help="Of a recording of events: text as of UZH, or HDF5.")
     ] = EventFormat.UZH,
+    imu: Annotated[
+        str | None,
+        typer.Option(
+            help="Model of IMU, such as MPU-6150, or ideal; a wrong one lists all.",
+            show_default="the scenario's own",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
 ) -> None:
     """Simulate feature tracks or events, inertial samples and ground truth.
@@ -51,14 +58,17 @@ def simulate(
     import json
 
     from asyneio.io.atomic import make_folder
-    from asyneio.simulation import EVENT_SCENARIOS
+    from asyneio.simulation import EVENT_SCENARIOS, imu_named, with_imu
 
+    sensor = None if imu is None else imu_named(imu)
     if scenario in EVENT_SCENARIOS:
         chosen = named_event_scenario(scenario, seed, duration)
+        chosen = chosen if sensor is None else with_imu(chosen, sensor)
         make_folder(output)
         written = _simulate_events(chosen, output, event_format)
     else:
         chosen_tracks = named_scenario(scenario, seed, duration)
+        chosen_tracks = chosen_tracks if sensor is None else with_imu(chosen_tracks, sensor)
         make_folder(output)
         written = _simulate_tracks(chosen_tracks, output)
     if as_json:

@@ -1,4 +1,17 @@
-"""The rig that every simulation carries: its calibration, and its IMU with the truth behind it."""
+"""The rig that every simulation carries: its calibration, and its IMU with the truth behind it.
+
+Errors are applied in the order of the signal: motion of the housing, with vibration; scale, misalignment and
+the gyroscope's sensitivity to specific force; white noise; low-pass filter; sampling at the sensor's own
+rate; bias; full scale and quantisation; reading at the output's rate; stamps.
+
+Three conventions give the truth its meaning. The bias of the truth is what adds to the readings whatever the
+motion: that at the start, its walk, and its drift with temperature. Scale, misalignment and sensitivity to
+specific force depend on the motion and are not in it; an estimator that knows none of them finds a bias that
+differs by about `scale * 9.8 m/s^2` for an accelerometer. The body's axes are the gyroscope's. And stamps are
+late by the delay of the filter, as those of a real camera are; because a calibration measures it, the
+gyroscope's delay is contained in `timeshift_ns`, so that by the IMU's clock, in which the truth is given, the
+gyroscope is on time for slow motion, and the accelerometer late by the difference of the two.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +28,19 @@ from asyneio.simulation.imu import (
     sample_times,
     specific_force_b,
 )
+from asyneio.simulation.imu_errors import (
+    StreamErrors,
+    StreamRandomness,
+    digitised,
+    draw_unit,
+    stamps,
+    update_times,
+)
+from asyneio.simulation.imu_filter import Signal, group_delay_s, sampled
 from asyneio.simulation.motion import Motion
 from asyneio.simulation.scenario import RigScenario
 from asyneio.simulation.truth import Truth
+from asyneio.simulation.vibration import draw_tones
 from asyneio.types import NS_PER_S, Calibration, FloatArray, IntArray, RecordArray
 
 #: Camera axes (x right, y down, z forward) in the carrier (x forward, y left, z up), one a column.
@@ -39,18 +62,41 @@ def simulate_inertial(
     for_gyroscope: np.random.Generator,
     for_accelerometer: np.random.Generator,
 ) -> InertialRun:
-    """What the IMU of a scenario reads on its way, each sensor with randomness of its own."""
-    t_ns = sample_times(scenario.gyroscope, scenario.duration_s)
-    ideal = motion.angular_velocity_b(t_ns / NS_PER_S)
-    gyroscope, bias_gyroscope = _stream(scenario, scenario.gyroscope, t_ns, ideal, for_gyroscope)
-    t_ns = sample_times(scenario.accelerometer, scenario.duration_s)
-    ideal = specific_force_b(motion, t_ns / NS_PER_S, scenario.gravity)
-    accelerometer, bias_accelerometer = _stream(
-        scenario, scenario.accelerometer, t_ns, ideal, for_accelerometer
+    """What the IMU of a scenario reads on its way, each sensor with randomness of its own.
+
+    Raises:
+        SimulationError: a stream is impossible.
+    """
+    imu = scenario.imu
+    (for_vibration,) = for_gyroscope.spawn(1)
+    shaking, pushing = draw_tones(scenario.vibration, for_vibration)
+    of_gyroscope = StreamRandomness.spawned(for_gyroscope)
+    of_accelerometer = StreamRandomness.spawned(for_accelerometer)
+    unit = draw_unit(imu.gyroscope, of_gyroscope, defines_axes=True)
+    other = draw_unit(imu.accelerometer, of_accelerometer, defines_axes=False)
+
+    def force(t_s: FloatArray) -> FloatArray:
+        return specific_force_b(motion, t_s, scenario.gravity) + pushing.at(t_s)
+
+    def turning(t_s: FloatArray) -> FloatArray:
+        rate = (motion.angular_velocity_b(t_s) + shaking.at(t_s)) @ unit.gain.T
+        if not unit.g_sensitivity.any():
+            return rate
+        return rate + force(t_s) @ unit.g_sensitivity.T
+
+    def pulling(t_s: FloatArray) -> FloatArray:
+        return force(t_s) @ other.gain.T
+
+    ahead_s = group_delay_s(imu.gyroscope)
+    gyroscope = _Stream(scenario, scenario.gyroscope, imu.gyroscope, turning, unit.temperature, ahead_s)
+    accelerometer = _Stream(
+        scenario, scenario.accelerometer, imu.accelerometer, pulling, other.temperature, ahead_s
     )
+    read, bias_gyroscope = _read(gyroscope, for_gyroscope, of_gyroscope)
+    pulled, bias_accelerometer = _read(accelerometer, for_accelerometer, of_accelerometer)
     end_ns = scenario.start_ns + round(scenario.duration_s * NS_PER_S)
     truth = Truth(scenario.start_ns, end_ns, motion, bias_gyroscope, bias_accelerometer)
-    return InertialRun(gyroscope, accelerometer, truth)
+    return InertialRun(read, pulled, truth)
 
 
 def calibration_of(scenario: RigScenario) -> Calibration:
@@ -62,8 +108,56 @@ def calibration_of(scenario: RigScenario) -> Calibration:
     return Calibration(scenario.camera, scenario.T_b_c, scenario.timeshift_ns, noise)
 
 
-def _stream(
-    scenario: RigScenario, spec: StreamSpec, t_ns: IntArray, ideal: FloatArray, rng: np.random.Generator
+@dataclass(frozen=True)
+class _Stream:
+    """One stream: `signal` is what the sensor feels, `temperature` (3,) [unit/K] its unit's; `ahead_s` is
+    how much earlier than the sensor's own its stamps are counted [s]."""
+
+    scenario: RigScenario
+    spec: StreamSpec
+    errors: StreamErrors
+    signal: Signal
+    temperature: FloatArray
+    ahead_s: float
+
+
+def _read(
+    stream: _Stream, rng: np.random.Generator, random: StreamRandomness
 ) -> tuple[RecordArray, BiasWalk]:
-    bias = draw_bias(spec, t_ns, rng)
-    return as_records(scenario.start_ns + t_ns, corrupt(ideal, t_ns, bias, spec, rng)), bias
+    """Records of a stream, and its bias; `rng` gives bias and white noise."""
+    scenario, errors = stream.scenario, stream.errors
+    t_ns = sample_times(stream.spec, scenario.duration_s)
+    bias = draw_bias(stream.spec, t_ns, rng)
+    warmer_k = -scenario.imu.warming_k * np.expm1(-bias.t_ns / NS_PER_S / scenario.imu.warming_s)
+    bias = replace(bias, value=bias.value + warmer_k[:, None] * stream.temperature)
+    xyz = digitised(_values(stream, t_ns, bias, rng, random), errors)
+    stamped_ns, kept = stamps(t_ns, errors, random)
+    inside = (stamped_ns >= 0) & (stamped_ns <= round(scenario.duration_s * NS_PER_S))
+    return as_records(scenario.start_ns + stamped_ns[inside], xyz[kept[inside]]), bias
+
+
+def _values(
+    stream: _Stream,
+    t_ns: IntArray,
+    bias: BiasWalk,
+    rng: np.random.Generator,
+    random: StreamRandomness,
+) -> FloatArray:
+    """Readings (N,3) at times (N,) [ns] before they are digitised."""
+    errors, spec = stream.errors, stream.spec
+    t_s = t_ns / NS_PER_S
+    if np.isinf(errors.bandwidth_hz) and errors.delay_s is None and errors.update_rate_hz is None:
+        return corrupt(stream.signal(t_s + stream.ahead_s), t_ns, bias, spec, rng)
+    first_s, rate_hz, shown = update_times(errors, t_s, spec.rate_hz, random.update)
+    count = int(shown[-1]) + 1
+    values = sampled(
+        lambda times_s: stream.signal(times_s + stream.ahead_s),
+        first_s,
+        rate_hz,
+        count,
+        errors,
+        spec.density,
+        rng,
+    )
+    renewed_ns = np.rint((first_s + np.arange(count) / rate_hz) * NS_PER_S).astype(np.int64)
+    return (values + bias.at(renewed_ns))[shown]

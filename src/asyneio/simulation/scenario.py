@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
 from asyneio.errors import SimulationError
 from asyneio.simulation.imu import StreamSpec
+from asyneio.simulation.imu_sensors import IDEAL_IMU, ImuSensor, imu_named
+from asyneio.simulation.imu_sensors import MEMS_NOISE as MEMS_NOISE
 from asyneio.simulation.tracks import TrackSpec
+from asyneio.simulation.vibration import Vibration
 from asyneio.types import CameraIntrinsics, Distortion, FloatArray, ImuNoise
 
 #: Intrinsics published with a DAVIS240C data set (Mueggler et al. 2017).
@@ -23,15 +27,9 @@ DAVIS240C = CameraIntrinsics(
     coefficients=(-0.368436, 0.150947, -0.00029613, -0.00075943),
 )
 
-#: Noise of an inexpensive MEMS unit.
-MEMS_NOISE = ImuNoise(
-    gyroscope_density=5e-4,
-    accelerometer_density=5e-3,
-    gyroscope_walk=2e-5,
-    accelerometer_walk=5e-4,
-)
-
 _DEFAULT_TRACKS = TrackSpec()
+#: Of the sensors at hand, the one with the smallest errors whose two streams are independent.
+_DEFAULT_IMU = imu_named("BMI085")
 
 #: An IMU without noise.
 NOISE_FREE = ImuNoise(0.0, 0.0, 0.0, 0.0)
@@ -57,8 +55,11 @@ class RigScenario:
     """What every simulated run has: a motion, a clock, a camera on an IMU, noise. Seconds, hertz, metres.
 
     `motion` names a `MotionStyle`. Everything random follows from `seed`, each part from a stream of its own.
-    `*_offset_s` is the time of a stream's first sample. `t_imu = t_cam + timeshift_ns`. `pause_s`: begin
-    and end of a standstill.
+    `*_offset_s` is the time of a stream's first sample. `t_imu = t_cam + timeshift_ns`, which contains the
+    delay of the gyroscope's filter. `pause_s`: begin and end of a standstill.
+
+    `imu` gives the errors of the sensor other than noise and bias at the start, which `noise` and
+    `initial_*_bias_sigma` give; `with_imu` sets them all. `vibration` shakes the IMU and not the events.
     """
 
     name: str = "moderate"
@@ -69,13 +70,15 @@ class RigScenario:
     camera: CameraIntrinsics = DAVIS240C
     T_b_c: FloatArray = field(default_factory=davis240c_T_b_c)
     timeshift_ns: int = 2_400_000
-    noise: ImuNoise = MEMS_NOISE
+    imu: ImuSensor = _DEFAULT_IMU
+    noise: ImuNoise = _DEFAULT_IMU.noise
     gyroscope_rate_hz: float = 1000.0
     gyroscope_offset_s: float = 0.0
     accelerometer_rate_hz: float = 190.0
     accelerometer_offset_s: float = 0.0017
-    initial_gyroscope_bias_sigma: float = 0.01
-    initial_accelerometer_bias_sigma: float = 0.05
+    initial_gyroscope_bias_sigma: float = _DEFAULT_IMU.gyroscope_bias_sigma
+    initial_accelerometer_bias_sigma: float = _DEFAULT_IMU.accelerometer_bias_sigma
+    vibration: Vibration | None = None
     gravity: float = 9.81
     ground_truth_rate_hz: float = 200.0
     pause_s: tuple[float, float] | None = None
@@ -112,6 +115,20 @@ class RigScenario:
 
 
 _LONGEST_S = 86_400.0
+
+
+_Some = TypeVar("_Some", bound=RigScenario)
+
+
+def with_imu(scenario: _Some, imu: ImuSensor) -> _Some:
+    """The scenario with another IMU: its errors, its noise and the spread of its biases."""
+    return replace(
+        scenario,
+        imu=imu,
+        noise=imu.noise,
+        initial_gyroscope_bias_sigma=imu.gyroscope_bias_sigma,
+        initial_accelerometer_bias_sigma=imu.accelerometer_bias_sigma,
+    )
 
 
 @dataclass(frozen=True)
@@ -156,6 +173,7 @@ SCENARIOS: dict[str, Scenario] = {
         replace(
             _DEFAULT,
             name="noise_free",
+            imu=IDEAL_IMU,
             noise=NOISE_FREE,
             tracks=TrackSpec(pixel_sigma=0.0),
             initial_gyroscope_bias_sigma=0.0,

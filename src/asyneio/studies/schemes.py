@@ -11,7 +11,7 @@ import numpy as np
 from asyneio.config import Config
 from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
 from asyneio.pipeline import RunResult, run_recording
-from asyneio.simulation import SCENARIOS, Scenario, Simulation, TrackSpec, simulate
+from asyneio.simulation import IDEAL_IMU, SCENARIOS, Scenario, Simulation, TrackSpec, simulate, with_imu
 from asyneio.studies.imu_faults import lose_bursts, lose_samples
 from asyneio.studies.imu_noise import NOISE
 from asyneio.studies.known_motion import rms
@@ -80,7 +80,8 @@ def measure(task: SchemeTask) -> dict[str, float]:
 
 def scenario_of(task: SchemeTask) -> Scenario:
     """The simulated run; the same for all schemes and intervals between knots."""
-    base = SCENARIOS["synchronous_imu"]
+    # What is compared is how schemes use samples, at noise of given levels: the samples have no other errors.
+    base = with_imu(SCENARIOS["synchronous_imu"], IDEAL_IMU)
     level = NOISE[task.noise]
     noise = replace(base.noise, gyroscope_density=level.gyroscope, accelerometer_density=level.accelerometer)
     asynchronous = task.imu == "asynchronous"

@@ -8,10 +8,10 @@ from enum import StrEnum
 import numpy as np
 
 from asyneio.errors import SimulationError
-from asyneio.presets import MPU6150_NOISE
 from asyneio.simulation.events.sensor import SensorSpec
+from asyneio.simulation.imu_sensors import imu_named
 from asyneio.simulation.recorded_path import RecordedRun
-from asyneio.simulation.scenario import RigScenario
+from asyneio.simulation.scenario import RigScenario, with_imu
 from asyneio.types import NS_PER_S, ImuNoise, IntArray
 
 _DAVIS = SensorSpec()
@@ -103,15 +103,8 @@ def rate_of(t_ns: IntArray) -> float:
 
 _SLOW = EventScenario()
 
-#: What the scenarios of the suite have in common. An accelerometer's zero is off by tens of thousandths of g
-#: by its data sheet, a gyroscope's, once warmed up and corrected at rest, by half a degree per second.
-_SUITE = replace(
-    _SLOW,
-    duration_s=30.0,
-    noise=MPU6150_NOISE,
-    initial_gyroscope_bias_sigma=0.01,
-    initial_accelerometer_bias_sigma=0.08,
-)
+#: What the scenarios of the suite have in common: length, and the IMU of that camera.
+_SUITE = with_imu(replace(_SLOW, duration_s=30.0), imu_named("MPU-6150"))
 #: A lamp in a dim room.
 _HDR = {"illumination": 0.1, "sunlit": 60.0}
 

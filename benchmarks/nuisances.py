@@ -1,0 +1,199 @@
+"""What an error of the sensors costs: sequences of the suite with one nuisance at a time, and with many.
+
+Evidence: simulation. Every sequence is first run undisturbed, with an IMU whose only errors are white noise
+and a bias that walks; every nuisance (`nuisance_kinds.py`) is then one change of that, with the default
+configuration, and its factor is the ratio of mean position errors. Errors of the IMU and of the calibration
+leave the events as they are, so the front end runs once for all of them (it asks the gyroscope only for the
+camera's roll within some milliseconds); nuisances of the pixels are tracked anew. Figures are of the longest
+segment, as in `accuracy.py`, whose sequences on disk are shared.
+
+Rows are kept in a folder, one file each, under the fingerprint of the package's code, and not run again.
+
+    python benchmarks/nuisances.py [--scenes SCENE ...] [--only NAME ...] [--seconds S] [--cache DIR]
+        [--results DIR] [--markdown FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import asyneio
+from accuracy import figures
+from asyneio.config import Config
+from asyneio.io.atomic import write_text
+from asyneio.pipeline import run_recording
+from asyneio.simulation import EVENT_SCENARIOS, EventSimulation, simulate_events, with_imu
+from asyneio.types import RecordArray
+from common import table
+from nuisance_kinds import BASE_IMU, KINDS, UNDISTURBED, Nuisance
+from sequences import DEFAULT_CACHE, code_of, sequence, tracked
+
+#: One with much rotation, one with little, one with bright light and dark.
+_SCENES = ("suite_boxes_6dof", "suite_poster_translation", "suite_hdr_poster")
+_RESULTS = Path(tempfile.gettempdir()) / "asyneio-nuisances"
+COLUMNS = {
+    "MPE %": ".3f",
+    "factor": ".2f",
+    "first s": ".2f",
+    "segments": ".0f",
+    "covered %": ".1f",
+    "lost": ".0f",
+    "NEES position": ".2f",
+    "NEES orientation": ".2f",
+}
+#: No run may be lost; the median of the factors, and each of them, may be this large.
+MEDIAN_FACTOR, LARGEST_FACTOR = 1.5, 3.0
+
+Row = dict[str, float | str]
+
+
+def disturbed(base: EventSimulation, nuisance: Nuisance) -> EventSimulation:
+    """The sequence with a nuisance; its events are changed where the nuisance is one of the pixels."""
+    scenario = with_imu(base.scenario, BASE_IMU)
+    if nuisance.scenario:
+        scenario = nuisance.scenario(scenario)
+    events = base.recording.events
+    if nuisance.events:
+        events = nuisance.events(np.asarray(events), scenario)
+    simulation = simulate_events(scenario, events)
+    calibration = simulation.recording.calibration
+    assert calibration is not None
+    if nuisance.calibration:
+        calibration = nuisance.calibration(calibration)
+    return replace(simulation, recording=replace(simulation.recording, calibration=calibration))
+
+
+def observations(
+    base: EventSimulation, simulation: EventSimulation, nuisance: Nuisance, config: Config, cache: Path
+) -> RecordArray:
+    """What the front end makes of the events, in the clock that the calibration says is the IMU's.
+
+    Unless the events are changed it is the undisturbed run's; a stamp of the camera is all that an error of
+    the time shift moves.
+    """
+    if nuisance.events:
+        # A cache of its own: the fingerprint of a sequence does not know what was done to its events.
+        return tracked(simulation, config, cache / "nuisances" / nuisance.name).observations
+    undisturbed = disturbed(base, UNDISTURBED)
+    found = tracked(undisturbed, config, cache).observations.copy()
+    told, true = simulation.recording.calibration, undisturbed.recording.calibration
+    assert told is not None
+    assert true is not None
+    found["t_ns"] += told.timeshift_ns - true.timeshift_ns
+    return found
+
+
+def row_of(base: EventSimulation, nuisance: Nuisance, cache: Path) -> Row:
+    """Run a sequence with a nuisance; columns of which there is no figure are missing."""
+    config = Config.model_validate({name: dict(values) for name, values in nuisance.config.items()})
+    started = time.perf_counter()
+    simulation = disturbed(base, nuisance)
+    given = observations(base, simulation, nuisance, config, cache)
+    result = run_recording(simulation.recording, config, observations=given)
+    return {
+        **figures(simulation, result),
+        "failure": result.summary.failure or "",
+        "seconds": time.perf_counter() - started,
+    }
+
+
+def kept(path: Path, base: EventSimulation, nuisance: Nuisance, cache: Path) -> Row:
+    """A row from its file, or run and written there."""
+    if path.is_file():
+        found: Row = json.loads(path.read_text(encoding="utf-8"))
+        return found
+    row = row_of(base, nuisance, cache)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, json.dumps(row, indent=1) + "\n")
+    return row
+
+
+def with_factor(row: Row, undisturbed: Row) -> Row:
+    """The row with its mean position error as a multiple of the undisturbed run's; infinite without one."""
+    own, other = row.get("MPE %"), undisturbed.get("MPE %")
+    if not isinstance(other, float):
+        return row
+    return {**row, "factor": own / other if isinstance(own, float) else float("inf")}
+
+
+def verdict(rows: dict[str, Row]) -> str:
+    """How the factors and losses compare with what is asked for."""
+    factors = [float(row["factor"]) for row in rows.values() if "factor" in row]
+    lost = [name for name, row in rows.items() if row.get("lost") or row["failure"]]
+    if not factors:
+        return "no factors: there is no undisturbed run with estimates"
+    wide = [name for name, row in rows.items() if float(row.get("factor", 0.0)) > LARGEST_FACTOR]
+    return (
+        f"median factor {np.median(factors):.2f} (at most {MEDIAN_FACTOR:g}), largest {max(factors):.2f} "
+        f"(at most {LARGEST_FACTOR:g}; above: {', '.join(wide) or 'none'}); lost: {', '.join(lost) or 'none'}"
+    )
+
+
+def fingerprint() -> str:
+    """Changes with the code of the package and of the nuisances."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(asyneio.__path__[0]).rglob("*.py")):
+        digest.update(code_of(path).encode())
+    digest.update(code_of(Path(__file__).with_name("nuisance_kinds.py")).encode())
+    return digest.hexdigest()[:10]
+
+
+def _cells(row: Row) -> list[str]:
+    return [f"{row[name]:{form}}" if name in row else "-" for name, form in COLUMNS.items()]
+
+
+def _campaign(options: argparse.Namespace) -> tuple[list[list[str]], dict[str, Row], list[str]]:
+    """Cells of the table, all rows but the undisturbed by sequence and nuisance, and failures."""
+    names = [UNDISTURBED.name, *(name for name in options.only or KINDS if name != UNDISTURBED.name)]
+    folder = options.results / fingerprint()
+    cells, rows, notes = [], {}, []
+    for number, scene in enumerate(options.scenes):
+        base = sequence(scene, 0, options.seconds, options.cache)
+        undisturbed: Row = {}
+        for index, name in enumerate(names):
+            path = folder / f"{base.recording.name}-{base.scenario.duration_s:g}-{name}.json"
+            row = kept(path, base, KINDS[name], options.cache)
+            undisturbed = undisturbed or row
+            row = with_factor(row, undisturbed)
+            cells.append([scene, KINDS[name].title, *_cells(row)])
+            if name != UNDISTURBED.name:
+                rows[f"{scene} {name}"] = row
+            if row["failure"]:
+                notes.append(f"* {scene}, {KINDS[name].title}: {row['failure']}")
+            done = number * len(names) + index + 1
+            total = len(names) * len(options.scenes)
+            print(f"[{done}/{total}] " + " | ".join(cells[-1]), flush=True)
+    return cells, rows, notes
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run what is missing, print the table and how it compares with what is asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--scenes", nargs="+", default=_SCENES, choices=EVENT_SCENARIOS, metavar="SCENE")
+    parser.add_argument("--only", nargs="+", choices=KINDS, metavar="NAME", help=", ".join(KINDS))
+    parser.add_argument("--seconds", type=float, help="of each sequence; its own unless given")
+    parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of events and observations")
+    parser.add_argument("--results", type=Path, default=_RESULTS, help="of rows that were run")
+    parser.add_argument("--markdown", type=Path, help="also write the table here")
+    options = parser.parse_args(arguments)
+    cells, rows, notes = _campaign(options)
+    text = table(["sequence", "nuisance", *COLUMNS], cells)
+    text = "\n".join([text, "", verdict(rows), *([""] if notes else []), *notes]) + "\n"
+    print(f"\n{text}")
+    if options.markdown:
+        write_text(options.markdown, text)
+
+
+if __name__ == "__main__":
+    main()
