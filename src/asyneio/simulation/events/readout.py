@@ -74,7 +74,7 @@ class Readout:
         t_us, pixel, on = (np.concatenate(column) for column in zip(self._waiting, *parts, strict=True))
         order = _order(t_us)
         raised = EventBuffer(t_us[order], pixel[order], on[order])
-        ready = int(np.searchsorted(raised.t_us, min(until_us, self.end_us + 1)))
+        ready = int(np.searchsorted(raised.t_us, until_us))
         self._waiting = EventBuffer(*(column[ready:].copy() for column in raised))
         stamp, kept = self._serve(EventBuffer(*(column[:ready] for column in raised)))
         return self._records(stamp[kept], raised.pixel[:ready][kept], raised.on[:ready][kept])

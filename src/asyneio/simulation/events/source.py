@@ -162,7 +162,6 @@ def event_chunks(
             )
             planes = poses_forms_and_lines(rectangles_of(stage.world), stage.seen_from(plan.t_us))
             t_us = np.concatenate([[now], plan.t_us]).astype(np.float64)
-            # A step ahead of the loop, so that each share of the tiles has its own arguments.
             work = [
                 (share, t_us, plan.stride, planes, scene, textures, light, frame, circuit, pixels, buffer)
                 for share, buffer in zip(borders, buffers, strict=True)
