@@ -5,8 +5,8 @@ the order in which they are raised, each takes `1 / readout_hz`, and an event is
 pixel that still waits cannot raise another: what it would have reported meanwhile is lost. (A real arbiter
 serves all that wait in a row together; waiting times are the same on average.)
 
-Bus: stamped events wait in a memory that is emptied at `bus_hz`. While it is full, events are dropped, as the
-logic of the DAVIS does when the transfer stalls. In no time `T` more than `bus_hz T + bus_buffer` get through.
+Bus: stamped events wait in a memory that is emptied at `bus_hz`. While it is full, events are dropped, as by the
+logic of the DAVIS when the transfer stalls. Within a time `T` no more than `bus_hz T + bus_buffer` get through.
 
 What waits in the array does not act back on the pixels' refractory times.
 """
@@ -75,8 +75,8 @@ class Readout:
         order = _order(t_us)
         raised = EventBuffer(t_us[order], pixel[order], on[order])
         ready = int(np.searchsorted(raised.t_us, until_us))
-        self._waiting = EventBuffer(*(column[ready:].copy() for column in raised))
-        stamp, kept = self._serve(EventBuffer(*(column[:ready] for column in raised)))
+        self._waiting = raised.between(ready, raised.t_us.size)
+        stamp, kept = self._serve(raised.between(0, ready))
         return self._records(stamp[kept], raised.pixel[:ready][kept], raised.on[:ready][kept])
 
     def _serve(self, raised: EventBuffer) -> tuple[IntArray, NDArray[np.bool_]]:
@@ -85,7 +85,9 @@ class Readout:
         kept = np.ones(raised.t_us.size, dtype=np.bool_)
         rates = (self.spec.readout_hz, self.spec.bus_hz)
         array_us, bus_us = (1e6 / rate if rate > 0.0 else 0.0 for rate in rates)
-        lost = _queue(raised, array_us, bus_us, self.spec.bus_buffer, self._free_us, self._served_us, stamp, kept)
+        lost = _queue(
+            raised, array_us, bus_us, self.spec.bus_buffer, self._free_us, self._served_us, stamp, kept
+        )
         # The queue goes on beyond the end of the run; nobody listens any more.
         kept &= stamp <= self.end_us
         self.counts.read += int(kept.sum())
@@ -94,9 +96,7 @@ class Readout:
         self.counts.lost_on_bus += lost[1]
         return stamp, kept
 
-    def _records(
-        self, stamp: IntArray, pixel: NDArray[np.int32], on: NDArray[np.uint8]
-    ) -> RecordArray:
+    def _records(self, stamp: IntArray, pixel: NDArray[np.int32], on: NDArray[np.uint8]) -> RecordArray:
         events = np.zeros(stamp.size, dtype=EVENT_DTYPE)
         events["t_ns"] = self.origin_ns + 1000 * stamp
         events["y"], events["x"] = np.divmod(pixel, self.camera.width)

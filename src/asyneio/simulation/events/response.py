@@ -1,13 +1,13 @@
-"""What pixels do between two renderings: photoreceptor, lamp, change detector, latency, refractory time, noise.
+"""What pixels do between two renderings: photoreceptor, change detector, latency, refractory time, noise.
 
 A pixel remembers a level of log intensity and reports when the present level has moved from it by a
 threshold. The comparator answers after a latency; then the pixel is blind for the refractory time and
 remembers the level it finds at the end, as the real circuit does while its reset switch is closed; what
 happened meanwhile is lost.
 
-The intensity of a pixel is linear in time between two renderings, times the light of the lamp. It is taken in
-parts within which its logarithm may be taken for linear. The photoreceptor is a first-order low-pass filter of
-the log intensity, `dv/dt = w (x - v)`; for `x = x0 + q t` its response to the ramp is exact,
+The intensity of a pixel is linear in time between two renderings, times the light of the lamp. It is taken
+in parts within which its logarithm may be taken for linear. The photoreceptor is a first-order low-pass filter
+of the log intensity, `dv/dt = w (x - v)`; for `x = x0 + q t` its response to the ramp is exact,
 
     v(t) = x0 - q / w + q t + (v0 - x0 + q / w) exp(-w t),
 

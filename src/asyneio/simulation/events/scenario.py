@@ -33,8 +33,9 @@ class EventScenario(RigScenario):
     (see `load_motion`), from `motion_offset_s` on, replaces `motion`; it is never scaled. `illumination`:
     intensity of light, 1 in an office; `sunlit`: how many times brighter patches of sun are. Of the light the
     share `flicker_depth` is of lamps that flicker as a rectified sine at `flicker_hz`, twice the frequency of
-    the mains (100 or 120); its mean stays. The image moves at most `largest_step_px` between two renderings, which are at most `longest_step_s` apart. `person` names
-    a `Person`, who is in the way at `person_spot_m` on average; motion and world do not depend on it.
+    the mains (100 or 120); its mean stays. The image moves at most `largest_step_px` between two renderings,
+    which are at most `longest_step_s` apart. `person` names a `Person`, who is in the way at `person_spot_m`
+    on average; motion and world do not depend on it.
     """
 
     name: str = "event_slow"
@@ -70,8 +71,8 @@ class EventScenario(RigScenario):
             raise SimulationError(f"{', '.join(wrong)}; expected a positive value")
         if not 0.0 <= self.flicker_depth <= 1.0 or not 0.0 < self.flicker_hz <= 1000.0:
             raise SimulationError(
-                f"flicker_depth = {self.flicker_depth} at flicker_hz = {self.flicker_hz}; expected a share of 0 "
-                "to 1 and a frequency up to 1000 Hz"
+                f"flicker_depth = {self.flicker_depth} at flicker_hz = {self.flicker_hz}; expected a share "
+                "of 0 to 1 and a frequency up to 1000 Hz"
             )
         if self.person not in list(Person):
             raise SimulationError(f"person {self.person!r} is unknown; expected one of {', '.join(Person)}")

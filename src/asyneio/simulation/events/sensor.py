@@ -34,8 +34,8 @@ class SensorSpec:
     report at `hot_pixel_hz`.
 
     Readout (`readout.py`): `readout_hz` events leave the array in a second (12 million: Brandli et al. 2014);
-    `bus_hz` the camera (5 million over USB 2: Berner et al. 2007), behind a memory for `bus_buffer` events (64
-    KiB, the default of the driver libcaer, at four bytes an event).
+    `bus_hz` the camera (5 million over USB 2: Berner et al. 2007), behind a memory for `bus_buffer` events (64 KiB,
+    the default of the driver libcaer, at four bytes an event).
     """
 
     threshold_on: float = 0.25
@@ -150,12 +150,13 @@ class EventBuffer(NamedTuple):
 
     @classmethod
     def of_size(cls, size: int) -> EventBuffer:
-        """Room for some events; more than `MOST_PER_STEP`."""
+        """Room for some events."""
         return cls(np.zeros(size, np.int64), np.zeros(size, np.int32), np.zeros(size, np.uint8))
 
-    def first(self, count: int) -> EventBuffer:
-        """A copy of the first events."""
-        return EventBuffer(self.t_us[:count].copy(), self.pixel[:count].copy(), self.on[:count].copy())
+    def between(self, first: int, end: int) -> EventBuffer:
+        """A copy of the events from the first one on, up to the end."""
+        chosen = slice(first, end)
+        return EventBuffer(self.t_us[chosen].copy(), self.pixel[chosen].copy(), self.on[chosen].copy())
 
 
 def make_pixels(

@@ -31,9 +31,7 @@ class EventSimulation:
     readout: ReadoutCounts | None = None
 
 
-def stream_events(
-    scenario: EventScenario, counts: ReadoutCounts | None = None
-) -> Iterator[RecordArray]:
+def stream_events(scenario: EventScenario, counts: ReadoutCounts | None = None) -> Iterator[RecordArray]:
     """Events of a scenario (EVENT_DTYPE, camera clock, ascending), some milliseconds in each chunk.
 
     The memory it needs does not depend on the duration. Together the chunks are the events of

@@ -198,7 +198,7 @@ def _events_of_tiles(work: tuple[Any, ...]) -> list[EventBuffer]:
             pixels,
             buffer,
         )
-        parts.append(buffer.first(count))
+        parts.append(buffer.between(0, count))
     return parts
 
 
