@@ -6,8 +6,8 @@ remembers the level it finds at the end, as the real circuit does while its rese
 happened meanwhile is lost.
 
 The intensity of a pixel is linear in time between two renderings, times the light of the lamp. It is taken
-in parts within which its logarithm may be taken for linear. The photoreceptor is a first-order low-pass filter
-of the log intensity, `dv/dt = w (x - v)`; for `x = x0 + q t` its response to the ramp is exact,
+in parts within which its logarithm may be taken for linear. The photoreceptor is a first-order low-pass
+filter of the log intensity, `dv/dt = w (x - v)`; for `x = x0 + q t` its response to the ramp is exact,
 
     v(t) = x0 - q / w + q t + (v0 - x0 + q / w) exp(-w t),
 
@@ -95,29 +95,24 @@ def curve_value(curve: Curve, t: float) -> float:
 def _solve(curve: Curve, low: float, high: float, value: float) -> float:
     """When a curve that is monotonic between two times takes a value that lies between theirs (Illinois)."""
     f_low, f_high = curve_value(curve, low) - value, curve_value(curve, high) - value
-    last = 0
+    last, middle = 0, high
     while high - low > _TOLERANCE_US:
-        if f_low == f_high:
-            break
         middle = low - f_low * (high - low) / (f_high - f_low)
         if not low < middle < high:
-            break
+            # Rounded to an end: the curve is as good as straight from there.
+            return min(max(middle, low), high)
         f = curve_value(curve, middle) - value
-        if f == 0.0:
-            return middle
         if (f > 0.0) == (f_high > 0.0):
-            shorter = high - middle
-            high, f_high = middle, f
+            shorter, high, f_high = high - middle, middle, f
             f_low *= 0.5 if last == 1 else 1.0
             last = 1
         else:
-            shorter = middle - low
-            low, f_low = middle, f
+            shorter, low, f_low = middle - low, middle, f
             f_high *= 0.5 if last == -1 else 1.0
             last = -1
         if shorter < _TOLERANCE_US:
-            return middle
-    return high
+            break
+    return middle
 
 
 @njit(cache=True, error_model="numpy")

@@ -34,8 +34,8 @@ class SensorSpec:
     report at `hot_pixel_hz`.
 
     Readout (`readout.py`): `readout_hz` events leave the array in a second (12 million: Brandli et al. 2014);
-    `bus_hz` the camera (5 million over USB 2: Berner et al. 2007), behind a memory for `bus_buffer` events (64 KiB,
-    the default of the driver libcaer, at four bytes an event).
+    `bus_hz` the camera (5 million over USB 2: Berner et al. 2007), behind a memory for `bus_buffer` events
+    (64 KiB, the default of the driver libcaer, at four bytes an event).
     """
 
     threshold_on: float = 0.25
