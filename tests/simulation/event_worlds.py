@@ -18,7 +18,17 @@ STRAIGHT = CameraIntrinsics(80.0, 80.0, 49.5, 35.5, 100, 72)
 
 #: A sensor that answers to light alone, at once.
 IDEAL = SensorSpec(
-    refractory_s=0.0, shot_noise_hz=0.0, leak_hz=0.0, hot_pixels=0, bandwidth_hz=0.0, threshold_mismatch=0.03
+    threshold_mismatch=0.03,
+    threshold_noise=0.0,
+    refractory_s=0.0,
+    latency_s=0.0,
+    latency_jitter_s=0.0,
+    shot_noise_hz=0.0,
+    leak_hz=0.0,
+    hot_pixels=0,
+    bandwidth_hz=0.0,
+    readout_hz=0.0,
+    bus_hz=0.0,
 )
 
 

@@ -97,7 +97,7 @@ def test_events_add_up_to_the_change_of_the_light(stage: Stage) -> None:
     for t_us in (0, round(SCENARIO.duration_s * 1e6)):
         render(stage.world, stage.view, stage.T_w_c(np.array([t_us]))[0], frame)
         logs.append(np.log(frame.intensity.ravel() + IDEAL.dark_intensity))
-    pixels = make_pixels(IDEAL, SMALL, frame.intensity, np.random.default_rng(SEEDS[2]))
+    pixels = make_pixels(IDEAL, SMALL, frame.intensity, 1.0, np.random.default_rng(SEEDS[2]))
     answered = pixels.on * per_pixel(events, 1) - pixels.off * per_pixel(events, 0)
     left = logs[1] - logs[0] - answered
     assert np.all(left < pixels.on + 1e-4)
@@ -108,7 +108,7 @@ def test_events_add_up_to_the_change_of_the_light(stage: Stage) -> None:
 
 def test_thresholds_differ_as_told() -> None:
     spec = SensorSpec(threshold_mismatch=0.04)
-    pixels = make_pixels(spec, SMALL, np.ones((72, 100), np.float32), np.random.default_rng(0))
+    pixels = make_pixels(spec, SMALL, np.ones((72, 100), np.float32), 1.0, np.random.default_rng(0))
     for values, mean in ((pixels.on, spec.threshold_on), (pixels.off, spec.threshold_off)):
         assert values.mean() == pytest.approx(mean, rel=2e-3)
         assert values.std() == pytest.approx(0.04 * mean, rel=0.05)
@@ -205,6 +205,12 @@ def test_what_is_impossible_is_refused() -> None:
         next(stream_events(small_scenario(world="moon")))
     with pytest.raises(SimulationError, match="thresholds"):
         SensorSpec(threshold_on=0.0)
+    with pytest.raises(SimulationError, match=r"threshold_noise = 0\.1"):
+        SensorSpec(threshold_noise=0.1)
+    with pytest.raises(SimulationError, match="cannot be simulated"):
+        SensorSpec(latency_s=-1e-6)
+    with pytest.raises(SimulationError, match=r"flicker_depth = 1\.5"):
+        small_scenario(flicker_depth=1.5)
     with pytest.raises(SimulationError, match="illumination = 0"):
         small_scenario(illumination=0.0)
 

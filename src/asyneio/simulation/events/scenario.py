@@ -33,10 +33,12 @@ class EventScenario(RigScenario):
 
     `world` names a `WorldKind`; `photographs`: textures are photographs instead of the built-in ones.
     `motion_scale` multiplies the positions of the motion (a small world needs small ones). A `recorded` run
-    replaces motion and IMU (see `along`); it is never scaled. `illumination`:
-    intensity of light, 1 in an office; `sunlit`: how many times brighter patches of sun are. The image moves
-    at most `largest_step_px` between two renderings, which are at most `longest_step_s` apart. `person` names
-    a `Person`, who is in the way at `person_spot_m` on average; motion and world do not depend on it.
+    replaces motion and IMU (see `along`); it is never scaled. `illumination`: intensity of light, 1 in an
+    office; `sunlit`: how many times brighter patches of sun are. Of the light the share `flicker_depth` is of
+    lamps that flicker as a rectified sine at `flicker_hz`, twice the frequency of the mains (100 or 120); its
+    mean stays. The image moves at most `largest_step_px` between two renderings, which are at most
+    `longest_step_s` apart. `person` names a `Person`, who is in the way at `person_spot_m` on average; motion
+    and world do not depend on it.
     """
 
     name: str = "event_slow"
@@ -48,9 +50,11 @@ class EventScenario(RigScenario):
     sensor: SensorSpec = _DAVIS
     illumination: float = 1.0
     sunlit: float = 1.0
+    flicker_hz: float = 100.0
+    flicker_depth: float = 0.0
     person: str = "nobody"
     person_spot_m: tuple[float, float, float] = (1.1, 0.0, -0.5)
-    largest_step_px: float = 0.7
+    largest_step_px: float = 0.2
     longest_step_s: float = 0.010
     accelerometer_rate_hz: float = 1000.0
     accelerometer_offset_s: float = 0.0
@@ -67,6 +71,11 @@ class EventScenario(RigScenario):
         wrong = [f"{name} = {value}" for name, value in positive.items() if not value > 0.0]
         if wrong:
             raise SimulationError(f"{', '.join(wrong)}; expected a positive value")
+        if not 0.0 <= self.flicker_depth <= 1.0 or not 0.0 < self.flicker_hz <= 1000.0:
+            raise SimulationError(
+                f"flicker_depth = {self.flicker_depth} at flicker_hz = {self.flicker_hz}; expected a share "
+                "of 0 to 1 and a frequency up to 1000 Hz"
+            )
         if self.person not in list(Person):
             raise SimulationError(f"person {self.person!r} is unknown; expected one of {', '.join(Person)}")
         if self.recorded is not None and self.motion_scale != 1.0:

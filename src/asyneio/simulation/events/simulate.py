@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.simulation.events.point_truth import PointTruth
+from asyneio.simulation.events.readout import ReadoutCounts
 from asyneio.simulation.events.scenario import EventScenario
 from asyneio.simulation.events.source import Stage, event_chunks, set_stage
 from asyneio.simulation.events.world import World
@@ -19,26 +20,28 @@ from asyneio.types import EVENT_DTYPE, NS_PER_S, EventRecording, RecordArray
 @dataclass(frozen=True)
 class EventSimulation:
     """A simulated run: `recording` (events in the camera clock, all else in the IMU clock), the true states
-    of the body, the world, and the truth for points and feature tracks."""
+    of the body, the world, the truth for points and feature tracks, and what became of the events in the
+    readout of the sensor (None where events were given)."""
 
     scenario: EventScenario
     recording: EventRecording
     truth: Truth
     world: World
     points: PointTruth
+    readout: ReadoutCounts | None = None
 
 
-def stream_events(scenario: EventScenario) -> Iterator[RecordArray]:
+def stream_events(scenario: EventScenario, counts: ReadoutCounts | None = None) -> Iterator[RecordArray]:
     """Events of a scenario (EVENT_DTYPE, camera clock, ascending), some milliseconds in each chunk.
 
     The memory it needs does not depend on the duration. Together the chunks are the events of
-    `simulate_events`.
+    `simulate_events`. `counts` are added to as events leave the sensor or are lost in its readout.
 
     Raises:
         SimulationError: the scenario is impossible.
     """
     seeds = _seeds(scenario)
-    yield from event_chunks(set_stage(scenario, seeds), seeds[2])
+    yield from event_chunks(set_stage(scenario, seeds), seeds[2], counts)
 
 
 def simulate_events(scenario: EventScenario, events: RecordArray | None = None) -> EventSimulation:
@@ -55,8 +58,11 @@ def simulate_events(scenario: EventScenario, events: RecordArray | None = None) 
     seeds = _seeds(scenario)
     stage = set_stage(scenario, seeds)
     inertial = _inertial(scenario, stage, seeds)
+    readout = None
     if events is None:
-        events = np.concatenate([np.empty(0, dtype=EVENT_DTYPE), *event_chunks(stage, seeds[2])])
+        readout = ReadoutCounts()
+        chunks = event_chunks(stage, seeds[2], readout)
+        events = np.concatenate([np.empty(0, dtype=EVENT_DTYPE), *chunks])
     recording = EventRecording(
         name=f"{scenario.name}-{scenario.seed}",
         events=events,
@@ -75,7 +81,7 @@ def simulate_events(scenario: EventScenario, events: RecordArray | None = None) 
         scenario.T_b_c,
         scenario.start_ns - scenario.timeshift_ns,
     )
-    return EventSimulation(scenario, recording, inertial.truth, stage.world, points)
+    return EventSimulation(scenario, recording, inertial.truth, stage.world, points, readout)
 
 
 def _inertial(

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from asyneio.errors import SimulationError
 from asyneio.simulation.events.planes import poses_forms_and_lines, rectangles_of
+from asyneio.simulation.events.readout import Readout, ReadoutCounts
 from asyneio.simulation.events.render import (
     FloatImage,
     TextureArrays,
@@ -18,9 +23,10 @@ from asyneio.simulation.events.render import (
     render_tile,
     texture_arrays,
 )
+from asyneio.simulation.events.response import MOST_PER_STEP, Light, respond
 from asyneio.simulation.events.scenario import EventScenario, Person
 from asyneio.simulation.events.schedule import BLOCK_US, plan_block
-from asyneio.simulation.events.sensor import MOST_PER_STEP, EventBuffer, Pixels, make_pixels, respond
+from asyneio.simulation.events.sensor import Circuit, EventBuffer, Pixels, make_pixels
 from asyneio.simulation.events.view import TILE, View, view_of
 from asyneio.simulation.events.world import World
 from asyneio.simulation.events.worlds import Walker, build_world
@@ -29,11 +35,13 @@ from asyneio.simulation.moving import draw_walk
 from asyneio.simulation.pause import PausedMotion
 from asyneio.simulation.presets import draw_motion
 from asyneio.simulation.rig import C_F_C
-from asyneio.types import EVENT_DTYPE, FloatArray, IntArray, RecordArray
+from asyneio.types import FloatArray, IntArray, RecordArray
 
 _US_PER_S = 1_000_000
-_RADIANS = 2.0 * np.pi / _US_PER_S
-_BUFFER = 1 << 17
+_BUFFER = 1 << 15
+#: Tiles are shared out over so many threads, so many shares at a time; neither changes any event.
+_THREADS = min(4, os.cpu_count() or 1)
+_SHARES = 8
 #: Spacing of the places that the way of a camera is checked at.
 _WAY_US = 10_000
 #: The camera stays so far from whatever moves.
@@ -124,87 +132,113 @@ def _check_free(stage: Stage) -> None:
             )
 
 
-def event_chunks(stage: Stage, seed: np.random.SeedSequence) -> Iterator[RecordArray]:
+def event_chunks(
+    stage: Stage, seed: np.random.SeedSequence, counts: ReadoutCounts | None = None
+) -> Iterator[RecordArray]:
     """Events (EVENT_DTYPE, camera clock, ascending) of a stage, some milliseconds in each chunk.
 
-    The same stage and seed give the same events. Chunks may be empty.
+    The same stage and seed give the same events. Chunks may be empty. `counts` are added to as events leave
+    the sensor or are lost in its readout.
     """
     scenario, sensor = stage.scenario, stage.scenario.sensor
     frame = empty_frame(stage.view)
     render(stage.world, stage.view, stage.T_w_c(np.zeros(1, dtype=np.int64))[0], frame)
-    light = scenario.illumination * frame.intensity
-    pixels = make_pixels(sensor, scenario.camera, light, np.random.default_rng(seed))
-    origin_ns = scenario.start_ns - scenario.timeshift_ns
-    lag = (_RADIANS * sensor.bandwidth_hz, _RADIANS * sensor.least_bandwidth_hz, sensor.dark_intensity)
-    buffer = EventBuffer.of_size(_BUFFER)
+    pixels = make_pixels(
+        sensor, scenario.camera, frame.intensity, scenario.illumination, np.random.default_rng(seed)
+    )
     end_us = round(scenario.duration_s * _US_PER_S)
+    readout = Readout(
+        sensor, scenario.camera, scenario.start_ns - scenario.timeshift_ns, end_us, counts or ReadoutCounts()
+    )
+    light = Light(scenario.illumination, 1e-6 * scenario.flicker_hz, scenario.flicker_depth)
+    scene = (stage.view.rays, stage.view.pitch, stage.view.tiles)
+    textures, circuit = texture_arrays(stage.world), Circuit.of(sensor)
+    borders = _shares(len(stage.view.tiles))
+    buffers = [EventBuffer.of_size(_BUFFER) for _ in borders]
     now = 0
-    for block_end in [*range(BLOCK_US, end_us, BLOCK_US), end_us]:
-        plan = plan_block(
-            stage.motion,
-            scenario.T_b_c,
-            stage.world,
-            stage.view,
-            frame.inverse_depth,
-            (now, block_end),
-            scenario.largest_step_px,
-            round(scenario.longest_step_s * _US_PER_S),
-        )
-        planes = poses_forms_and_lines(rectangles_of(stage.world), stage.seen_from(plan.t_us))
-        parts: list[EventBuffer] = []
-        tile, step = 0, -1
-        while tile < len(stage.view.tiles):
-            tile, step, count = _advance(
-                (tile, step),
-                np.concatenate([[now], plan.t_us]).astype(np.float64),
-                plan.stride,
-                planes,
-                (stage.view.rays, stage.view.pitch, stage.view.tiles),
-                texture_arrays(stage.world),
-                scenario.illumination,
-                frame.intensity,
+    with ThreadPoolExecutor(_THREADS) as threads:
+        for block_end in [*range(BLOCK_US, end_us, BLOCK_US), end_us]:
+            plan = plan_block(
+                stage.motion,
+                scenario.T_b_c,
+                stage.world,
+                stage.view,
                 frame.inverse_depth,
-                lag,
-                sensor.leak_hz * 1e-6,
-                sensor.refractory_s * _US_PER_S,
-                pixels,
-                buffer,
+                (now, block_end),
+                scenario.largest_step_px,
+                round(scenario.longest_step_s * _US_PER_S),
             )
-            parts.append(buffer.first(count))
-        yield _in_time_order(parts, (now, block_end), scenario.camera.width, origin_ns)
-        now = block_end
+            planes = poses_forms_and_lines(rectangles_of(stage.world), stage.seen_from(plan.t_us))
+            t_us = np.concatenate([[now], plan.t_us]).astype(np.float64)
+            work = [
+                (share, t_us, plan.stride, planes, scene, textures, light, frame, circuit, pixels, buffer)
+                for share, buffer in zip(borders, buffers, strict=True)
+            ]
+            parts = [part for share in threads.map(_events_of_tiles, work) for part in share]
+            yield readout.deliver(parts, block_end)
+            now = block_end
 
 
-@njit(cache=True, error_model="numpy")
+def _shares(tiles: int) -> list[tuple[int, int]]:
+    """First and last-but-one of the tiles that a thread takes at a time."""
+    borders = np.linspace(0, tiles, min(tiles, _SHARES) + 1).astype(int)
+    return [(int(first), int(end)) for first, end in pairwise(borders)]
+
+
+def _events_of_tiles(work: tuple[Any, ...]) -> list[EventBuffer]:
+    """All that a share of the tiles reports in a block of time, tile by tile."""
+    (tile, end), t_us, stride, planes, scene, textures, light, frame, circuit, pixels, buffer = work
+    parts: list[EventBuffer] = []
+    step = -1
+    while tile < end:
+        tile, step, count = _advance(
+            (tile, end),
+            step,
+            t_us,
+            stride,
+            planes,
+            scene,
+            textures,
+            light,
+            frame.intensity,
+            frame.inverse_depth,
+            circuit,
+            pixels,
+            buffer,
+        )
+        parts.append(buffer.between(0, count))
+    return parts
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def _advance(
-    resume: tuple[int, int],
+    share: tuple[int, int],
+    step: int,
     t_us: FloatArray,
     stride: IntArray,
     planes: tuple[FloatArray, FloatArray],
     view: tuple[FloatArray, FloatArray, FloatArray],
     textures: TextureArrays,
-    illumination: float,
+    light: Light,
     intensity: FloatImage,
     inverse_depth: FloatArray,
-    lag: tuple[float, float, float],
-    leak_per_us: float,
-    refractory_us: float,
+    circuit: Circuit,
     pixels: Pixels,
     buffer: EventBuffer,
 ) -> tuple[int, int, int]:
     """Take one tile after another through a block, rendering and responding at its own pace.
 
-    `t_us` (N+1,) begins with the start of the block; -1 in `resume` is that start. `view` is rays, pitch and
-    tiles. Returns the tile and step to resume with when the buffer is full, and the count of events.
+    `share` is the first tile and the one after the last; the first has been taken to `step`. `t_us` (N+1,)
+    begins with the start of the block; step -1 is that start. `view` is rays, pitch and tiles. Returns the
+    tile and step to resume with when the buffer is full, and the count of events.
     """
     forms, lines = planes
     rays, pitch, tiles = view
     across = (pitch.shape[1] + TILE - 1) // TILE
     steps = t_us.size - 1
-    first, begin = resume
     count = 0
-    for tile in range(first, tiles.shape[0]):
-        before = begin if tile == first else -1
+    for tile in range(share[0], share[1]):
+        before = step if tile == share[0] else -1
         top, left = (tile // across) * TILE, (tile % across) * TILE
         while before < steps - 1:
             if count + TILE * TILE * MOST_PER_STEP > buffer.t_us.size:
@@ -215,43 +249,14 @@ def _advance(
             )
             count = respond(
                 intensity,
-                illumination,
+                light,
                 (top, left),
                 TILE,
                 (t_us[before + 1], t_us[now + 1]),
-                lag,
-                leak_per_us,
-                refractory_us,
+                circuit,
                 pixels,
                 buffer,
                 count,
             )
             before = now
-    return tiles.shape[0], -1, count
-
-
-@njit(cache=True)
-def _order(t_us: IntArray, begin: int, end: int) -> IntArray:
-    """Stable order of times within `begin` .. `end`, by counting: a block has few microseconds."""
-    starts = np.zeros(end - begin + 2, dtype=np.int64)
-    for t in t_us:
-        starts[t - begin + 1] += 1
-    starts = np.cumsum(starts)
-    order = np.empty(t_us.size, dtype=np.int64)
-    for index in range(t_us.size):
-        slot = t_us[index] - begin
-        order[starts[slot]] = index
-        starts[slot] += 1
-    return order
-
-
-def _in_time_order(
-    parts: list[EventBuffer], span_us: tuple[int, int], width: int, origin_ns: int
-) -> RecordArray:
-    t_us, pixel, on = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = _order(t_us, span_us[0], span_us[1])
-    events = np.zeros(t_us.size, dtype=EVENT_DTYPE)
-    events["t_ns"] = origin_ns + 1000 * t_us[order]
-    events["y"], events["x"] = np.divmod(pixel[order], width)
-    events["p"] = on[order]
-    return events
+    return share[1], -1, count
