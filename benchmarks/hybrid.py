@@ -20,7 +20,7 @@ from asyneio.io import read_inertial_file
 from asyneio.io.calibration import read_imu_noise
 from asyneio.io.truth_text import read_truth_file
 from asyneio.io.atomic import atomic_file
-from asyneio.simulation import EventScenario, EventSimulation, path_basis, path_fit
+from asyneio.simulation import EventScenario, EventSimulation, path_basis, path_fit, path_normal, path_terms
 from asyneio.simulation.path_fit import PathFit
 from asyneio.simulation.recorded_path import recorded_run
 from asyneio.types import FloatArray
@@ -95,7 +95,7 @@ def hybrid_of(
     samples = read_inertial_file(imu_file)
     noise = read_imu_noise(noise_file)
     key = hashlib.sha256(b"".join(file.read_bytes() for file in (poses_file, imu_file, noise_file)))
-    for module in (path_fit, path_basis):
+    for module in (path_fit, path_terms, path_normal, path_basis):
         key.update(code_of(Path(str(module.__file__))).encode())
     kept = cache / f"hybrid_{name}-fit-{key.hexdigest()[:10]}.pickle"
     if kept.is_file():
