@@ -19,7 +19,7 @@ _LARGEST_LAG_S, _LAG_STEP_S = 2.0, 0.01
 #: Less turning than this [rad/s] tells nothing.
 _LEAST_RATE = 0.03
 #: Correlation of rates, their ratio, and the angle between the axes [deg] that still count as agreement.
-_LEAST_CORRELATION, _SCALE, _LARGEST_ANGLE = 0.7, (0.9, 1.1), 3.0
+_LEAST_CORRELATION, _SCALE, _LARGEST_ANGLE = 0.95, (0.9, 1.1), 3.0
 #: The second largest of the singular values, by the first, from which the axes are determined.
 _SPREAD = 0.02
 #: Most that a fit may leave over: rad/s, m/s^2, m, rad.
@@ -33,13 +33,13 @@ def common_span_ns(poses: PoseTrajectory, streams: Sequence[RecordArray]) -> tup
         SimulationError: there is no such time, or less than a second.
     """
     if poses.t_ns.size < 2 or any(stream.size < 2 for stream in streams):
-        raise SimulationError("there are fewer than two poses, or samples of an IMU; expected seconds of both")
+        raise SimulationError("there are fewer than two poses or samples of an IMU; expected seconds of both")
     stamps = [poses.t_ns, *(stream["t_ns"] for stream in streams)]
     start_ns, end_ns = max(int(t[0]) for t in stamps), min(int(t[-1]) for t in stamps)
     if end_ns - start_ns < _SHORTEST_S * NS_PER_S:
         raise SimulationError(
             f"the poses span {_span(poses.t_ns)} and the IMU {_span(stamps[-1])}, so they have less than "
-            f"{_SHORTEST_S:g} s in common; expected both of the same run in one clock: shift the stamps of one "
+            f"{_SHORTEST_S:g} s in common; expected both of one run in one clock: shift the stamps of one "
             "file, or choose the file that belongs to the other"
         )
     return start_ns, end_ns
@@ -92,8 +92,8 @@ def check_left_over(gyroscope: float, accelerometer: float, position: float, ori
         + ", ".join(f"{value:.3g} {unit}" for unit, value in found.items())
         + ", expected at most "
         + ", ".join(f"{value:g} {unit}" for unit, value in _LEFT_OVER.items())
-        + ". Likely causes: positions not in metres, an accelerometer not in m/s^2 or without gravity, an IMU "
-        "far from the body of the poses, or jumps in the poses"
+        + ". Likely causes: positions not in metres, an accelerometer not in m/s^2 or without gravity, an "
+        "IMU far from the body of the poses, or jumps in the poses"
     )
 
 

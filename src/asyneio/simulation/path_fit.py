@@ -5,17 +5,17 @@ Position and quaternion are uniform quintic B-splines. With q(t) and p(t) of a b
     gyroscope      2 vec(q^-1 q') / |q|^2 + b_g        accelerometer    C(q)^T (p'' - g) + b_a
     position       p(t + d)                            orientation      q(t + d)
 
-where d is what the clock of the IMU is ahead of that of the poses, g is gravity in the world of the poses, and
-the biases b_g, b_a are piecewise linear and wander no more than the walks of the IMU's noise. Control points,
-d, g and biases are found together by Gauss-Newton steps. The noise of each sensor is taken from what is left
-over, because vibration makes it many times that of the data sheet. What is faster than the knots allow is
-not followed: a rotor's vibration moves a rig by micrometres.
+where d is what the clock of the IMU is ahead of that of the poses, g is gravity in the world of the poses,
+and the biases b_g, b_a are piecewise linear and wander no more than the walks of the IMU's noise. Control
+points, d, g and biases are found together by Gauss-Newton steps. The noise of each sensor is taken from what
+is left over, because vibration makes it many times that of the data sheet. What is faster than the knots
+allow is not followed: a rotor's vibration moves a rig by micrometres.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -46,7 +46,7 @@ _LONGEST_GAP_S = 1.0
 _LEAST_POSE_SIGMA = (1e-3, 2e-3)
 #: How well gravity is known beforehand [m/s^2]: it may hold an error of the accelerometer's scale.
 _GRAVITY, _GRAVITY_SIGMA = 9.81, 0.05
-#: How far sensors are off [rad/s, m/s^2]; nodes of biases are at least so far apart [s], and no more than so many.
+#: How far sensors are off [rad/s, m/s^2]; how far apart nodes of biases are at least [s], and the most nodes.
 _BIAS_SIGMA, _NODE_S, _MOST_NODES = (0.2, 0.5), 10.0, 30
 #: How far clocks are off once they are roughly aligned [s]; how much the square of a quaternion may wander.
 _CLOCK_SIGMA, _LENGTH_SIGMA = 0.02, 1e-3
@@ -80,8 +80,8 @@ class PathFit:
     """What was fitted; seconds since `start_ns` (IMU clock).
 
     `position` [m] and `quaternion` (xyzw, of any length near one) are splines of the IMU in the world of the
-    poses. `gravity` (3,) [m/s^2] is in that world; `clock_offset_s`: t_imu = t_pose + offset. Biases (K,3) are
-    linear between `bias_s` (K,).
+    poses. `gravity` (3,) [m/s^2] is in that world; `clock_offset_s`: t_imu = t_pose + offset. Biases (K,3)
+    are linear between `bias_s` (K,).
     """
 
     start_ns: int
@@ -125,7 +125,10 @@ def fit_path(
 
 @dataclass(frozen=True)
 class _Problem:
-    """All readings, in seconds since the start; `sensors` are gyroscope and accelerometer, or nothing."""
+    """All readings, in seconds since the start; `sensors` are gyroscope and accelerometer, or nothing.
+
+    The clock of the poses is set ahead by `lag_s` beforehand.
+    """
 
     start_ns: int
     duration_s: float
@@ -137,7 +140,7 @@ class _Problem:
 
     def start(self) -> PathState:
         """Control points on the poses, with straight lines between them."""
-        at_s = self.poses.t_s + self.lag_s
+        at_s = self.poses.t_s
         t_s = np.clip(self.knots.centres_s, at_s[0], at_s[-1])
         control = np.empty((t_s.size, EACH))
         for axis in range(3):
@@ -154,7 +157,7 @@ class _Problem:
             gravity = -_GRAVITY * upwards / np.linalg.norm(upwards)
         node_s = max(_NODE_S, self.duration_s / _MOST_NODES)
         nodes = int(np.ceil(self.duration_s / node_s)) + 1
-        return PathState(control, self.lag_s, gravity, np.zeros((2, nodes, 3)), node_s)
+        return PathState(control, 0.0, gravity, np.zeros((2, nodes, 3)), node_s)
 
     def sheet(self) -> FloatArray:
         """Standard deviations of a sample of each sensor by the data sheet."""
@@ -207,7 +210,7 @@ class _Problem:
         column = COMMON + np.arange(state.biases.size).reshape(state.biases.shape)
         sigma = np.broadcast_to(np.array(_BIAS_SIGMA)[:, None, None], column.shape)
         wander = np.broadcast_to((walks * np.sqrt(state.node_s))[:, None, None], column[:, 1:].shape)
-        _add_prior(normal, np.array([[0]]), [1.0], [state.clock_s - self.lag_s], _CLOCK_SIGMA)
+        _add_prior(normal, np.array([[0]]), [1.0], [state.clock_s], _CLOCK_SIGMA)
         _add_prior(normal, np.array([[1, 2, 3]]), state.gravity / norm, [norm - _GRAVITY], _GRAVITY_SIGMA)
         # Its direction is free, unless nothing measures it.
         _add_prior(normal, np.arange(1, COMMON)[:, None], [1.0], np.zeros(3), 1e3)
@@ -231,8 +234,8 @@ class _Problem:
             BSpline(knots, state.control[:, :3], DEGREE),
             BSpline(knots, state.control[:, 3:], DEGREE),
             state.gravity,
-            state.clock_s,
-            np.arange(nodes) * state.node_s,
+            self.lag_s + state.clock_s,
+            np.asarray(np.arange(nodes) * state.node_s, dtype=np.float64),
             state.biases[0],
             state.biases[1],
             residuals,
@@ -245,6 +248,9 @@ def _problem_of(
     streams = [] if gyroscope is None or accelerometer is None else [gyroscope, accelerometer]
     start_ns, end_ns = common_span_ns(poses, streams)
     lag_s = check_rates(poses, gyroscope) if gyroscope is not None and streams else 0.0
+    if lag_s:
+        poses = replace(poses, t_ns=poses.t_ns + round(lag_s * NS_PER_S))
+        start_ns, end_ns = common_span_ns(poses, streams)
     duration_s = (end_ns - start_ns) / NS_PER_S
     slowest_s = max((float(np.median(np.diff(s["t_ns"]))) / NS_PER_S for s in streams), default=0.0)
     step_s = max(_KNOT_S, _SAMPLES_PER_KNOT * slowest_s) if streams else _KNOT_OF_POSES_S
@@ -252,7 +258,11 @@ def _problem_of(
     quaternion = poses.quaternion / np.linalg.norm(poses.quaternion, axis=1, keepdims=True)
     both = Readings((poses.t_ns - start_ns) / NS_PER_S, np.hstack([poses.position, quaternion]))
     readings = [both, *(Readings((s["t_ns"] - start_ns) / NS_PER_S, s["xyz"]) for s in streams)]
-    used, *sensors = (_within(one, duration_s) for one in readings)
+    # Poses at the very ends might leave the spline when their clock is set.
+    used, *sensors = (
+        _within(one, margin_s, duration_s - margin_s)
+        for one, margin_s in zip(readings, (_CLOCK_SIGMA, 0.0, 0.0), strict=False)
+    )
     gap_s = float(np.diff(used.t_s, prepend=0.0, append=duration_s).max())
     longest_s = _LONGEST_GAP_S if streams else 0.5 * step_s + 1e-3
     if gap_s > longest_s:
@@ -263,8 +273,8 @@ def _problem_of(
     return _Problem(start_ns, duration_s, knots, used, tuple(sensors), lag_s, noise)
 
 
-def _within(readings: Readings, duration_s: float) -> Readings:
-    use = (readings.t_s >= 0.0) & (readings.t_s <= duration_s)
+def _within(readings: Readings, begin_s: float, end_s: float) -> Readings:
+    use = (readings.t_s >= begin_s) & (readings.t_s <= end_s)
     return Readings(readings.t_s[use], readings.values[use])
 
 

@@ -19,7 +19,7 @@ _WIDTH = ACTIVE * EACH
 class Terms:
     """N residuals r (N,k), ascending in time, with their derivatives.
 
-    J (N,k,42) by the six control points from `first` (N,) on, K (N,k,c) by the other unknowns `columns` (N,c).
+    J (N,k,42) by six control points from `first` (N,) on, K (N,k,c) by the other unknowns `columns` (N,c).
     """
 
     r: FloatArray
@@ -73,7 +73,8 @@ class NormalEquations:
         factor = cholesky_banded(self.band, lower=True)
         both = cho_solve_banded((factor, True), np.column_stack([self.border, self.right]))
         reduced = self.corner - self.border.T @ both[:, :-1]
-        others = np.linalg.solve(reduced, -(self.right_others - self.border.T @ both[:, -1]))
+        left = self.right_others - self.border.T @ both[:, -1]
+        others: FloatArray = np.asarray(np.linalg.solve(reduced, -left), dtype=np.float64)
         return (-both[:, -1] - both[:, :-1] @ others).reshape(-1, EACH), others
 
 

@@ -48,7 +48,7 @@ class PathState:
         )
 
     def bias(self, sensor: int, t_s: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
-        """Bias (N,3) of a sensor at times (N,), its six unknowns (N,6), and its derivative by them (N,3,6)."""
+        """Bias (N,3) of a sensor at times (N,), its unknowns (N,6), and its derivative by them (N,3,6)."""
         nodes = self.biases.shape[1]
         node = np.clip((t_s / self.node_s).astype(np.int64), 0, nodes - 2)
         share = (t_s / self.node_s - node)[:, None]
@@ -99,18 +99,21 @@ def pose_terms(knots: UniformKnots, poses: Readings, state: PathState) -> Terms:
     measured = poses.values[:, 3:]
     # q and -q are the same orientation.
     sign = np.sign(np.sum(measured * at[:, 3:], axis=1))[:, None]
-    turn = 2.0 * sign / np.linalg.norm(at[:, 3:], axis=1)[:, None]
+    square = np.sum(at[:, 3:] ** 2, axis=1)[:, None]
+    turn = 2.0 * sign / np.sqrt(square)
+    orientation = turn * _vector(measured, at[:, 3:])
+    by_q = turn[..., None] * _left(measured) - orientation[:, :, None] * (at[:, 3:] / square)[:, None, :]
     J = np.zeros((first.size, 6, ACTIVE, EACH))
     J[:, :3, :, :3] = _by_control(np.tile(np.eye(3), (first.size, 1, 1)), weights[0])
-    J[:, 3:, :, 3:] = _by_control(turn[..., None] * _left(measured), weights[0])
-    r = np.hstack([at[:, :3] - poses.values[:, :3], turn * _vector(measured, at[:, 3:])])
-    K = np.hstack([rate[:, :3], turn * _vector(measured, rate[:, 3:])])[..., None]
+    J[:, 3:, :, 3:] = _by_control(by_q, weights[0])
+    r = np.hstack([at[:, :3] - poses.values[:, :3], orientation])
+    K = np.hstack([rate[:, :3], np.einsum("nij,nj->ni", by_q, rate[:, 3:])])[..., None]
     return Terms(r, first, _flat(J), np.zeros((first.size, 1), dtype=np.int64), K)
 
 
 def length_terms(knots: UniformKnots, state: PathState) -> Terms:
     """`|q|^2 - 1` twice an interval: without it the length of the quaternion would be free."""
-    t_s = (np.arange(2 * knots.intervals) + 0.5) * 0.5 * knots.step_s
+    t_s = np.asarray((np.arange(2 * knots.intervals) + 0.5) * 0.5 * knots.step_s, dtype=np.float64)
     first, weights = knots.weights(t_s, 0)
     q = _spline(weights[0], first, state.control)[:, 3:]
     J = np.zeros((first.size, 1, ACTIVE, EACH))
