@@ -1,30 +1,39 @@
 """Real IMU, real motion, simulated events: from events to a trajectory, end to end.
 
-Evidence: hybrid. A smooth path is fitted to the recorded poses and to the IMU (`asyneio.simulation.path_fit`);
-a simulated DAVIS240C goes along it through a room, and the estimator is given its events and the real samples
+Evidence: hybrid. A smooth path is fitted to the recorded poses and to the IMU (`simulation.path_fit`); a
+simulated DAVIS240C goes along it through a room, and the estimator is given its events and the real samples
 of the IMU as they are, with the noise of its data sheet. Causal, with the default configuration.
 
-    python benchmarks/hybrid.py [--names v1_01 tumvi] [--span BEGIN SECONDS] [--inflation X] [--cache DIR]
+Figures are of the longest segment. `after motion`: first estimate since the body first moved. NEES: mean over
+time, 3 where the covariance is honest. `--inflation 40` also runs with that `inertial.noise_inflation`.
+
+    python benchmarks/hybrid.py [--names v1_01 tumvi] [--begin S] [--seconds S] [--inflation X ...]
+        [--keep-tracks] [--cache DIR]
 """
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import pickle
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from asyneio.config import Config
+from accuracy import COLUMNS as _ACCURACY
+from accuracy import figures
+from asyneio.config import Config, load_config
 from asyneio.io import read_inertial_file
+from asyneio.io.atomic import atomic_file
 from asyneio.io.calibration import read_imu_noise
 from asyneio.io.truth_text import read_truth_file
-from asyneio.io.atomic import atomic_file
-from asyneio.simulation import EventScenario, EventSimulation, path_basis, path_fit
+from asyneio.pipeline import run_recording
+from asyneio.simulation import EventScenario, EventSimulation, path_basis, path_fit, path_normal, path_terms
 from asyneio.simulation.path_fit import PathFit
 from asyneio.simulation.recorded_path import recorded_run
-from asyneio.types import FloatArray
-from common import data_folder
+from asyneio.types import NS_PER_S, FloatArray
+from common import data_folder, table
 from sequences import DEFAULT_CACHE, TrackedRun, cached_sequence, code_of, tracked
 
 #: Camera in the IMU: of EuRoC `cam0/sensor.yaml` (Burri et al. 2016, all flights), of the camchain beside
@@ -45,17 +54,41 @@ _TUMVI_T_b_c = np.linalg.inv(
         [0.0, 0.0, 0.0, 1.0],
     ]
 )
-#: Folder, poses, samples, noise, camera.
-_FILES = {
-    "v1_01": (
-        "euroc_V1_01",
-        "groundtruth_20hz_full_state.csv",
-        "imu0_data.csv",
-        "imu0_sensor.yaml",
+
+
+@dataclass(frozen=True)
+class Source:
+    """Files of a recorded motion: poses of an IMU, its samples, its noise; and a camera on it (4,4)."""
+
+    poses: Path
+    samples: Path
+    noise: Path
+    T_b_c: FloatArray
+
+
+_EUROC, _TUMVI = data_folder() / "euroc_V1_01", data_folder() / "tumvi_calib"
+SOURCES = {
+    "v1_01": Source(
+        _EUROC / "groundtruth_20hz_full_state.csv",
+        _EUROC / "imu0_data.csv",
+        _EUROC / "imu0_sensor.yaml",
         _EUROC_T_b_c,
     ),
-    "tumvi": ("tumvi_calib", "groundtruth.tum", "imu.csv", "imu.yaml", _TUMVI_T_b_c),
+    "tumvi": Source(_TUMVI / "groundtruth.tum", _TUMVI / "imu.csv", _TUMVI / "imu.yaml", _TUMVI_T_b_c),
 }
+#: What counts as motion: m/s, rad/s.
+_MOVES = (0.05, 0.1)
+#: Left over by a fit: RMS (and multiples of the data sheet's sigma), gravity found, t_imu - t_pose.
+RESIDUALS = (
+    "gyroscope rad/s",
+    "accelerometer m/s^2",
+    "position mm",
+    "orientation deg",
+    "gravity",
+    "clock ms",
+)
+#: Columns and how their numbers are written.
+COLUMNS = {**_ACCURACY, "after motion s": "+.2f"}
 
 
 def hybrid_sequence(
@@ -70,50 +103,116 @@ def hybrid_sequence(
     the fit found them).
 
     Args:
-        name: `v1_01` or `tumvi`.
+        name: one of `SOURCES`.
         seconds: length; None for all that follows.
         cache: folder.
         begin_s: where to start, after the first instant that poses and IMU have in common.
     """
-    folder, poses, samples, noise, T_b_c = _FILES[name]
-    files = [data_folder() / folder / file for file in (poses, samples, noise)]
-    return hybrid_of(name, *files, T_b_c, seconds, cache, begin_s)
+    return hybrid_of(name, SOURCES[name], (begin_s, seconds), cache)
 
 
 def hybrid_of(
-    name: str,
-    poses_file: Path,
-    imu_file: Path,
-    noise_file: Path,
-    T_b_c: FloatArray,
-    seconds: float | None = None,
-    cache: Path = DEFAULT_CACHE,
-    begin_s: float = 0.0,
+    name: str, source: Source, span_s: tuple[float, float | None] = (0.0, None), cache: Path = DEFAULT_CACHE
 ) -> tuple[EventSimulation, PathFit]:
-    """As `hybrid_sequence`, of any file of poses (of the IMU), any of its samples, and its noise."""
-    poses, _ = read_truth_file(poses_file)
-    samples = read_inertial_file(imu_file)
-    noise = read_imu_noise(noise_file)
-    key = hashlib.sha256(b"".join(file.read_bytes() for file in (poses_file, imu_file, noise_file)))
-    for module in (path_fit, path_basis):
+    """As `hybrid_sequence`, of any files."""
+    samples = read_inertial_file(source.samples)
+    noise = read_imu_noise(source.noise)
+    fit = _fit(name, source, cache)
+    forward_b = source.T_b_c[:3, 2]
+    run = recorded_run(fit, samples.gyroscope, samples.accelerometer, forward_b, span_s)
+    label = f"hybrid_{name}" + (f"_from{span_s[0]:g}" if span_s[0] else "")
+    U, _, Vt = np.linalg.svd(source.T_b_c[:3, :3])
+    T_b_c = source.T_b_c.copy()
+    T_b_c[:3, :3] = U @ Vt
+    return cached_sequence(EventScenario(name=label, T_b_c=T_b_c).along(run, noise), cache), fit
+
+
+def _fit(name: str, source: Source, cache: Path) -> PathFit:
+    """The fit to the whole files, from the cache where it is there."""
+    files = source.poses, source.samples, source.noise
+    key = hashlib.sha256(b"".join(file.read_bytes() for file in files))
+    for module in (path_fit, path_terms, path_normal, path_basis):
         key.update(code_of(Path(str(module.__file__))).encode())
     kept = cache / f"hybrid_{name}-fit-{key.hexdigest()[:10]}.pickle"
     if kept.is_file():
-        fit = pickle.loads(kept.read_bytes())
-    else:
-        fit = path_fit.fit_path(poses, samples.gyroscope, samples.accelerometer, noise)
-        with atomic_file(kept) as file:
-            pickle.dump(fit, file)
-    run = recorded_run(fit, samples.gyroscope, samples.accelerometer, T_b_c[:3, 2], (begin_s, seconds))
-    U, _, Vt = np.linalg.svd(T_b_c[:3, :3])
-    T_b_c = T_b_c.copy()
-    T_b_c[:3, :3] = U @ Vt
-    label = f"hybrid_{name}" + (f"_from{begin_s:g}" if begin_s else "")
-    scenario = EventScenario(name=label, T_b_c=T_b_c).along(run, noise)
-    return cached_sequence(scenario, cache), fit
+        found: PathFit = pickle.loads(kept.read_bytes())
+        return found
+    poses, _ = read_truth_file(source.poses)
+    samples = read_inertial_file(source.samples)
+    fit = path_fit.fit_path(poses, samples.gyroscope, samples.accelerometer, read_imu_noise(source.noise))
+    with atomic_file(kept) as stream:
+        pickle.dump(fit, stream)
+    return fit
 
 
-def hybrid_observations(simulation: EventSimulation, config: Config, cache: Path = DEFAULT_CACHE) -> TrackedRun:
+def hybrid_observations(
+    simulation: EventSimulation, config: Config, cache: Path | None = DEFAULT_CACHE
+) -> TrackedRun:
     """What the front end makes of it, from the cache where it is there: for
     `run_recording(simulation.recording, config, observations=...)`."""
     return tracked(simulation, config, cache)
+
+
+def motion_begins_s(simulation: EventSimulation) -> float:
+    """When the body first moves [s after the start]: at 0.05 m/s or 0.1 rad/s by the fitted path."""
+    truth = simulation.truth
+    t_ns = np.arange(truth.start_ns, truth.end_ns, 50_000_000)
+    states = truth.at(t_ns)
+    moves = np.linalg.norm(states.velocity_w, axis=1) > _MOVES[0]
+    moves |= np.linalg.norm(states.angular_velocity_b, axis=1) > _MOVES[1]
+    return float(t_ns[int(np.argmax(moves))] - truth.start_ns) / NS_PER_S
+
+
+def end_to_end(simulation: EventSimulation, config: Config, cache: Path | None) -> dict[str, float]:
+    """The columns of one run. With a cache of tracks the real-time factor is the estimator's alone."""
+    kept = hybrid_observations(simulation, config, cache).observations if cache else None
+    result = run_recording(simulation.recording, config, observations=kept)
+    found = figures(simulation, result)
+    if "first s" in found:
+        found["after motion s"] = found["first s"] - motion_begins_s(simulation)
+    return found
+
+
+def left_over(fit: PathFit) -> list[str]:
+    """Cells of RESIDUALS."""
+    r = fit.residuals
+    return [
+        f"{r.gyroscope:.4f} ({r.gyroscope_sigmas:.1f})",
+        f"{r.accelerometer:.4f} ({r.accelerometer_sigmas:.1f})",
+        f"{1e3 * r.position:.3f}",
+        f"{np.degrees(r.orientation):.4f}",
+        f"{np.linalg.norm(fit.gravity):.3f}",
+        f"{1e3 * fit.clock_offset_s:+.2f}",
+    ]
+
+
+def main() -> None:
+    """Print what the fits leave over, and a row for each run."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--names", nargs="+", default=list(SOURCES), choices=list(SOURCES))
+    parser.add_argument("--begin", type=float, default=0.0, help="where to start [s]")
+    parser.add_argument("--seconds", type=float, help="length; the whole without it")
+    parser.add_argument("--inflation", type=float, nargs="*", default=[], help="of IMU noise, further runs")
+    parser.add_argument("--keep-tracks", action="store_true", help="keep what the front end makes")
+    parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of events")
+    options = parser.parse_args()
+    fits, rows = [], []
+    for name in options.names:
+        simulation, fit = hybrid_sequence(name, options.seconds, options.cache, options.begin)
+        fits.append([name, *left_over(fit)])
+        print(" | ".join(fits[-1]), flush=True)
+        for inflation in (None, *options.inflation):
+            config = load_config(None, {"inertial": {"noise_inflation": inflation}} if inflation else None)
+            found = end_to_end(simulation, config, options.cache if options.keep_tracks else None)
+            label = f"{name}, noise times {inflation:g}" if inflation else name
+            rows.append(
+                [label, *(f"{found[c]:{form}}" if c in found else "-" for c, form in COLUMNS.items())]
+            )
+            print(" | ".join(rows[-1]), flush=True)
+    print(f"\n{table(['poses and IMU', *RESIDUALS], fits)}\n\n{table(['run', *COLUMNS], rows)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 #: File of a simulated recording of events in HDF5; by its content `asyneio` finds it in the folder.
 HDF5_FILE = "recording.h5"
+_REAL = "Along a recorded motion"
 
 
 class EventFormat(StrEnum):
@@ -42,30 +43,62 @@ def simulate(
     event_format: Annotated[
         EventFormat, typer.Option("--format", help="Of a recording of events: text as of UZH, or HDF5.")
     ] = EventFormat.UZH,
-    imu: Annotated[
+    imu_model: Annotated[
         str | None,
         typer.Option(
-            help="Model of IMU, such as MPU-6150, or ideal; a wrong one lists all.",
+            help="Model of IMU to simulate, such as MPU-6150, or ideal; a wrong one lists all.",
             show_default="the scenario's own",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
+    poses: Annotated[
+        Path | None,
+        typer.Option(help="Recorded poses of an IMU to go along (EuRoC, TUM ...).", rich_help_panel=_REAL),
+    ] = None,
+    samples: Annotated[
+        Path | None,
+        typer.Option(help="Real samples of that IMU: kept as they are.", rich_help_panel=_REAL),
+    ] = None,
+    begin: Annotated[
+        float, typer.Option("--from", help="Seconds after both begin.", min=0.0, rich_help_panel=_REAL)
+    ] = 0.0,
+    imu: Annotated[
+        Path | None, typer.Option(help="Noise of that IMU, any usual kind.", rich_help_panel=_REAL)
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="Camera to simulate, any usual kind.", show_default="the scenario's", rich_help_panel=_REAL
+        ),
+    ] = None,
 ) -> None:
     """Simulate feature tracks or events, inertial samples and ground truth.
 
     Tracks are written as a tracks folder, events as a folder of the UZH layout or as one file of HDF5.
+
+    A hybrid of real motion, real inertial samples and simulated events:
+
+        asyneio simulate event_slow --poses state_groundtruth_estimate0/data.csv --samples imu0/data.csv
+        --imu imu0/sensor.yaml -o recordings/hybrid
     """
     import json
 
+    from asyneio.cli.recorded_motion import RecordedFiles, recorded_scenario
     from asyneio.io.atomic import make_folder
     from asyneio.simulation import EVENT_SCENARIOS, imu_named, with_imu
 
-    sensor = None if imu is None else imu_named(imu)
+    sensor = None if imu_model is None else imu_named(imu_model)
+    _check_recorded(scenario, poses, [samples, imu, calibration], begin)
     if scenario in EVENT_SCENARIOS:
         chosen = named_event_scenario(scenario, seed, duration)
         chosen = chosen if sensor is None else with_imu(chosen, sensor)
+        fitted: dict[str, Any] = {}
+        if poses is not None:
+            files = RecordedFiles(poses, samples, imu, calibration, begin, duration)
+            chosen, figures = recorded_scenario(chosen, files)
+            fitted = {"path": figures}
         make_folder(output)
-        written = _simulate_events(chosen, output, event_format)
+        written = _simulate_events(chosen, output, event_format) | fitted
     else:
         chosen_tracks = named_scenario(scenario, seed, duration)
         chosen_tracks = chosen_tracks if sensor is None else with_imu(chosen_tracks, sensor)
@@ -73,6 +106,22 @@ def simulate(
         written = _simulate_tracks(chosen_tracks, output)
     if as_json:
         typer.echo(json.dumps({"folder": str(output), **written}, indent=2))
+
+
+def _check_recorded(scenario: str, poses: Path | None, others: list[Path | None], begin_s: float) -> None:
+    """Options of recorded motions belong together. Raises SimulationError."""
+    from asyneio.errors import SimulationError
+    from asyneio.simulation import SCENARIOS
+
+    if poses is None and (any(others) or begin_s):
+        raise SimulationError(
+            "--samples, --from, --imu and --calibration go with --poses FILE; it is missing"
+        )
+    if poses is not None and scenario in SCENARIOS:
+        raise SimulationError(
+            f"scenario {scenario!r} is one of feature tracks; expected one of events (event_slow ...) to go "
+            "along recorded poses"
+        )
 
 
 def named_scenario(name: str, seed: int | None, duration_s: float | None) -> Scenario:

@@ -12,7 +12,7 @@ from asyneio.types import FloatArray, IntArray
 DEGREE = 5
 #: Control points that act on one interval.
 ACTIVE = DEGREE + 1
-_BUMP = PPoly.from_spline(BSpline.basis_element(np.arange(ACTIVE + 1)))
+_BUMP = PPoly.from_spline(BSpline.basis_element(np.arange(ACTIVE + 1)).tck)
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class UniformKnots:
     @property
     def knots(self) -> FloatArray:
         """All knots (count + 6,) [s]."""
-        return (np.arange(self.count + ACTIVE) - DEGREE) * self.step_s
+        return np.asarray((np.arange(self.count + ACTIVE) - DEGREE) * self.step_s, dtype=np.float64)
 
     @property
     def centres_s(self) -> FloatArray:
         """Where each control point (count,) acts most [s]."""
-        return (np.arange(self.count) - 0.5 * (DEGREE - 1)) * self.step_s
+        return np.asarray((np.arange(self.count) - 0.5 * (DEGREE - 1)) * self.step_s, dtype=np.float64)
 
     def weights(self, t_s: FloatArray, derivatives: int) -> tuple[IntArray, FloatArray]:
         """First control point (N,) that acts at times (N,) within the knots, and weights

@@ -16,26 +16,32 @@ from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
 
 @dataclass(frozen=True)
-class RecordedRun:
-    """A part of a recorded motion, and the samples of its IMU as they are (INERTIAL_DTYPE, within the part).
+class RealSamples:
+    """Samples of an IMU as they are (INERTIAL_DTYPE), and the biases that the fit found in them."""
 
-    `motion` begins at `start_ns` (IMU clock), in a world with z up and its origin in the middle of the way.
-    Biases are what the fit found.
-    """
-
-    start_ns: int
-    duration_s: float
-    motion: SplineMotion
     gyroscope: RecordArray
     accelerometer: RecordArray
     bias_gyroscope: BiasWalk
     bias_accelerometer: BiasWalk
 
 
+@dataclass(frozen=True)
+class RecordedRun:
+    """A part of a recorded motion, and what its IMU read meanwhile; None for an IMU to be simulated.
+
+    `motion` begins at `start_ns` (IMU clock), in a world with z up and its origin in the middle of the way.
+    """
+
+    start_ns: int
+    duration_s: float
+    motion: SplineMotion
+    samples: RealSamples | None = None
+
+
 def recorded_run(
     fit: PathFit,
-    gyroscope: RecordArray,
-    accelerometer: RecordArray,
+    gyroscope: RecordArray | None,
+    accelerometer: RecordArray | None,
     forward_b: FloatArray,
     span_s: tuple[float, float | None] = (0.0, None),
 ) -> RecordedRun:
@@ -46,7 +52,7 @@ def recorded_run(
 
     Args:
         fit: of poses and samples.
-        gyroscope: the samples that were fitted.
+        gyroscope: the samples that were fitted; None where there were none.
         accelerometer: likewise.
         forward_b: (3,) where the camera looks, in the body.
         span_s: begin after the start of the fit and length [s]; None for all that follows.
@@ -58,19 +64,23 @@ def recorded_run(
     length_s = fit.duration_s - begin_s if length_s is None else length_s
     if not (begin_s >= 0.0 and 0.0 < length_s <= fit.duration_s - begin_s + 1e-9):
         raise SimulationError(
-            f"poses and IMU have {fit.duration_s:.1f} s in common; {length_s:g} s from {begin_s:g} s on were "
+            f"poses (and IMU) span {fit.duration_s:.1f} s; {length_s:g} s from {begin_s:g} s on were "
             "asked for: use a smaller offset or a shorter run"
         )
     start_ns = fit.start_ns + round(begin_s * NS_PER_S)
-    end_ns = start_ns + round(length_s * NS_PER_S)
-    streams = [
-        stream[(stream["t_ns"] >= start_ns) & (stream["t_ns"] <= end_ns)]
-        for stream in (gyroscope, accelerometer)
-    ]
-    nodes_ns = np.rint((fit.bias_s - begin_s) * NS_PER_S).astype(np.int64)
-    biases = [BiasWalk(nodes_ns, value) for value in (fit.bias_gyroscope, fit.bias_accelerometer)]
     motion = _upright(fit, forward_b, begin_s, length_s)
-    return RecordedRun(start_ns, length_s, motion, streams[0], streams[1], biases[0], biases[1])
+    if gyroscope is None or accelerometer is None:
+        return RecordedRun(start_ns, length_s, motion)
+    end_ns = start_ns + round(length_s * NS_PER_S)
+    inside = [(s["t_ns"] >= start_ns) & (s["t_ns"] <= end_ns) for s in (gyroscope, accelerometer)]
+    nodes_ns = np.rint((fit.bias_s - begin_s) * NS_PER_S).astype(np.int64)
+    samples = RealSamples(
+        gyroscope[inside[0]],
+        accelerometer[inside[1]],
+        BiasWalk(nodes_ns, fit.bias_gyroscope),
+        BiasWalk(nodes_ns, fit.bias_accelerometer),
+    )
+    return RecordedRun(start_ns, length_s, motion, samples)
 
 
 def _upright(fit: PathFit, forward_b: FloatArray, begin_s: float, length_s: float) -> SplineMotion:

@@ -91,8 +91,7 @@ class EventScenario(RigScenario):
             recorded: motion and samples.
             noise: of that IMU.
         """
-        rates = [rate_of(stream["t_ns"]) for stream in (recorded.gyroscope, recorded.accelerometer)]
-        return replace(
+        scenario = replace(
             self,
             recorded=recorded,
             start_ns=recorded.start_ns,
@@ -100,12 +99,15 @@ class EventScenario(RigScenario):
             world="around",
             motion_scale=1.0,
             noise=noise,
-            gyroscope_rate_hz=rates[0],
-            accelerometer_rate_hz=rates[1],
         )
+        if recorded.samples is None:
+            return scenario
+        streams = recorded.samples.gyroscope, recorded.samples.accelerometer
+        rates = [_rate_of(stream["t_ns"]) for stream in streams]
+        return replace(scenario, gyroscope_rate_hz=rates[0], accelerometer_rate_hz=rates[1])
 
 
-def rate_of(t_ns: IntArray) -> float:
+def _rate_of(t_ns: IntArray) -> float:
     """Rate of a stream [Hz], by the median of its steps."""
     return NS_PER_S / float(np.median(np.diff(t_ns)))
 

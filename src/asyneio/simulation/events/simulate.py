@@ -84,18 +84,16 @@ def simulate_events(scenario: EventScenario, events: RecordArray | None = None) 
     return EventSimulation(scenario, recording, inertial.truth, stage.world, points, readout)
 
 
-def _inertial(
-    scenario: EventScenario, stage: Stage, seeds: list[np.random.SeedSequence]
-) -> InertialRun:
+def _inertial(scenario: EventScenario, stage: Stage, seeds: list[np.random.SeedSequence]) -> InertialRun:
     """The real samples of a recorded motion, or simulated ones."""
-    run = scenario.recorded
-    if run is None:
+    real = scenario.recorded.samples if scenario.recorded else None
+    if real is None:
         return simulate_inertial(
             scenario, stage.motion, np.random.default_rng(seeds[3]), np.random.default_rng(seeds[4])
         )
     end_ns = scenario.start_ns + round(scenario.duration_s * NS_PER_S)
-    truth = Truth(scenario.start_ns, end_ns, stage.motion, run.bias_gyroscope, run.bias_accelerometer)
-    return InertialRun(run.gyroscope, run.accelerometer, truth)
+    truth = Truth(scenario.start_ns, end_ns, stage.motion, real.bias_gyroscope, real.bias_accelerometer)
+    return InertialRun(real.gyroscope, real.accelerometer, truth)
 
 
 def _seeds(scenario: EventScenario) -> list[np.random.SeedSequence]:
