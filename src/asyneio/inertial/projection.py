@@ -70,5 +70,6 @@ def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
     nodes = np.polynomial.legendre.leggauss(n)[0]
     to_nodes = np.linalg.solve(R[:n, :n].T, np.polynomial.legendre.legvander(nodes, n - 1).T).T
     # Coefficients are white with unit variance: the values' covariance is to_nodes to_nodes^T.
-    root = np.linalg.inv(np.linalg.qr(to_nodes.T, mode="r").T) / scale
+    _, upper = np.linalg.qr(to_nodes.T)
+    root = np.linalg.inv(upper.T) / scale
     return Projected(middle + half * nodes, to_nodes @ coefficients, root)
