@@ -7,7 +7,13 @@ moved at most, and its error against the truth at both ends. The two differ: a g
 bias, and what is learned of the bias corrects the pose that was reached with it. `--before 0` rests from the
 start, when there is nothing to correct: all that moves is drift.
 
+With `--starts`, what rests of some lengths are worth to a start: every run begins at rest and then moves. Time
+from the begin of motion to the first estimate (negative: during the rest), relative error of scale and MPE
+(yaw and position aligned) of the estimates in motion; medians over seeds, and the worst.
+
     python benchmarks/standing_still.py [--seeds 2] [--before 12] [--seconds 60] [--scheme gpif] [--frames]
+        [--events SCENE] [--cache DIR]
+    python benchmarks/standing_still.py --starts 0 0.2 0.3 0.5 0.7 0.9 1.5 [--seeds 8] [--motion moderate]
         [--events SCENE] [--cache DIR]
 """
 
@@ -17,11 +23,14 @@ import argparse
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.config import Config
+from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
+from asyneio.pipeline import run_recording
 from asyneio.simulation import EVENT_SCENARIOS, SCENARIOS, EventSimulation, Simulation, simulate
 from asyneio.types import NS_PER_S, Estimate, FloatArray, Recording
 from common import parallel, run, table
@@ -34,9 +43,15 @@ _LATE_NS = 200_000_000
 _UNSEEN_S = 0.15
 
 
-def simulated(seed: int, before_s: float, rest_s: float) -> Simulation:
+#: A start is looked at for so long after the begin of motion [s].
+_STARTED_S = 6.0
+#: Of an event camera at rest only what it sees as it is switched on is kept [s].
+_SWITCHED_ON_S = 0.05
+
+
+def simulated(seed: int, before_s: float, rest_s: float, motion: str = "moderate") -> Simulation:
     """A run with a pause, with as many observations as consistency needs."""
-    base = SCENARIOS["moderate"]
+    base = SCENARIOS[motion]
     return simulate(
         replace(
             base,
@@ -51,11 +66,14 @@ def simulated(seed: int, before_s: float, rest_s: float) -> Simulation:
     )
 
 
-def without_tracks_at_rest(recording: Recording, begin_ns: int, end_ns: int) -> Recording:
-    """The recording as an event camera would have made it."""
+def without_tracks_at_rest(
+    recording: Recording, begin_ns: int, end_ns: int, first_s: float = 0.2
+) -> Recording:
+    """The recording as an event camera would have made it; tracks of the first `first_s` are kept."""
     t_ns = recording.observations["t_ns"]
     # A run begins with the first observation, whatever comes before it.
-    seen = (t_ns < max(begin_ns, t_ns[0] + NS_PER_S // 5)) | (t_ns > end_ns + round(_UNSEEN_S * NS_PER_S))
+    first_ns = t_ns[0] + round(first_s * NS_PER_S)
+    seen = (t_ns < max(begin_ns, first_ns)) | (t_ns > end_ns + round(_UNSEEN_S * NS_PER_S))
     return replace(recording, observations=recording.observations[seen])
 
 
@@ -124,6 +142,64 @@ def _way(T: FloatArray) -> FloatArray:
     return np.asarray((T[:, :3, 3] - T[0, :3, 3]) @ T[0, :3, :3])
 
 
+class StartAfterRest(NamedTuple):
+    """Seconds from the begin of motion to the first estimate; errors of the estimates in motion, relative, in
+    percent; segments. NaN where there was no start."""
+
+    after_s: float
+    scale: float
+    mpe: float
+    segments: int
+
+
+def start_after_rest(
+    seed: int, rest_s: float, motion: str, events: str | None, cache: Path
+) -> StartAfterRest:
+    """One run that begins at rest."""
+    simulation: Simulation | EventSimulation
+    if events is None:
+        simulation = simulated(seed, 0.0, rest_s, motion)
+    else:
+        simulation = sequence(events, seed, rest_s + _STARTED_S, cache, (0.0, rest_s))
+    begin_ns = simulation.truth.start_ns
+    moves_ns = begin_ns + round(rest_s * NS_PER_S)
+    recording = simulation.recording
+    if isinstance(recording, Recording) and rest_s > 0.0:
+        recording = without_tracks_at_rest(recording, begin_ns, moves_ns, _SWITCHED_ON_S)
+    result = run_recording(recording, Config())
+    estimates = [e for e in result.run.estimates if moves_ns <= e.t_ns <= moves_ns + _STARTED_S * NS_PER_S]
+    if len(estimates) < 3:
+        return StartAfterRest(np.nan, np.nan, np.nan, 0)
+    first_s = (result.run.estimates[0].t_ns - moves_ns) / NS_PER_S
+    assert recording.ground_truth is not None
+    found = evaluate(pose_trajectory(estimates), recording.ground_truth, protocol_named("posyaw"))
+    segments = len({e.segment for e in estimates})
+    return StartAfterRest(first_s, found.scale_error_percent, found.mpe_percent, segments)
+
+
+def starts_table(rests_s: list[float], seeds: int, motion: str, events: str | None, cache: Path) -> str:
+    """A row for each length of rest."""
+    rows = []
+    for rest_s in rests_s:
+        task = partial(start_after_rest, rest_s=rest_s, motion=motion, events=events, cache=cache)
+        found = np.array(parallel(task, range(seeds), f"rest of {rest_s:g} s", jobs=1))
+        started = found[np.isfinite(found[:, 0])]
+        scale = np.abs(started[:, 1])
+        rows.append(
+            [
+                f"{rest_s:g}",
+                f"{len(started)} of {seeds}",
+                f"{np.median(started[:, 0]):.2f}, {started[:, 0].max():.2f}",
+                f"{np.median(scale):.2f}, {scale.max():.2f}",
+                f"{np.median(started[:, 2]):.2f}, {started[:, 2].max():.2f}",
+                f"{int((started[:, 3] > 1).sum())}",
+            ]
+        )
+    header = ["rest s", "starts", "first estimate s after motion begins: median, worst"]
+    header += ["scale error %: median, worst", "MPE %: median, worst", "runs in more than one segment"]
+    return table(header, rows)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -136,7 +212,12 @@ def main() -> None:
     parser.add_argument("--frames", action="store_true", help="tracks at rest too")
     parser.add_argument("--events", choices=sorted(EVENT_SCENARIOS), help="scene, in place of tracks")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of the scenes")
+    parser.add_argument("--starts", type=float, nargs="+", metavar="SECONDS", help="of rest before motion")
+    parser.add_argument("--motion", default="moderate", choices=sorted(SCENARIOS), help="of `--starts`")
     o = parser.parse_args()
+    if o.starts:
+        print(starts_table(o.starts, o.seeds, o.motion, o.events, o.cache))
+        return
     task = partial(
         one_run,
         before_s=o.before,

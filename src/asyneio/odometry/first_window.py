@@ -12,7 +12,7 @@ from asyneio.estimation.window import Window
 from asyneio.estimation.window_settings import TrackObservations
 from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.settings import Settings
-from asyneio.types import FloatArray, IntArray
+from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: The frame is defined by the first knot's position and yaw: as tight as rounding allows.
 _GAUGE_SIGMA = 1e-4
@@ -35,7 +35,7 @@ def filled_window(
     knots_ns: IntArray,
     states: States,
     bad_tracks: IntArray = _NO_TRACKS,
-    still: bool = False,
+    still: BoolArray | None = None,
     prior: Prior | None = None,
 ) -> Window:
     """A window with all knots (K), their measurements and landmarks.
@@ -46,7 +46,7 @@ def filled_window(
         knots_ns: (K,) times of the knots.
         states: their first states.
         bad_tracks: ids of tracks to leave out.
-        still: at rest all the time.
+        still: (K-1,) which intervals are at rest; None for none.
         prior: on the first knot; None where nothing is known but its biases, near zero.
     """
 
@@ -63,7 +63,7 @@ def filled_window(
             around(intake.gyroscope, *span),
             around(intake.accelerometer, *span),
             _without(intake.observations.between(*span), bad_tracks),
-            still,
+            still is not None and bool(still[k - 1]),
         )
     window.add_landmarks()
     return window

@@ -239,7 +239,7 @@ class Odometry:
             rate_hz(self._intake.gyroscope),
             rate_hz(self._intake.accelerometer),
         )
-        started = attempt_start(self._intake, self._settings, self._rest.since_ns, self._first_state)
+        started = attempt_start(self._intake, self._settings, self._rest.rest, self._first_state)
         if isinstance(started, str):
             self._refusal = started
             return [], self._initializing(t_ns, started)
