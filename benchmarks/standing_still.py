@@ -7,14 +7,18 @@ moved at most, and its error against the truth at both ends. The two differ: a g
 bias, and what is learned of the bias corrects the pose that was reached with it. `--before 0` rests from the
 start, when there is nothing to correct: all that moves is drift.
 
-With `--starts`, what rests of some lengths are worth to a start: every run begins at rest and then moves. Time
-from the begin of motion to the first estimate (negative: during the rest), relative error of scale and MPE
-(yaw and position aligned) of the estimates in motion; medians over seeds, and the worst.
+With `--starts`, what rests of some lengths are worth to a start: every run begins at rest and then moves.
+Time from the begin of motion to the first estimate (negative: during the rest), relative error of scale and
+MPE (yaw and position aligned) of the estimates in motion; medians over seeds, and the worst.
+
+With `--moving`, how often scenes of events that never rest are taken to do so before a start, and how fast
+the sensor was then.
 
     python benchmarks/standing_still.py [--seeds 2] [--before 12] [--seconds 60] [--scheme gpif] [--frames]
         [--events SCENE] [--cache DIR]
     python benchmarks/standing_still.py --starts 0 0.2 0.3 0.5 0.7 0.9 1.5 [--seeds 8] [--motion moderate]
         [--events SCENE] [--cache DIR]
+    python benchmarks/standing_still.py --moving event_slow event_room suite_poster_translation [--cache DIR]
 """
 
 from __future__ import annotations
@@ -30,11 +34,13 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.config import Config
 from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
+from asyneio.odometry.rest import Rest, RestDetector
+from asyneio.packets import packets, usable_span
 from asyneio.pipeline import run_recording
 from asyneio.simulation import EVENT_SCENARIOS, SCENARIOS, EventSimulation, Simulation, simulate
 from asyneio.types import NS_PER_S, Estimate, FloatArray, Recording
 from common import parallel, run, table
-from sequences import DEFAULT_CACHE, sequence
+from sequences import DEFAULT_CACHE, sequence, tracked
 
 _AFTER_S = 8.0
 #: The end of a rest may be noticed so late: motion begins softly.
@@ -47,6 +53,8 @@ _UNSEEN_S = 0.15
 _STARTED_S = 6.0
 #: Of an event camera at rest only what it sees as it is switched on is kept [s].
 _SWITCHED_ON_S = 0.05
+#: Length of a scene in motion [s].
+_MOVING_S = 12.0
 
 
 def simulated(seed: int, before_s: float, rest_s: float, motion: str = "moderate") -> Simulation:
@@ -200,6 +208,43 @@ def starts_table(rests_s: list[float], seeds: int, motion: str, events: str | No
     return table(header, rows)
 
 
+def moving_row(scene: str, cache: Path) -> list[str]:
+    """What the detector of rests says of a scene in motion that it knows nothing of."""
+    simulation = sequence(scene, 0, _MOVING_S, cache)
+    config, recording = Config(), simulation.recording
+    interval_ns = round(config.window.knot_interval_s * NS_PER_S)
+    start_ns, end_ns = usable_span(recording)
+    count = (end_ns - start_ns) // interval_ns
+    observed = tracked(simulation, config, cache / "tracks").observations
+    cuts = np.searchsorted(observed["t_ns"], start_ns + interval_ns * np.arange(1, count), side="right")
+    detector = RestDetector(config.inertial, recording.calibration, config.visual.pixel_sigma)
+    rests: list[Rest] = []
+    speeds = []
+    for packet in packets(recording, start_ns, interval_ns, count, np.split(observed, cuts)):
+        detector.append(packet)
+        detector.judge(packet.t_end_ns, packet.t_end_ns, None)
+        speeds.append(_most_speed(simulation, packet.t_end_ns - interval_ns, packet.t_end_ns))
+        if detector.rest is not None and detector.still:
+            rests = [r for r in rests if r.since_ns != detector.rest.since_ns] + [detector.rest]
+    found = [_most_speed(simulation, r.since_ns, r.until_ns) for r in rests]
+    lengths = [(r.until_ns - r.since_ns) / NS_PER_S for r in rests]
+    told = [f"{length:.1f} s at {100 * v:.1f}" for length, v in zip(lengths, found, strict=True)]
+    return [
+        scene,
+        str(count),
+        f"{100 * np.mean(speeds):.1f}, {100 * np.min(speeds):.1f}",
+        str(len(rests)),
+        ", ".join(told) or "-",
+        or "-",
+    ]
+
+
+def _most_speed(simulation: EventSimulation, begin_ns: int, end_ns: int) -> float:
+    """Largest true speed [m/s] between two times."""
+    t_ns = np.linspace(0, end_ns - begin_ns, 20).astype(np.int64) + begin_ns
+    return float(np.linalg.norm(simulation.truth.at(t_ns).velocity_w, axis=1).max())
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -213,8 +258,13 @@ def main() -> None:
     parser.add_argument("--events", choices=sorted(EVENT_SCENARIOS), help="scene, in place of tracks")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of the scenes")
     parser.add_argument("--starts", type=float, nargs="+", metavar="SECONDS", help="of rest before motion")
+    parser.add_argument("--moving", nargs="+", choices=sorted(EVENT_SCENARIOS), metavar="SCENE")
     parser.add_argument("--motion", default="moderate", choices=sorted(SCENARIOS), help="of `--starts`")
     o = parser.parse_args()
+    if o.moving:
+        header = ["scene", "packets", "speed cm/s: mean, least", "rests", "their length, largest speed cm/s"]
+        print(table(header, [moving_row(scene, o.cache) for scene in o.moving]))
+        return
     if o.starts:
         print(starts_table(o.starts, o.seeds, o.motion, o.events, o.cache))
         return

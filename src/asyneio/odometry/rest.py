@@ -39,8 +39,8 @@ from asyneio.types import (
     RecordArray,
 )
 
-#: Inertial samples are judged over so long [ns]; before there is an estimate a rest may begin after the shorter
-#: time, for a start asks the tracks again before it builds on so short a rest.
+#: Inertial samples are judged over so long [ns]; before there is an estimate a rest may begin after the
+#: shorter time, for a start asks the tracks again before it builds on so short a rest.
 _SPAN_NS, _SHORT_NS = 500_000_000, 200_000_000
 #: Standard deviations of the means: some sixty are compared, so that one in three hundred spans at rest is
 #: refused; a rest ends at six, which noise alone never reaches, or, where tracks move as well, at what it
@@ -160,7 +160,7 @@ class RestDetector:
         return self.still
 
     def _begin_of_span(self, start_ns: int, end_ns: int, since_ns: int | None, known: Estimate | None) -> int:
-        """Begin of the span to judge: not before a rest that goes on, and as long as what is known demands."""
+        """Begin of the span to judge, which is not before that of a rest that goes on."""
         if since_ns is not None:
             return max(min(start_ns, end_ns - _SPAN_NS), since_ns)
         return min(start_ns, end_ns - (_SHORT_NS if known is None else _SPAN_NS))

@@ -17,7 +17,7 @@ from asyneio.odometry.intake import Intake
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.propagation import rates_at
 from asyneio.odometry.settings import Settings
-from asyneio.odometry.start_refusals import motion_refusal, joint_refusal
+from asyneio.odometry.start_refusals import joint_refusal, motion_refusal
 from asyneio.types import IntArray
 
 #: Zero priors of the warm-up: rates of any size a person or a drone makes.

@@ -23,8 +23,7 @@ from asyneio.odometry.settings import Settings
 from asyneio.odometry.start_refusals import rest_refusal, solution_refusal
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray, RecordArray
 
-
-#: The end of a rest is noticed late: what was judged to be at rest so shortly [ns] before it is not taken to be.
+#: The end of a rest is noticed late: so much of what was judged to be at rest before it [ns] is doubted.
 _DOUBT_NS = 200_000_000
 
 
