@@ -235,7 +235,6 @@ def moving_row(scene: str, cache: Path) -> list[str]:
         f"{100 * np.mean(speeds):.1f}, {100 * np.min(speeds):.1f}",
         str(len(rests)),
         ", ".join(told) or "-",
-        or "-",
     ]
 
 
