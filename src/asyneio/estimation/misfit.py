@@ -13,7 +13,6 @@ from asyneio.estimation.landmarks import camera_poses, propagated_camera_poses
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import Problem, Propagated
 from asyneio.factors.chi_square import reduced_chi_square_gate
-from asyneio.factors.rest import REST_ROWS, rest_residual
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: One observation counts for no more than four standard deviations: a few wild ones do not condemn a track.
@@ -44,24 +43,6 @@ def contradicted_landmarks(solution: Solution) -> BoolArray:
     behind = rho[negative] < -_BEHIND * _inverse_depth_sigma(solution, negative)
     contradicted[negative] |= behind
     return np.asarray(contradicted)
-
-
-def rest_misfit(problem: Problem) -> float:
-    """Mean squared whitened residual of the intervals at rest, the largest; zero where there is none."""
-    states, worst = problem.states, 0.0
-    residual = np.empty(REST_ROWS)
-    for i in np.flatnonzero(problem.rest.present):
-        rest_residual(
-            states.C[i],
-            states.r[i],
-            states.varpi[i, 0],
-            states.C[i + 1],
-            states.r[i + 1],
-            states.varpi[i + 1, 0],
-            residual,
-        )
-        worst = max(worst, float(np.mean((problem.rest.root_information[i] * residual) ** 2)))
-    return worst
 
 
 def squared_residuals(problem: Problem, chosen: slice = _ALL) -> FloatArray:

@@ -47,13 +47,13 @@ def filled_window(
         states: their first states.
         bad_tracks: ids of tracks to leave out.
         still: (K-1,) which intervals are at rest; None for none.
-        prior: on the first knot; None where nothing is known but its biases, near zero.
+        prior: on the first knots; None where nothing is known but the biases, near zero.
     """
 
     def knot(k: int) -> States:
         return States(*(a[k : k + 1].copy() for a in states))
 
-    known = _first_prior(knot(0), settings.start.bias_sigma) if prior is None else prior
+    known = first_prior(knot(0), settings.start.bias_sigma) if prior is None else prior
     window = Window(settings.window, int(knots_ns[0]), knot(0), known)
     for k in range(1, len(knots_ns)):
         span = (int(knots_ns[k - 1]), int(knots_ns[k]))
@@ -76,8 +76,9 @@ def _without(seen: TrackObservations, tracks: IntArray) -> TrackObservations:
     )
 
 
-def _first_prior(first: States, bias_sigma: FloatArray) -> Prior:
-    """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero."""
+def first_prior(first: States, bias_sigma: FloatArray) -> Prior:
+    """Prior on the first knot (States with K = 1): position and yaw define the frame, tilt is free, biases are
+    near zero."""
     R = np.zeros((12, 24))
     tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, _GAUGE_SIGMA])
     R[:3, :3] = first.C[0] / tilt_yaw[:, None]

@@ -62,6 +62,8 @@ _MIN_TRACKS, _MIN_EXTENT_S = 5, 0.2
 #: Median of the squared displacement in units of its variance per axis: noise alone gives 1.39 (two degrees
 #: of freedom); four times as much is a displacement of twice the noise.
 _MOVED = 4.0 * 1.386
+#: Their mean over many tracks, two by noise alone, tells much less; no track counts for more than this.
+_CAP = 12.0
 #: Events per second and pixel that noise makes in room light: two sensors lying still gave 0.44 and 0.62.
 _NOISE_EVENTS_HZ = 1.0
 
@@ -140,7 +142,7 @@ class RestDetector:
         since_ns = self.rest.since_ns if self.rest is not None and self.still else None
         begin_ns = self._begin_of_span(start_ns, end_ns, since_ns, known)
         found = [measure_stillness(s["t_ns"], s["xyz"], begin_ns, end_ns) for s in self._streams]
-        image = self._image(begin_ns, end_ns)
+        image = self._image(begin_ns, end_ns, strict=known is None)
         quiet = [f for f in found if f is not None]
         goes_on = len(quiet) == 2 and not self._any_shakes(quiet)
         if goes_on and (since_ns is None or begin_ns == since_ns):
@@ -196,13 +198,16 @@ class RestDetector:
     def _is_gravity(self, force: FloatArray) -> bool:
         return bool(abs(np.linalg.norm(force) - self._gravity) < _MAX_EXCESS)
 
-    def _image(self, begin_ns: int, end_ns: int) -> _Image:
-        """What tracks and events between two times say."""
+    def _image(self, begin_ns: int, end_ns: int, strict: bool) -> _Image:
+        """What tracks and events between two times say; `strict`: all tracks together may not move."""
         o = self._observations
         o = o[slice(*np.searchsorted(o["t_ns"], [begin_ns, end_ns], side="right"))]
         moved, extent_s = self._displacements(o)
         if len(moved) >= _MIN_TRACKS:
-            if np.median(moved) > _MOVED:
+            together = strict and np.mean(np.minimum(moved, _CAP)) > 2.0 * (
+                1.0 + _ENTER / np.sqrt(len(moved))
+            )
+            if together or np.median(moved) > _MOVED:
                 return _Image.MOVING
             if np.median(extent_s) > _MIN_EXTENT_S:
                 return _Image.STILL

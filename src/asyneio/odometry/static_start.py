@@ -12,19 +12,22 @@ from itertools import pairwise
 import numpy as np
 
 from asyneio.errors import EstimationError, InertialError
-from asyneio.estimation.problem import States
+from asyneio.estimation.problem import Prior, States
+from asyneio.estimation.rest_terms import CREEP, TREMOR
 from asyneio.geometry.gravity import upright
-from asyneio.odometry.first_window import Start, filled_window
+from asyneio.odometry.first_window import Start, filled_window, first_prior
 from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.rest import Rest
 from asyneio.odometry.settings import Settings
-from asyneio.odometry.start_refusals import rest_refusal, solution_refusal
+from asyneio.odometry.start_refusals import solution_refusal
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray, RecordArray
 
 #: The end of a rest is noticed late: so much of what was judged to be at rest before it [ns] is doubted.
 _DOUBT_NS = 200_000_000
+#: Turn rate [rad/s] and velocity [m/s] that a short rest may hide: tracks at rest for 0.2 s exclude more.
+_COMMON_SIGMA = (1e-2, 1e-2)
 
 
 def static_start(intake: Intake, settings: Settings, rest: Rest) -> Start | str:
@@ -44,15 +47,17 @@ def static_start(intake: Intake, settings: Settings, rest: Rest) -> Start | str:
         return "no inertial samples that cover two knots at rest"
     try:
         states = _first_states(intake, settings, knots_ns, still)
-        window = filled_window(intake, settings, knots_ns, states, still=still)
         if not rest.over:
+            window = filled_window(intake, settings, knots_ns, states, still=still)
             return Start(window, window.optimize(settings.start.optimizer))
+        prior = _prior(states, knots_ns[: 1 + np.count_nonzero(still)], settings)
+        window = filled_window(intake, settings, knots_ns, states, prior=prior)
         if len(window.landmarks) < settings.start.min_landmarks:
             return f"too few feature tracks: {len(window.landmarks)} of {settings.start.min_landmarks}"
         solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
-    reason = rest_refusal(solution) or solution_refusal(solution, settings, settings.start.max_scale_sigma)
+    reason = solution_refusal(solution, settings)
     if reason:
         return reason
     intake.refuse(outliers)
@@ -87,6 +92,29 @@ def _first_states(intake: Intake, settings: Settings, knots_ns: IntArray, still:
         knot = predict_knot(states, from_ns, to_ns, streams, settings.window.gravity_w)
         states = States(*(np.concatenate(pair) for pair in zip(states, knot, strict=True)))
     return states
+
+
+def _prior(states: States, knots_ns: IntArray, settings: Settings) -> Prior:
+    """Prior on the knots (m,) at rest: all they know, and that they do not move.
+
+    Samples and tracks of so short a time cannot tell rest from slow uniform motion, so the velocity that all
+    these knots share is less certain than that it is the same in all of them.
+    """
+    rest = States(*(a[: len(knots_ns)].copy() for a in states))
+    first = first_prior(States(*(a[:1] for a in rest)), settings.start.bias_sigma)
+    size = 24 * len(knots_ns)
+    rows = [np.pad(first.R, [(0, 0), (0, size - 24)]), np.zeros((6, size))]
+    rows[1][:, 6:12] = np.diag(1.0 / np.repeat(_COMMON_SIGMA, 3))
+    for k, dt in enumerate(np.diff(knots_ns) * 1e-9):
+        change = np.zeros((12, size))
+        before, after = change[:, 24 * k : 24 * k + 12], change[:, 24 * k + 24 : 24 * k + 36]
+        tremor, creep = np.sqrt(2.0) * np.repeat(TREMOR, 3), np.sqrt(dt) * np.repeat(CREEP, 3)
+        after[:6, 6:], before[:6, 6:] = np.diag(1.0 / tremor), np.diag(-1.0 / tremor)
+        after[6:, :6], before[6:, :6] = np.diag(1.0 / creep), np.diag(-1.0 / creep)
+        after[6:, 6:] = before[6:, 6:] = np.diag(-0.5 * dt / creep)
+        rows.append(change)
+    R = np.concatenate(rows)
+    return Prior(R, R.T @ R, np.append(first.r_0, np.zeros(len(R) - len(first.r_0))), rest)
 
 
 def _mean(stream: RecordArray, start_ns: int, end_ns: int) -> FloatArray:
