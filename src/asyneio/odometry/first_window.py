@@ -77,8 +77,12 @@ def _without(seen: TrackObservations, tracks: IntArray) -> TrackObservations:
 
 
 def first_prior(first: States, bias_sigma: FloatArray) -> Prior:
-    """Prior on the first knot (States with K = 1): position and yaw define the frame, tilt is free, biases are
-    near zero."""
+    """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero.
+
+    Args:
+        first: states of that knot, K = 1.
+        bias_sigma: (6,) of [b_g, b_a] around zero [rad/s, m/s^2].
+    """
     R = np.zeros((12, 24))
     tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, _GAUGE_SIGMA])
     R[:3, :3] = first.C[0] / tilt_yaw[:, None]

@@ -39,8 +39,8 @@ from asyneio.types import (
     RecordArray,
 )
 
-#: Inertial samples are judged over so long [ns]; before there is an estimate a rest may begin after the
-#: shorter time, for a start asks the tracks again before it builds on so short a rest.
+#: Inertial samples are judged over so long [ns]; before there is an estimate the first rest may begin after
+#: the shorter time, for a start asks the tracks again before it builds on so short a rest.
 _SPAN_NS, _SHORT_NS = 500_000_000, 200_000_000
 #: Standard deviations of the means: some sixty are compared, so that one in three hundred spans at rest is
 #: refused; a rest ends at six, which noise alone never reaches, or, where tracks move as well, at what it
@@ -165,7 +165,9 @@ class RestDetector:
         """Begin of the span to judge, which is not before that of a rest that goes on."""
         if since_ns is not None:
             return max(min(start_ns, end_ns - _SPAN_NS), since_ns)
-        return min(start_ns, end_ns - (_SHORT_NS if known is None else _SPAN_NS))
+        # Just after a rest an even push may read like another one.
+        short = known is None and self.rest is None
+        return min(start_ns, end_ns - (_SHORT_NS if short else _SPAN_NS))
 
     def _any_shakes(self, found: list[Stillness]) -> bool:
         pairs = zip(found, self._sensors, strict=True)
