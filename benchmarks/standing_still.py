@@ -51,6 +51,8 @@ _UNSEEN_S = 0.15
 
 #: A start is looked at for so long after the begin of motion [s].
 _STARTED_S = 6.0
+#: Scenes of events are as long for all rests up to this one [s].
+_LONGEST_S = 1.5
 #: Of an event camera at rest only what it sees as it is switched on is kept [s].
 _SWITCHED_ON_S = 0.05
 #: Length of a scene in motion [s].
@@ -168,7 +170,7 @@ def start_after_rest(
     if events is None:
         simulation = simulated(seed, 0.0, rest_s, motion)
     else:
-        simulation = sequence(events, seed, rest_s + _STARTED_S, cache, (0.0, rest_s))
+        simulation = sequence(events, seed, max(rest_s, _LONGEST_S) + _STARTED_S, cache, (0.0, rest_s))
     begin_ns = simulation.truth.start_ns
     moves_ns = begin_ns + round(rest_s * NS_PER_S)
     recording = simulation.recording
