@@ -35,7 +35,7 @@ from scipy.spatial.transform import Rotation
 from asyneio.config import Config
 from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
 from asyneio.odometry.rest import Rest, RestDetector
-from asyneio.packets import packets, usable_span
+from asyneio.packets import calibration_of, packets, usable_span
 from asyneio.pipeline import run_recording
 from asyneio.simulation import EVENT_SCENARIOS, SCENARIOS, EventSimulation, Simulation, simulate
 from asyneio.types import NS_PER_S, Estimate, FloatArray, Recording
@@ -219,7 +219,7 @@ def moving_row(scene: str, cache: Path) -> list[str]:
     count = (end_ns - start_ns) // interval_ns
     observed = tracked(simulation, config, cache / "tracks").observations
     cuts = np.searchsorted(observed["t_ns"], start_ns + interval_ns * np.arange(1, count), side="right")
-    detector = RestDetector(config.inertial, recording.calibration, config.visual.pixel_sigma)
+    detector = RestDetector(config.inertial, calibration_of(recording), config.visual.pixel_sigma)
     rests: list[Rest] = []
     speeds = []
     for packet in packets(recording, start_ns, interval_ns, count, np.split(observed, cuts)):
