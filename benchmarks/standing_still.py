@@ -7,8 +7,18 @@ moved at most, and its error against the truth at both ends. The two differ: a g
 bias, and what is learned of the bias corrects the pose that was reached with it. `--before 0` rests from the
 start, when there is nothing to correct: all that moves is drift.
 
+With `--starts`, what rests of some lengths are worth to a start: every run begins at rest and then moves.
+Time from the begin of motion to the first estimate (negative: during the rest), relative error of scale and
+MPE (yaw and position aligned) of the estimates in motion; medians over seeds, and the worst.
+
+With `--moving`, how often scenes of events that never rest are taken to do so before a start, and how fast
+the sensor was then.
+
     python benchmarks/standing_still.py [--seeds 2] [--before 12] [--seconds 60] [--scheme gpif] [--frames]
         [--events SCENE] [--cache DIR]
+    python benchmarks/standing_still.py --starts 0 0.2 0.3 0.5 0.7 0.9 1.5 [--seeds 8] [--motion moderate]
+        [--events SCENE] [--cache DIR]
+    python benchmarks/standing_still.py --moving event_slow event_room suite_poster_translation [--cache DIR]
 """
 
 from __future__ import annotations
@@ -17,15 +27,20 @@ import argparse
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.config import Config
+from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
+from asyneio.odometry.rest import Rest, RestDetector
+from asyneio.packets import calibration_of, packets, usable_span
+from asyneio.pipeline import run_recording
 from asyneio.simulation import EVENT_SCENARIOS, SCENARIOS, EventSimulation, Simulation, simulate
 from asyneio.types import NS_PER_S, Estimate, FloatArray, Recording
 from common import parallel, run, table
-from sequences import DEFAULT_CACHE, sequence
+from sequences import DEFAULT_CACHE, sequence, tracked
 
 _AFTER_S = 8.0
 #: The end of a rest may be noticed so late: motion begins softly.
@@ -34,9 +49,19 @@ _LATE_NS = 200_000_000
 _UNSEEN_S = 0.15
 
 
-def simulated(seed: int, before_s: float, rest_s: float) -> Simulation:
+#: A start is looked at for so long after the begin of motion [s].
+_STARTED_S = 6.0
+#: Scenes of events are as long for all rests up to this one [s].
+_LONGEST_S = 1.5
+#: Of an event camera at rest only what it sees as it is switched on is kept [s].
+_SWITCHED_ON_S = 0.05
+#: Length of a scene in motion [s].
+_MOVING_S = 12.0
+
+
+def simulated(seed: int, before_s: float, rest_s: float, motion: str = "moderate") -> Simulation:
     """A run with a pause, with as many observations as consistency needs."""
-    base = SCENARIOS["moderate"]
+    base = SCENARIOS[motion]
     return simulate(
         replace(
             base,
@@ -51,11 +76,14 @@ def simulated(seed: int, before_s: float, rest_s: float) -> Simulation:
     )
 
 
-def without_tracks_at_rest(recording: Recording, begin_ns: int, end_ns: int) -> Recording:
-    """The recording as an event camera would have made it."""
+def without_tracks_at_rest(
+    recording: Recording, begin_ns: int, end_ns: int, first_s: float = 0.2
+) -> Recording:
+    """The recording as an event camera would have made it; tracks of the first `first_s` are kept."""
     t_ns = recording.observations["t_ns"]
     # A run begins with the first observation, whatever comes before it.
-    seen = (t_ns < max(begin_ns, t_ns[0] + NS_PER_S // 5)) | (t_ns > end_ns + round(_UNSEEN_S * NS_PER_S))
+    first_ns = t_ns[0] + round(first_s * NS_PER_S)
+    seen = (t_ns < max(begin_ns, first_ns)) | (t_ns > end_ns + round(_UNSEEN_S * NS_PER_S))
     return replace(recording, observations=recording.observations[seen])
 
 
@@ -124,6 +152,100 @@ def _way(T: FloatArray) -> FloatArray:
     return np.asarray((T[:, :3, 3] - T[0, :3, 3]) @ T[0, :3, :3])
 
 
+class StartAfterRest(NamedTuple):
+    """Seconds from the begin of motion to the first estimate; errors of the estimates in motion, relative, in
+    percent; segments. NaN where there was no start."""
+
+    after_s: float
+    scale: float
+    mpe: float
+    segments: int
+
+
+def start_after_rest(
+    seed: int, rest_s: float, motion: str, events: str | None, cache: Path
+) -> StartAfterRest:
+    """One run that begins at rest."""
+    simulation: Simulation | EventSimulation
+    if events is None:
+        simulation = simulated(seed, 0.0, rest_s, motion)
+    else:
+        simulation = sequence(events, seed, max(rest_s, _LONGEST_S) + _STARTED_S, cache, (0.0, rest_s))
+    begin_ns = simulation.truth.start_ns
+    moves_ns = begin_ns + round(rest_s * NS_PER_S)
+    recording = simulation.recording
+    if isinstance(recording, Recording) and rest_s > 0.0:
+        recording = without_tracks_at_rest(recording, begin_ns, moves_ns, _SWITCHED_ON_S)
+    result = run_recording(recording, Config())
+    estimates = [e for e in result.run.estimates if moves_ns <= e.t_ns <= moves_ns + _STARTED_S * NS_PER_S]
+    if len(estimates) < 3:
+        return StartAfterRest(np.nan, np.nan, np.nan, 0)
+    first_s = (result.run.estimates[0].t_ns - moves_ns) / NS_PER_S
+    assert recording.ground_truth is not None
+    found = evaluate(pose_trajectory(estimates), recording.ground_truth, protocol_named("posyaw"))
+    segments = len({e.segment for e in estimates})
+    return StartAfterRest(first_s, found.scale_error_percent, found.mpe_percent, segments)
+
+
+def starts_table(rests_s: list[float], seeds: int, motion: str, events: str | None, cache: Path) -> str:
+    """A row for each length of rest."""
+    rows = []
+    for rest_s in rests_s:
+        task = partial(start_after_rest, rest_s=rest_s, motion=motion, events=events, cache=cache)
+        found = np.array(parallel(task, range(seeds), f"rest of {rest_s:g} s", jobs=1))
+        started = found[np.isfinite(found[:, 0])]
+        scale = np.abs(started[:, 1])
+        rows.append(
+            [
+                f"{rest_s:g}",
+                f"{len(started)} of {seeds}",
+                f"{np.median(started[:, 0]):.2f}, {started[:, 0].max():.2f}",
+                f"{np.median(scale):.2f}, {scale.max():.2f}",
+                f"{np.median(started[:, 2]):.2f}, {started[:, 2].max():.2f}",
+                f"{int((started[:, 3] > 1).sum())}",
+            ]
+        )
+    header = ["rest s", "starts", "first estimate s after motion begins: median, worst"]
+    header += ["scale error %: median, worst", "MPE %: median, worst", "runs in more than one segment"]
+    return table(header, rows)
+
+
+def moving_row(scene: str, cache: Path) -> list[str]:
+    """What the detector of rests says of a scene in motion that it knows nothing of."""
+    simulation = sequence(scene, 0, _MOVING_S, cache)
+    config, recording = Config(), simulation.recording
+    interval_ns = round(config.window.knot_interval_s * NS_PER_S)
+    start_ns, end_ns = usable_span(recording)
+    count = (end_ns - start_ns) // interval_ns
+    observed = tracked(simulation, config, cache / "tracks").observations
+    cuts = np.searchsorted(observed["t_ns"], start_ns + interval_ns * np.arange(1, count), side="right")
+    detector = RestDetector(config.inertial, calibration_of(recording), config.visual.pixel_sigma)
+    rests: list[Rest] = []
+    speeds = []
+    for packet in packets(recording, start_ns, interval_ns, count, np.split(observed, cuts)):
+        detector.append(packet)
+        detector.judge(packet.t_end_ns, packet.t_end_ns, None)
+        speeds.append(_most_speed(simulation, packet.t_end_ns - interval_ns, packet.t_end_ns))
+        if detector.rest is not None and detector.still:
+            rests = [r for r in rests if r.since_ns != detector.rest.since_ns] + [detector.rest]
+    found = [_most_speed(simulation, r.since_ns, r.until_ns) for r in rests]
+    lengths = [(r.until_ns - r.since_ns) / NS_PER_S for r in rests]
+    told = [f"{length:.1f} s at {100 * v:.1f}" for length, v in zip(lengths, found, strict=True)]
+    return [
+        scene,
+        str(count),
+        f"{100 * np.mean(speeds):.1f}, {100 * np.min(speeds):.1f}",
+        str(len(rests)),
+        ", ".join(told) or "-",
+    ]
+
+
+def _most_speed(simulation: EventSimulation, begin_ns: int, end_ns: int) -> float:
+    """Largest true speed [m/s] between two times."""
+    t_ns = np.linspace(0, end_ns - begin_ns, 20).astype(np.int64) + begin_ns
+    return float(np.linalg.norm(simulation.truth.at(t_ns).velocity_w, axis=1).max())
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -136,7 +258,17 @@ def main() -> None:
     parser.add_argument("--frames", action="store_true", help="tracks at rest too")
     parser.add_argument("--events", choices=sorted(EVENT_SCENARIOS), help="scene, in place of tracks")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of the scenes")
+    parser.add_argument("--starts", type=float, nargs="+", metavar="SECONDS", help="of rest before motion")
+    parser.add_argument("--moving", nargs="+", choices=sorted(EVENT_SCENARIOS), metavar="SCENE")
+    parser.add_argument("--motion", default="moderate", choices=sorted(SCENARIOS), help="of `--starts`")
     o = parser.parse_args()
+    if o.moving:
+        header = ["scene", "packets", "speed cm/s: mean, least", "rests", "their length, largest speed cm/s"]
+        print(table(header, [moving_row(scene, o.cache) for scene in o.moving]))
+        return
+    if o.starts:
+        print(starts_table(o.starts, o.seeds, o.motion, o.events, o.cache))
+        return
     task = partial(
         one_run,
         before_s=o.before,

@@ -32,6 +32,7 @@ class Situation:
     push: Callable[[np.ndarray], np.ndarray] = nothing
     image: Callable[[np.ndarray], np.ndarray] | None = None
     events: int | None = None
+    tracks: int = 12
 
     def packets(self, seconds: float, seed: int = 0) -> list[Packet]:
         rng = np.random.default_rng(seed)
@@ -53,7 +54,7 @@ class Situation:
     def _observations(self, t_ns: np.ndarray, rng: np.random.Generator) -> RecordArray:
         if self.image is None:
             return np.empty(0, dtype=OBSERVATION_DTYPE)
-        tracks = 12
+        tracks = self.tracks
         out = np.zeros(len(t_ns) * tracks, dtype=OBSERVATION_DTYPE)
         out["t_ns"], out["id"] = np.repeat(t_ns, tracks), np.tile(np.arange(tracks), len(t_ns))
         uv = 100.0 + 5.0 * out["id"][:, None] + self.image(out["t_ns"] * 1e-9)[:, :2]
@@ -124,8 +125,9 @@ IN_MOTION = {
 def test_at_rest(name: str) -> None:
     situation, estimate = AT_REST[name]
     answers = judged(situation, 1.5, estimate)
-    assert not any(answers[:4]), "half a second has to be seen first"
-    assert all(answers[5:]), answers
+    needed = 2 if estimate is None else 5
+    assert not any(answers[: needed - 1]), "a fifth of a second, or a half, has to be seen first"
+    assert all(answers[needed:]), answers
 
 
 @pytest.mark.parametrize("name", IN_MOTION)
@@ -174,8 +176,8 @@ def test_a_gap_in_the_samples_ends_it() -> None:
     for packet in packets:
         detector.append(packet)
         answers.append(detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None))
-        assert (detector.since_ns is not None) == detector.still == answers[-1]
-    assert all(answers[5:12])
+        assert (detector.rest is not None and not detector.rest.over) == detector.still == answers[-1]
+    assert all(answers[2:12])
     assert not any(answers[12:17])
     assert all(answers[18:])
 
@@ -189,4 +191,32 @@ def test_rest_lasts(seed: int) -> None:
         packet.accelerometer["xyz"] += NOISE.accelerometer_walk * drift
         packet.gyroscope["xyz"] -= NOISE.gyroscope_walk * drift
         detector.append(packet)
-        assert detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None) == (n >= 4) or n < 8
+        assert detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None) == (n >= 1) or n < 6
+
+
+def short_rest(seconds: float, image: Callable[[np.ndarray], np.ndarray] | None = None) -> RestDetector:
+    """After a rest that a push ends, and half a second more."""
+
+    def push(t: np.ndarray) -> np.ndarray:
+        return np.where(np.asarray(t)[:, None] > seconds, wave(0.8, 1.0)(np.asarray(t) - seconds), 0.0)
+
+    detector = RestDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
+    for packet in Situation(push=push, image=image, tracks=40).packets(seconds + 0.5):
+        detector.append(packet)
+        detector.judge(packet.t_end_ns, packet.t_end_ns, None)
+    return detector
+
+
+@pytest.mark.parametrize("seconds", [0.2, 0.3, 0.5, 0.9])
+def test_a_short_rest_is_remembered(seconds: float) -> None:
+    rest = short_rest(seconds).rest
+    assert rest is not None
+    assert rest.over
+    assert rest.since_ns == 0
+    assert abs(rest.until_ns * 1e-9 - seconds) < 0.15
+
+
+def test_no_short_rest_while_all_tracks_creep() -> None:
+    """By less than the noise of one track, but all of them alike."""
+    assert short_rest(0.3, image=steady(3.5)).rest is None
+    assert short_rest(0.3, image=nothing).rest is not None

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from asyneio.estimation.prior_terms import difference, prior_cost
+from asyneio.odometry.settings import resolve
+from asyneio.odometry.static_start import _prior, _states_at_rest
 from asyneio.simulation import MotionStyle, Simulation, simulate
 from asyneio.types import Estimate, Health, Recording, StepReport
 from tests.odometry.runs import Outcome, configured, errors, run, varied
@@ -121,6 +124,43 @@ def test_standing_still_from_the_start_does_not_drift() -> None:
     after = [e for e in outcome.estimates if e.t_ns > START_NS + 11_000_000_000]
     assert errors(simulation, after).position < 0.05
     assert outcome.reports[-1].health is Health.TRACKING
+
+
+@pytest.mark.parametrize("wide", [False, True], ids=["usual priors", "wide priors of the biases"])
+def test_a_short_rest_enters_the_start(wide: bool) -> None:
+    """Without it the same motion needs a second more. Wide priors are those of turn-on biases."""
+    biases = {"initial_gyroscope_bias_sigma": 0.1, "initial_accelerometer_bias_sigma": 0.5}
+    simulation = simulate(varied(1, motion=MotionStyle.MODERATE, duration_s=4.0, pause_s=(0.0, 0.4)))
+    outcome = run(eventful(simulation.recording, 0.0, 0.4), configured(inertial=biases if wide else {}))
+    assert seconds(outcome)[0] < 0.4 + 1.2
+    assert {r.health for r in outcome.reports} <= {Health.INITIALIZING, Health.TRACKING}
+    origin = outcome.odometry.origin
+    assert origin is not None
+    assert origin.t_ns <= START_NS + 200_000_000
+    assert np.linalg.norm(origin.velocity_w) < 0.02
+    turn = origin.bias_gyroscope - simulation.truth.at([origin.t_ns]).bias_gyroscope[0]
+    sigma = np.sqrt(origin.covariance.diagonal()[18:21])
+    assert sigma.max() < 0.01
+    assert np.all(np.abs(turn) < 4.0 * sigma)
+    assert errors(simulation, outcome.estimates).position < 0.08
+
+
+def test_prior_of_a_short_rest_allows_for_slow_uniform_motion() -> None:
+    """Whatever all knots share costs what one velocity costs, what differs among them costs dearly."""
+    settings = resolve(configured(), simulate(varied(0)).recording.calibration, 200.0, 190.0)
+    at_rest = _states_at_rest(np.zeros(3), np.array([0.3, 0.5, 9.79]), settings, 3)
+    t = np.array([0.0, 0.1, 0.2])
+    prior = _prior(at_rest, START_NS + (t * 1e9).astype(np.int64), settings)
+    assert prior.knots == 3
+    velocity = np.array([0.01, -0.02, 0.005])
+    C = at_rest.C[0]
+    varpi = at_rest.varpi.copy()
+    varpi[:, 0, 3:] = velocity
+    gliding = at_rest._replace(r=t[:, None] * (C @ velocity), varpi=varpi)
+    cost = prior_cost(prior, difference(gliding, prior)) - prior_cost(prior, difference(at_rest, prior))
+    assert cost == pytest.approx(0.5 * np.sum((velocity / 0.01) ** 2), rel=1e-6)
+    varpi[2, 0, 3:] *= -1.0
+    assert prior_cost(prior, difference(gliding._replace(varpi=varpi), prior)) > 100.0 * cost
 
 
 def test_a_rest_on_the_way() -> None:

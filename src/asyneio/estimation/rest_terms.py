@@ -1,6 +1,6 @@
 """Sums over the intervals in which the sensor stands still, straight into the knots' coordinates.
 
-How still a thing at rest is: a tripod or a table gives way and trembles a little. The pose creeps by `_CREEP`
+How still a thing at rest is: a tripod or a table gives way and trembles a little. The pose creeps by `CREEP`
 in a second, as a random walk, so that the figure does not depend on how dense the knots are; velocities of a
 tremor too small for the test of rest (0.05 m/s^2 and 5 mrad/s at some 8 Hz) are a millimetre per second and
 a few milliradians per second. A knot within a rest is told so by the intervals on both its sides: each counts
@@ -17,9 +17,9 @@ from asyneio.factors.rest import REST_ROWS, rest_jacobian, rest_residual
 from asyneio.types import BoolArray, FloatArray
 
 #: Creep of the pose at rest: rad/sqrt(s) and m/sqrt(s).
-_CREEP = (1e-4, 1e-4)
+CREEP = (1e-4, 1e-4)
 #: Standard deviation of a knot's angular velocity [rad/s] and velocity [m/s] at rest.
-_TREMOR = (3e-3, 1e-3)
+TREMOR = (3e-3, 1e-3)
 
 
 def rest_of(present: BoolArray, model: Model) -> Rest:
@@ -27,8 +27,8 @@ def rest_of(present: BoolArray, model: Model) -> Rest:
     if not present.any():
         return NOTHING_AT_REST
     dt = model.dt[:, None]
-    creep = np.repeat(_CREEP, 3) * np.sqrt(dt)
-    tremor = np.repeat(_TREMOR, 3) * np.sqrt(2.0) * np.ones_like(dt)
+    creep = np.repeat(CREEP, 3) * np.sqrt(dt)
+    tremor = np.repeat(TREMOR, 3) * np.sqrt(2.0) * np.ones_like(dt)
     # A rate that is no unknown of the model would only add a constant to the cost.
     known = np.isin(np.arange(6, 12), model.active)
     return Rest(present, np.hstack([1.0 / creep, known / tremor, known / tremor]))

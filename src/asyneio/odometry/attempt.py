@@ -7,6 +7,7 @@ import numpy as np
 from asyneio.odometry.first_window import Start
 from asyneio.odometry.intake import Intake
 from asyneio.odometry.known_start import known_start
+from asyneio.odometry.rest import Rest
 from asyneio.odometry.screen import contradicting_tracks
 from asyneio.odometry.settings import Settings
 from asyneio.odometry.start import try_start
@@ -18,20 +19,22 @@ RETRY_NS = 250_000_000
 
 
 def attempt_start(
-    intake: Intake, settings: Settings, resting_since_ns: int | None, first: FirstState | None
+    intake: Intake, settings: Settings, rest: Rest | None, first: FirstState | None
 ) -> Start | str:
-    """From a known state, at rest or in motion: a window, or the reason, in words, why not yet.
+    """From a known state, from rest or in motion: a window, or the reason, in words, why not yet.
 
-    Tracks that contradict the motion of most of them are refused before a start in motion is tried.
+    In motion, tracks that contradict the motion of most of them are refused first. What began at rest tells
+    more than motion alone, and is tried before it.
 
     Raises:
         EstimationError: `first` cannot be used.
     """
     if first is not None:
         return known_start(intake, settings, first)
-    if resting_since_ns is not None:
-        return static_start(intake, settings, resting_since_ns)
+    if rest is not None and not rest.over:
+        return static_start(intake, settings, rest)
     w = settings.window
     gravity = float(np.linalg.norm(w.gravity_w))
     intake.refuse(contradicting_tracks(intake, w.T_b_c, gravity, w.bearing_sigma))
-    return try_start(intake, settings)
+    started = "no rest" if rest is None else static_start(intake, settings, rest)
+    return try_start(intake, settings) if isinstance(started, str) else started

@@ -12,7 +12,7 @@ from asyneio.estimation.window import Window
 from asyneio.estimation.window_settings import TrackObservations
 from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.settings import Settings
-from asyneio.types import FloatArray, IntArray
+from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: The frame is defined by the first knot's position and yaw: as tight as rounding allows.
 _GAUGE_SIGMA = 1e-4
@@ -35,7 +35,7 @@ def filled_window(
     knots_ns: IntArray,
     states: States,
     bad_tracks: IntArray = _NO_TRACKS,
-    still: bool = False,
+    still: BoolArray | None = None,
     prior: Prior | None = None,
 ) -> Window:
     """A window with all knots (K), their measurements and landmarks.
@@ -46,14 +46,14 @@ def filled_window(
         knots_ns: (K,) times of the knots.
         states: their first states.
         bad_tracks: ids of tracks to leave out.
-        still: at rest all the time.
-        prior: on the first knot; None where nothing is known but its biases, near zero.
+        still: (K-1,) which intervals are at rest; None for none.
+        prior: on the first knots; None where nothing is known but the biases, near zero.
     """
 
     def knot(k: int) -> States:
         return States(*(a[k : k + 1].copy() for a in states))
 
-    known = _first_prior(knot(0), settings.start.bias_sigma) if prior is None else prior
+    known = first_prior(knot(0), settings.start.bias_sigma) if prior is None else prior
     window = Window(settings.window, int(knots_ns[0]), knot(0), known)
     for k in range(1, len(knots_ns)):
         span = (int(knots_ns[k - 1]), int(knots_ns[k]))
@@ -63,7 +63,7 @@ def filled_window(
             around(intake.gyroscope, *span),
             around(intake.accelerometer, *span),
             _without(intake.observations.between(*span), bad_tracks),
-            still,
+            still is not None and bool(still[k - 1]),
         )
     window.add_landmarks()
     return window
@@ -76,8 +76,13 @@ def _without(seen: TrackObservations, tracks: IntArray) -> TrackObservations:
     )
 
 
-def _first_prior(first: States, bias_sigma: FloatArray) -> Prior:
-    """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero."""
+def first_prior(first: States, bias_sigma: FloatArray) -> Prior:
+    """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero.
+
+    Args:
+        first: states of that knot, K = 1.
+        bias_sigma: (6,) of [b_g, b_a] around zero [rad/s, m/s^2].
+    """
     R = np.zeros((12, 24))
     tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, _GAUGE_SIGMA])
     R[:3, :3] = first.C[0] / tilt_yaw[:, None]

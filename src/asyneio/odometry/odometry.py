@@ -241,7 +241,7 @@ class Odometry:
         self._next_attempt_ns = t_ns + RETRY_NS
         self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
         self._settings = resolve(self._config, self._calibration, self._noise.now())
-        started = attempt_start(self._intake, self._settings, self._rest.since_ns, self._first_state)
+        started = attempt_start(self._intake, self._settings, self._rest.rest, self._first_state)
         if isinstance(started, str):
             self._refusal = started
             return [], self._initializing(t_ns, started)

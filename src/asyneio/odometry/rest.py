@@ -15,7 +15,7 @@ turn rate is no more than the gyroscope's bias, and the specific force is as lar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -39,8 +39,9 @@ from asyneio.types import (
     RecordArray,
 )
 
-#: Inertial samples are judged over so long [ns].
-_SPAN_NS = 500_000_000
+#: Inertial samples are judged over so long [ns]; before there is an estimate the first rest may begin after
+#: the shorter time, for a start asks the tracks again before it builds on so short a rest.
+_SPAN_NS, _SHORT_NS = 500_000_000, 200_000_000
 #: Standard deviations of the means: some sixty are compared, so that one in three hundred spans at rest is
 #: refused; a rest ends at six, which noise alone never reaches, or, where tracks move as well, at what it
 #: reaches once in some minutes.
@@ -61,6 +62,8 @@ _MIN_TRACKS, _MIN_EXTENT_S = 5, 0.2
 #: Median of the squared displacement in units of its variance per axis: noise alone gives 1.39 (two degrees
 #: of freedom); four times as much is a displacement of twice the noise.
 _MOVED = 4.0 * 1.386
+#: Their mean over many tracks, two by noise alone, tells much less; no track counts for more than this.
+_CAP = 12.0
 #: Events per second and pixel that noise makes in room light: two sensors lying still gave 0.44 and 0.62.
 _NOISE_EVENTS_HZ = 1.0
 
@@ -83,10 +86,19 @@ class _Sensor:
     least_scatter: float
 
 
+@dataclass(frozen=True)
+class Rest:
+    """A rest, from `since_ns` to `until_ns`; `over`: motion has begun since."""
+
+    since_ns: int
+    until_ns: int
+    over: bool = False
+
+
 class RestDetector:
     """Takes all packets; says of one stretch of time after the other whether the sensor was at rest.
 
-    `still`: the last answer. `since_ns`: begin of the rest, None in motion.
+    `still`: the last answer. `rest`: the newest rest, None before the first.
     """
 
     def __init__(self, inertial: InertialConfig, calibration: Calibration, pixel_sigma: float) -> None:
@@ -106,13 +118,13 @@ class RestDetector:
         self._observations = np.empty(0, dtype=OBSERVATION_DTYPE)
         #: Ends of packets and events in them, -1 where they are not counted.
         self._events = np.empty((0, 2), dtype=np.int64)
-        self._reading: list[FloatArray] | None = None
-        self.since_ns: int | None = None
+        self._reading: list[FloatArray] = []
+        self.rest: Rest | None = None
 
     @property
     def still(self) -> bool:
         """Whether the sensor was at rest in the stretch judged last."""
-        return self.since_ns is not None
+        return self.rest is not None and not self.rest.over
 
     def append(self, packet: Packet) -> None:
         """Take over what a packet holds."""
@@ -127,25 +139,35 @@ class RestDetector:
 
         `known`: the newest estimate before, None where there is none. Stretches must come in order.
         """
-        begin_ns = min(start_ns, end_ns - _SPAN_NS)
+        since_ns = self.rest.since_ns if self.rest is not None and self.still else None
+        begin_ns = self._begin_of_span(start_ns, end_ns, since_ns, known)
         found = [measure_stillness(s["t_ns"], s["xyz"], begin_ns, end_ns) for s in self._streams]
-        image = self._image(begin_ns, end_ns)
+        image = self._image(begin_ns, end_ns, strict=known is None)
         quiet = [f for f in found if f is not None]
-        if len(quiet) < 2 or self._any_shakes(quiet):
-            self._leave()
-        elif self._reading is None:
-            if self._begins(quiet, image, known):
-                self._reading, self.since_ns = [f.mean for f in quiet], begin_ns
-        elif self._strays(quiet, self._reading) > (_LEAVE_WITH_TRACKS if image is _Image.MOVING else _LEAVE):
-            self._leave()
-        else:
+        goes_on = len(quiet) == 2 and not self._any_shakes(quiet)
+        if goes_on and (since_ns is None or begin_ns == since_ns):
+            # As long as the whole rest is judged, its reading is only being learned.
+            goes_on = self._begins(quiet, image, known)
+            self._reading = [f.mean for f in quiet]
+        elif goes_on:
+            limit = _LEAVE_WITH_TRACKS if image is _Image.MOVING else _LEAVE
+            goes_on = self._strays(quiet, self._reading) <= limit
             share = min((end_ns - start_ns) * 1e-9 / _MEMORY_S, 1.0)
             self._reading = [r + share * (f.mean - r) for r, f in zip(self._reading, quiet, strict=True)]
-        self._forget(begin_ns)
+        if goes_on:
+            self.rest = Rest(begin_ns if since_ns is None else since_ns, end_ns)
+        elif self.rest is not None:
+            self.rest = replace(self.rest, over=True)
+        self._forget(end_ns - _SPAN_NS)
         return self.still
 
-    def _leave(self) -> None:
-        self._reading, self.since_ns = None, None
+    def _begin_of_span(self, start_ns: int, end_ns: int, since_ns: int | None, known: Estimate | None) -> int:
+        """Begin of the span to judge, which is not before that of a rest that goes on."""
+        if since_ns is not None:
+            return max(min(start_ns, end_ns - _SPAN_NS), since_ns)
+        # Just after a rest an even push may read like another one.
+        short = known is None and self.rest is None
+        return min(start_ns, end_ns - (_SHORT_NS if short else _SPAN_NS))
 
     def _any_shakes(self, found: list[Stillness]) -> bool:
         pairs = zip(found, self._sensors, strict=True)
@@ -178,13 +200,16 @@ class RestDetector:
     def _is_gravity(self, force: FloatArray) -> bool:
         return bool(abs(np.linalg.norm(force) - self._gravity) < _MAX_EXCESS)
 
-    def _image(self, begin_ns: int, end_ns: int) -> _Image:
-        """What tracks and events between two times say."""
+    def _image(self, begin_ns: int, end_ns: int, strict: bool) -> _Image:
+        """What tracks and events between two times say; `strict`: all tracks together may not move."""
         o = self._observations
         o = o[slice(*np.searchsorted(o["t_ns"], [begin_ns, end_ns], side="right"))]
         moved, extent_s = self._displacements(o)
         if len(moved) >= _MIN_TRACKS:
-            if np.median(moved) > _MOVED:
+            together = strict and np.mean(np.minimum(moved, _CAP)) > 2.0 * (
+                1.0 + _ENTER / np.sqrt(len(moved))
+            )
+            if together or np.median(moved) > _MOVED:
                 return _Image.MOVING
             if np.median(extent_s) > _MIN_EXTENT_S:
                 return _Image.STILL

@@ -17,7 +17,7 @@ from asyneio.odometry.intake import Intake
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.propagation import rates_at
 from asyneio.odometry.settings import Settings
-from asyneio.odometry.start_refusals import motion_refusal, solution_refusal
+from asyneio.odometry.start_refusals import joint_refusal, motion_refusal
 from asyneio.types import IntArray
 
 #: Zero priors of the warm-up: rates of any size a person or a drone makes.
@@ -47,7 +47,7 @@ def try_start(intake: Intake, settings: Settings) -> Start | str:
         solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
-    reason = solution_refusal(window, solution, motion, settings)
+    reason = joint_refusal(solution, motion, settings)
     if reason:
         return reason
     intake.refuse(np.concatenate([outliers, motion.contradicting]))

@@ -6,7 +6,6 @@ import numpy as np
 
 from asyneio.estimation.covariance import relative_scale_sigma
 from asyneio.estimation.optimizer import Solution
-from asyneio.estimation.window import Window
 from asyneio.odometry.first_motion import SpanMotion
 from asyneio.odometry.settings import Settings
 
@@ -60,21 +59,15 @@ def _scale_unknown(sigma: float, needed: float) -> str:
     )
 
 
-def solution_refusal(window: Window, solution: Solution, motion: SpanMotion, settings: Settings) -> str:
-    """Why the joint optimisation cannot be trusted; empty if it can."""
+def solution_refusal(solution: Solution, settings: Settings) -> str:
+    """Why the joint optimisation cannot be trusted, whatever it began with; empty if it can."""
     if np.mean(solution.problem.landmarks.rho < 0.0) > 1.0 - _SHARE_IN_FRONT:
         return "the tracks show no parallax: move the sensor sideways"
     if solution.report.last_decrease > _UNSETTLED:
         return "the joint optimisation does not settle: move the sensor sideways, with changing speed"
-    tolerance = _SCALES_DIFFER * settings.start.max_scale_sigma
-    scale_sigma = relative_scale_sigma(solution)
-    if not scale_sigma < tolerance:
-        return _scale_unknown(scale_sigma, tolerance)
-    states = window.states
-    displacement = (states.r - states.r[0]) @ states.C[0]
-    factor = np.sum(displacement * motion.displacement) / np.sum(motion.displacement**2)
-    if abs(factor - 1.0) > tolerance:
-        return f"two ways of solving for the motion differ by {100 * abs(factor - 1.0):.0f} % in scale"
+    scale_sigma, needed = relative_scale_sigma(solution), _SCALES_DIFFER * settings.start.max_scale_sigma
+    if not scale_sigma < needed:
+        return _scale_unknown(scale_sigma, needed)
     used = len(solution.problem.visual.landmark)
     if solution.report.rejected > 0.2 * used:
         return f"{solution.report.rejected} of {used} observations contradict the motion found"
@@ -86,4 +79,17 @@ def solution_refusal(window: Window, solution: Solution, motion: SpanMotion, set
             f"observations are off by {np.sqrt(typical):.1f} standard deviations: "
             "wrong calibration or bad tracks"
         )
+    return ""
+
+
+def joint_refusal(solution: Solution, motion: SpanMotion, settings: Settings) -> str:
+    """Why a joint optimisation that began with `motion` cannot be trusted; empty if it can."""
+    reason = solution_refusal(solution, settings)
+    if reason:
+        return reason
+    states = solution.problem.states
+    displacement = (states.r - states.r[0]) @ states.C[0]
+    factor = np.sum(displacement * motion.displacement) / np.sum(motion.displacement**2)
+    if abs(factor - 1.0) > _SCALES_DIFFER * settings.start.max_scale_sigma:
+        return f"two ways of solving for the motion differ by {100 * abs(factor - 1.0):.0f} % in scale"
     return ""
