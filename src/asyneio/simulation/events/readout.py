@@ -5,8 +5,8 @@ the order in which they are raised, each takes `1 / readout_hz`, and an event is
 pixel that still waits cannot raise another: what it would have reported meanwhile is lost. (A real arbiter
 serves all that wait in a row together; waiting times are the same on average.)
 
-Bus: stamped events wait in a memory that is emptied at `bus_hz`. While it is full, events are dropped, as by
-the logic of the DAVIS when the transfer stalls. Within a time `T` no more than `bus_hz T + bus_buffer` get
+Bus: stamped events wait in a memory that is emptied at `bus_hz`. While it is full, events are dropped, as
+by the logic of the DAVIS when the transfer stalls. Within a time `T` no more than `bus_hz T + bus_buffer` get
 through.
 
 What waits in the array does not act back on the pixels' refractory times.
