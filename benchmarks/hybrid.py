@@ -53,7 +53,7 @@ _TUMVI_T_b_c: FloatArray = np.linalg.inv(
         [-0.029394828378, -0.999010387107, 0.033379492465, -0.072428149125],
         [0.0, 0.0, 0.0, 1.0],
     ]
-)
+).astype(np.float64)
 
 
 @dataclass(frozen=True)
