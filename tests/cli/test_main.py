@@ -342,7 +342,9 @@ def test_evaluate_reads_estimates(asyneio: Asyneio, folder: Path, tmp_path: Path
 
 def test_simulate_with_a_named_imu_writes_its_steps(asyneio: Asyneio, tmp_path: Path) -> None:
     for name, steps in (("mpu6150", 9.80665 / 2048.0), ("ideal", None)):
-        status, _, _ = asyneio("simulate", "gentle", "-o", tmp_path / name, "--duration", "1", "--imu-model", name)
+        status, _, _ = asyneio(
+            "simulate", "gentle", "-o", tmp_path / name, "--duration", "1", "--imu-model", name
+        )
         assert status == 0
         readings = read_tracks_folder(tmp_path / name).accelerometer["xyz"] / (steps or 1e-3)
         assert (np.abs(readings - np.rint(readings)).max() < 1e-3) == (steps is not None)
