@@ -34,6 +34,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.config import Config
 from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
+from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.rest import Rest, RestDetector
 from asyneio.packets import calibration_of, packets, usable_span
 from asyneio.pipeline import run_recording
@@ -220,11 +221,13 @@ def moving_row(scene: str, cache: Path) -> list[str]:
     observed = tracked(simulation, config, cache / "tracks").observations
     cuts = np.searchsorted(observed["t_ns"], start_ns + interval_ns * np.arange(1, count), side="right")
     detector = RestDetector(config.inertial, calibration_of(recording), config.visual.pixel_sigma)
+    noise = LearnedNoise(config.inertial, calibration_of(recording).noise, config.window.knot_interval_s)
     rests: list[Rest] = []
     speeds = []
     for packet in packets(recording, start_ns, interval_ns, count, np.split(observed, cuts)):
         detector.append(packet)
-        detector.judge(packet.t_end_ns, packet.t_end_ns, None)
+        noise.append(packet.gyroscope, packet.accelerometer)
+        detector.judge(packet.t_end_ns, packet.t_end_ns, None, noise.at_rest())
         speeds.append(_most_speed(simulation, packet.t_end_ns - interval_ns, packet.t_end_ns))
         if detector.rest is not None and detector.still:
             rests = [r for r in rests if r.since_ns != detector.rest.since_ns] + [detector.rest]

@@ -53,11 +53,12 @@ def test_screen_finds_the_object_before_the_start() -> None:
     recording, ids = with_object(simulation, moving, 1.0 / 3.0)
     intake = held(merged(cut(recording)[:15]))
     T_b_c = recording.calibration.T_b_c
-    found = contradicting_tracks(intake, T_b_c, 9.81, BEARING_SIGMA)
+    found = contradicting_tracks(intake, T_b_c, 9.81, BEARING_SIGMA, 0.02)
     true = np.isin(found, ids)
     assert np.count_nonzero(true) > 15
     assert np.count_nonzero(~true) <= 2
-    none = contradicting_tracks(held(merged(cut(simulation.recording)[:15])), T_b_c, 9.81, BEARING_SIGMA)
+    calm = held(merged(cut(simulation.recording)[:15]))
+    none = contradicting_tracks(calm, T_b_c, 9.81, BEARING_SIGMA, 0.02)
     assert len(none) <= 2
 
 

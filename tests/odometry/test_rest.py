@@ -9,12 +9,18 @@ import numpy as np
 import pytest
 
 from asyneio.config import InertialConfig
+from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.odometry.rest import RestDetector
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, Estimate, Packet, RecordArray
 from tests.odometry.runs import INTERVAL_NS, SCENARIO, simulated
 
 PIXEL_SIGMA = 0.3
 NOISE = SCENARIO.noise
+#: Of sensors that do not move: as declared.
+CALM = InertialNoise(
+    SensorNoise(NOISE.gyroscope_density, SCENARIO.gyroscope_rate_hz),
+    SensorNoise(NOISE.accelerometer_density, SCENARIO.accelerometer_rate_hz),
+)
 BIAS = np.array([0.01, -0.02, 0.005]), np.array([0.05, -0.03, 0.08])
 UP = np.array([0.0, 9.81, 0.0])
 
@@ -67,7 +73,7 @@ def judged(situation: Situation, seconds: float = 1.5, known: Estimate | None = 
     answers = []
     for packet in situation.packets(seconds):
         detector.append(packet)
-        answers.append(detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, known))
+        answers.append(detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, known, CALM))
     return answers
 
 
@@ -175,7 +181,7 @@ def test_a_gap_in_the_samples_ends_it() -> None:
     answers = []
     for packet in packets:
         detector.append(packet)
-        answers.append(detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None))
+        answers.append(detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None, CALM))
         assert (detector.rest is not None and not detector.rest.over) == detector.still == answers[-1]
     assert all(answers[2:12])
     assert not any(answers[12:17])
@@ -191,7 +197,7 @@ def test_rest_lasts(seed: int) -> None:
         packet.accelerometer["xyz"] += NOISE.accelerometer_walk * drift
         packet.gyroscope["xyz"] -= NOISE.gyroscope_walk * drift
         detector.append(packet)
-        assert detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None) == (n >= 1) or n < 6
+        assert detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None, CALM) == (n >= 1) or n < 6
 
 
 def short_rest(seconds: float, image: Callable[[np.ndarray], np.ndarray] | None = None) -> RestDetector:
@@ -203,7 +209,7 @@ def short_rest(seconds: float, image: Callable[[np.ndarray], np.ndarray] | None 
     detector = RestDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
     for packet in Situation(push=push, image=image, tracks=40).packets(seconds + 0.5):
         detector.append(packet)
-        detector.judge(packet.t_end_ns, packet.t_end_ns, None)
+        detector.judge(packet.t_end_ns, packet.t_end_ns, None, CALM)
     return detector
 
 

@@ -43,12 +43,10 @@ class NoiseLearner:
     """Takes the samples of one sensor and says how noisy they are.
 
     Args:
-        density: the white noise that is assumed until more is known, and at least [unit/sqrt(Hz)].
         interval_s: time between knots.
     """
 
-    def __init__(self, density: float, interval_s: float) -> None:
-        self._density = density
+    def __init__(self, interval_s: float) -> None:
         self._band_hz = BAND / interval_s
         self._held: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
         self._rate_hz = 1.0
@@ -70,18 +68,19 @@ class NoiseLearner:
             self._learn(self._held[: np.searchsorted(stamps, stamps[0] + block_ns, side="right")])
             self._held = self._held[np.searchsorted(stamps, stamps[0] + hop_ns) :]
 
-    def noise(self) -> SensorNoise:
-        """The noise of the samples, as far as it is known."""
+    def noise(self, least_density: float) -> SensorNoise:
+        """The noise of the samples, as far as it is known; its white part has at least this density
+        [unit/sqrt(Hz)], which is assumed until more is known."""
         rate_hz = self._rate_hz
         above = self._frequency_hz > self._band_hz
         if self._blocks == 0 or np.count_nonzero(above) < _LEAST_VALUES:
-            return SensorNoise(self._density, rate_hz)
+            return SensorNoise(least_density, rate_hz)
         frequency_hz, power = self._frequency_hz[above], self._power[above]
         # Density of white noise with the same power between two values of the spectrum.
         density_square = power / (2.0 * (frequency_hz[1] - frequency_hz[0]))
         smooth = np.convolve(density_square, np.ones(_SMOOTH) / _SMOOTH, mode="valid")
         near = frequency_hz[_SMOOTH // 2 : len(smooth) + _SMOOTH // 2] <= _QUIET_UP_TO * self._band_hz
-        white_square = max(self._density**2, float(smooth[near].min()))
+        white_square = max(least_density**2, float(smooth[near].min()))
         excess = power * np.maximum(1.0 - white_square / np.maximum(density_square, 1e-300), 0.0)
         loud = excess > 0.0
         return SensorNoise(float(np.sqrt(white_square)), rate_hz, frequency_hz[loud], excess[loud])

@@ -35,6 +35,8 @@ def attempt_start(
         return static_start(intake, settings, rest)
     w = settings.window
     gravity = float(np.linalg.norm(w.gravity_w))
-    intake.refuse(contradicting_tracks(intake, w.T_b_c, gravity, w.bearing_sigma))
+    intake.refuse(
+        contradicting_tracks(intake, w.T_b_c, gravity, w.bearing_sigma, float(settings.start.bias_sigma[0]))
+    )
     started = "no rest" if rest is None else static_start(intake, settings, rest)
     return try_start(intake, settings) if isinstance(started, str) else started

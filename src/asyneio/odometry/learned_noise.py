@@ -29,7 +29,9 @@ class LearnedNoise:
                 "values: put the sensor's data sheet figures into imu.yaml"
             )
         self._interval_s = interval_s
-        self._learners = [NoiseLearner(inertial.noise_inflation * d, interval_s) for d in densities]
+        self._declared = densities
+        self._inflation = inertial.noise_inflation
+        self._learners = NoiseLearner(interval_s), NoiseLearner(interval_s)
 
     def append(self, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
         """Take over samples (INERTIAL_DTYPE)."""
@@ -38,8 +40,16 @@ class LearnedNoise:
 
     def now(self) -> InertialNoise:
         """What is known of both sensors."""
-        gyroscope, accelerometer = self._learners
-        return InertialNoise(gyroscope.noise(), accelerometer.noise())
+        return self._with_least(self._inflation)
+
+    def at_rest(self) -> InertialNoise:
+        """The same of a sensor that does not move: errors that grow with the motion, for which the declared
+        noise is inflated, have no part in it."""
+        return self._with_least(1.0)
+
+    def _with_least(self, factor: float) -> InertialNoise:
+        pairs = zip(self._learners, self._declared, strict=True)
+        return InertialNoise(*(learner.noise(factor * density) for learner, density in pairs))
 
     def estimate(self) -> NoiseEstimate:
         """The same in a few numbers."""

@@ -21,7 +21,9 @@ from enum import Enum
 import numpy as np
 
 from asyneio.config import InertialConfig
+from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.inertial.stillness import (
+    BIN_NS,
     LEAST_DENSITY,
     LEAST_SCATTER,
     Stillness,
@@ -31,6 +33,7 @@ from asyneio.inertial.stillness import (
 )
 from asyneio.types import (
     INERTIAL_DTYPE,
+    NS_PER_S,
     OBSERVATION_DTYPE,
     Calibration,
     Estimate,
@@ -48,8 +51,9 @@ _SPAN_NS, _SHORT_NS = 500_000_000, 200_000_000
 _ENTER, _LEAVE, _LEAVE_WITH_TRACKS = 4.0, 6.0, 4.5
 #: The reading at rest is averaged over so long [s]: biases wander little in it.
 _MEMORY_S = 10.0
-#: Zero offset of a gyroscope before it is estimated [rad/s]: consumer sensors have up to 5 deg/s.
-_MAX_OFFSET = 0.1
+#: Zero offset of a gyroscope before it is estimated [rad/s]: data sheets of consumer sensors allow 3 to 20
+#: deg/s, most have less than 7.
+_MAX_OFFSET = 0.12
 #: Error of a gyroscope's bias that is left to an estimate, however sure it is of itself [rad/s].
 _BIAS_SLACK = 3e-3
 #: What bias and scale of an accelerometer may do to the magnitude of gravity [m/s^2]; one of two sensors
@@ -78,15 +82,6 @@ class _Image(Enum):
 
 
 @dataclass(frozen=True)
-class _Sensor:
-    """Noise of one inertial sensor, as far as it is believed."""
-
-    density: float
-    walk: float
-    least_scatter: float
-
-
-@dataclass(frozen=True)
 class Rest:
     """A rest, from `since_ns` to `until_ns`; `over`: motion has begun since."""
 
@@ -102,15 +97,9 @@ class RestDetector:
     """
 
     def __init__(self, inertial: InertialConfig, calibration: Calibration, pixel_sigma: float) -> None:
-        noise, camera = calibration.noise, calibration.camera
-        figures = (
-            (noise.gyroscope_density, noise.gyroscope_walk),
-            (noise.accelerometer_density, noise.accelerometer_walk),
-        )
-        self._sensors = [
-            _Sensor(max(density, least), walk, scatter)
-            for (density, walk), least, scatter in zip(figures, LEAST_DENSITY, LEAST_SCATTER, strict=True)
-        ]
+        camera = calibration.camera
+        self._walks = calibration.noise.gyroscope_walk, calibration.noise.accelerometer_walk
+        self._declared = calibration.noise.gyroscope_density, calibration.noise.accelerometer_density
         self._gravity = inertial.gravity
         self._pixel_sigma = pixel_sigma
         self._pixels = camera.width * camera.height
@@ -119,6 +108,7 @@ class RestDetector:
         #: Ends of packets and events in them, -1 where they are not counted.
         self._events = np.empty((0, 2), dtype=np.int64)
         self._reading: list[FloatArray] = []
+        self._noise: tuple[SensorNoise, SensorNoise]
         self.rest: Rest | None = None
 
     @property
@@ -134,17 +124,19 @@ class RestDetector:
         count = -1 if packet.events is None else packet.events
         self._events = np.vstack([self._events, [packet.t_end_ns, count]])
 
-    def judge(self, start_ns: int, end_ns: int, known: Estimate | None) -> bool:
+    def judge(self, start_ns: int, end_ns: int, known: Estimate | None, noise: InertialNoise) -> bool:
         """Whether the sensor was at rest from `start_ns` to `end_ns`, by what was measured until then.
 
-        `known`: the newest estimate before, None where there is none. Stretches must come in order.
+        `known`: the newest estimate before, None where there is none; `noise`: of sensors that do not move.
+        Stretches must come in order.
         """
+        self._noise = noise.gyroscope, noise.accelerometer
         since_ns = self.rest.since_ns if self.rest is not None and self.still else None
         begin_ns = self._begin_of_span(start_ns, end_ns, since_ns, known)
         found = [measure_stillness(s["t_ns"], s["xyz"], begin_ns, end_ns) for s in self._streams]
         image = self._image(begin_ns, end_ns, strict=known is None)
         quiet = [f for f in found if f is not None]
-        goes_on = len(quiet) == 2 and not self._any_shakes(quiet)
+        goes_on = len(quiet) == 2 and not self._any_shakes(quiet, image)
         if goes_on and (since_ns is None or begin_ns == since_ns):
             # As long as the whole rest is judged, its reading is only being learned.
             goes_on = self._begins(quiet, image, known)
@@ -169,15 +161,22 @@ class RestDetector:
         short = known is None and self.rest is None
         return min(start_ns, end_ns - (_SHORT_NS if short else _SPAN_NS))
 
-    def _any_shakes(self, found: list[Stillness]) -> bool:
-        pairs = zip(found, self._sensors, strict=True)
-        return any(shakes(f, sensor.density, sensor.least_scatter) for f, sensor in pairs)
+    def _any_shakes(self, found: list[Stillness], image: _Image) -> bool:
+        """Whether there is vibration; where the tracks stand still, more than has been learned to be usual:
+        an engine may run on a vehicle that does not move."""
+        densities = list(self._declared)
+        if image is _Image.STILL:
+            densities = [n.sample_sigma / np.sqrt(n.rate_hz) for n in self._noise]
+        sensors = zip(found, densities, LEAST_DENSITY, LEAST_SCATTER, strict=True)
+        return any(shakes(f, max(density, least), scatter) for f, density, least, scatter in sensors)
 
     def _strays(self, found: list[Stillness], reading: list[FloatArray]) -> float:
         """How far the means are from a reading, in standard deviations; the larger of both sensors."""
+        densities = [n.density_of_mean(BIN_NS / NS_PER_S) for n in self._noise]
+        sensors = zip(found, reading, densities, LEAST_DENSITY, self._walks, strict=True)
         return max(
-            deviation(f, r, sensor.density, sensor.walk * np.sqrt(_MEMORY_S))
-            for f, r, sensor in zip(found, reading, self._sensors, strict=True)
+            deviation(f, r, max(density, least), walk * np.sqrt(_MEMORY_S))
+            for f, r, density, least, walk in sensors
         )
 
     def _begins(self, found: list[Stillness], image: _Image, known: Estimate | None) -> bool:

@@ -15,15 +15,15 @@ from asyneio.types import NS_PER_S, FloatArray, IntArray
 #: pace to part from the scene, short enough for the errors of a cheap IMU not to matter yet.
 _SPAN_S = 1.0
 _SHORTEST_SPAN_S = 0.5
-#: Standard deviation of the gyroscope's bias [rad/s] as long as nobody has corrected it.
-_GYROSCOPE_SIGMA = 0.02
-#: The first look corrects it, the second is the sharper one.
-_LOOKS = 2
+#: Each look corrects the gyroscope's bias, so that the next is a sharper one.
+_LOOKS = 3
 #: Step of the numerical derivative by that bias [rad/s].
 _BIAS_STEP = 1e-4
 
 
-def contradicting_tracks(intake: Intake, T_b_c: FloatArray, gravity: float, bearing_sigma: float) -> IntArray:
+def contradicting_tracks(
+    intake: Intake, T_b_c: FloatArray, gravity: float, bearing_sigma: float, gyroscope_sigma: float
+) -> IntArray:
     """Ids of the tracks that contradict the motion on which most tracks and the IMU agree.
 
     Args:
@@ -31,6 +31,7 @@ def contradicting_tracks(intake: Intake, T_b_c: FloatArray, gravity: float, bear
         T_b_c: (4,4) camera in the body.
         gravity: its magnitude [m/s^2].
         bearing_sigma: noise of a bearing [rad].
+        gyroscope_sigma: of the gyroscope's bias, which nobody has corrected [rad/s].
     """
     none = np.empty(0, dtype=np.int64)
     seen = intake.observations
@@ -48,7 +49,7 @@ def contradicting_tracks(intake: Intake, T_b_c: FloatArray, gravity: float, bear
         part = seen.between(first_ns - 1, last_ns)
         if len(part.t_ns) == 0:
             continue
-        found.append(_contradicting(intake, part, first_ns, T_b_c, gravity, bearing_sigma))
+        found.append(_contradicting(intake, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma))
     return np.unique(np.concatenate(found))
 
 
@@ -59,11 +60,12 @@ def _contradicting(
     T_b_c: FloatArray,
     gravity: float,
     bearing_sigma: float,
+    gyroscope_sigma: float,
 ) -> IntArray:
     """Ids of the contradicting tracks within one span; none where there is no verdict."""
     bias = np.zeros(3)
     agreeing = None
-    sigma = _GYROSCOPE_SIGMA
+    sigma = gyroscope_sigma
     for _ in range(_LOOKS):
         data, ids = alignment_data(intake, seen, first_ns, T_b_c, bias)
         moved = [
