@@ -130,7 +130,7 @@ def verdict(rows: dict[str, Row]) -> str:
     factors = [float(row["factor"]) for row in rows.values() if "factor" in row]
     lost = [name for name, row in rows.items() if row.get("lost") or row["failure"]]
     if not factors:
-        return "no factors: there is no undisturbed run with estimates"
+        return "no factors: no nuisance was run, or the undisturbed run has no estimates"
     wide = [name for name, row in rows.items() if float(row.get("factor", 0.0)) > LARGEST_FACTOR]
     return (
         f"median factor {np.median(factors):.2f} (at most {MEDIAN_FACTOR:g}), largest {max(factors):.2f} "
