@@ -82,10 +82,13 @@ class InertialConfig(_Section):
     )
     walk_inflation: float = Field(2.0, gt=0.0, description="factor on the bias walks")
     initial_gyroscope_bias_sigma: float = Field(
-        0.05, gt=0.0, description="rad/s; data sheets give turn-on biases of 0.02 to 0.1, and up to 0.35"
+        0.1, gt=0.0, description="rad/s; data sheets give turn-on biases of 0.02 to 0.1, and up to 0.35"
     )
     initial_accelerometer_bias_sigma: float = Field(
-        0.2, gt=0.0, description="m/s^2; data sheets give turn-on biases of 0.2 to 0.8"
+        0.15,
+        gt=0.0,
+        description="m/s^2; data sheets give turn-on biases of 0.2 to 0.8 as limits: more than that leaves the "
+        "scale of a start unknown",
     )
     gravity: float = Field(9.81, gt=9.7, lt=9.9, description="m/s^2")
 

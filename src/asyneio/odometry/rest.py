@@ -52,8 +52,8 @@ _ENTER, _LEAVE, _LEAVE_WITH_TRACKS = 4.0, 6.0, 4.5
 #: The reading at rest is averaged over so long [s]: biases wander little in it.
 _MEMORY_S = 10.0
 #: Zero offset of a gyroscope before it is estimated [rad/s]: data sheets of consumer sensors allow 3 to 20
-#: deg/s, most have less than 7.
-_MAX_OFFSET = 0.12
+#: deg/s, most units have less than 7. Where tracks stand still, it is no turn.
+_MAX_OFFSET, _MAX_OFFSET_WITH_TRACKS = 0.12, 0.35
 #: Error of a gyroscope's bias that is left to an estimate, however sure it is of itself [rad/s].
 _BIAS_SLACK = 3e-3
 #: What bias and scale of an accelerometer may do to the magnitude of gravity [m/s^2]; one of two sensors
@@ -187,7 +187,8 @@ class RestDetector:
             return False
         turn, force = found[0].mean, found[1].mean
         if known is None:
-            return bool(np.abs(turn).max() < _MAX_OFFSET) and self._is_gravity(force)
+            offset = _MAX_OFFSET_WITH_TRACKS if image is _Image.STILL else _MAX_OFFSET
+            return bool(np.abs(turn).max() < offset) and self._is_gravity(force)
         sigma = np.sqrt(known.covariance.diagonal())
         turning = np.abs(turn - known.bias_gyroscope) > _BIAS_SLACK + _ENTER * sigma[18:21]
         if turning.any() or not self._is_gravity(force - known.bias_accelerometer):
