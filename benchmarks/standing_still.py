@@ -227,6 +227,7 @@ def moving_row(scene: str, cache: Path) -> list[str]:
     for packet in packets(recording, start_ns, interval_ns, count, np.split(observed, cuts)):
         detector.append(packet)
         noise.append(packet.gyroscope, packet.accelerometer)
+        noise.learn_until(packet.t_end_ns)
         detector.judge(packet.t_end_ns, packet.t_end_ns, None, noise.at_rest())
         speeds.append(_most_speed(simulation, packet.t_end_ns - interval_ns, packet.t_end_ns))
         if detector.rest is not None and detector.still:

@@ -87,8 +87,8 @@ class InertialConfig(_Section):
     initial_accelerometer_bias_sigma: float = Field(
         0.15,
         gt=0.0,
-        description="m/s^2; data sheets give turn-on biases of 0.2 to 0.8 as limits: more than that leaves the "
-        "scale of a start unknown",
+        description="m/s^2; data sheets give turn-on biases of 0.2 to 0.8 as limits; a larger one leaves the "
+        "scale of a start unknown for longer",
     )
     gravity: float = Field(9.81, gt=9.7, lt=9.9, description="m/s^2")
 

@@ -10,9 +10,11 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from asyneio.inertial.increments import ImuWindow, Increments, Preintegration, SampleNoise
+from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.simulation import AnalyticMotion
 from asyneio.simulation.imu import specific_force_b
 from asyneio.simulation.motion import Sinusoids
+from asyneio.types import ImuNoise
 
 Array = NDArray[np.float64]
 Rule = Callable[[ImuWindow, Array, SampleNoise], Preintegration]
@@ -27,6 +29,16 @@ START = 1.0
 def noise_at(rate_hz: float, factor: float = 1.0) -> SampleNoise:
     gyroscope, accelerometer = factor * np.sqrt(rate_hz) * np.array(DENSITIES)
     return SampleNoise(float(gyroscope), float(accelerometer))
+
+
+def declared_noise(
+    noise: ImuNoise, gyroscope_hz: float, accelerometer_hz: float, factor: float = 1.0
+) -> InertialNoise:
+    """White noise as declared, times a factor."""
+    return InertialNoise(
+        SensorNoise(factor * noise.gyroscope_density, gyroscope_hz),
+        SensorNoise(factor * noise.accelerometer_density, accelerometer_hz),
+    )
 
 
 def shaken(seed: int, acceleration: float = 10.0, rate: float = 4.0, hz: float = 4.0) -> AnalyticMotion:

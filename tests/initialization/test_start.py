@@ -18,6 +18,7 @@ from asyneio.simulation.scenario import MEMS_NOISE
 from asyneio.simulation.scene import draw_landmarks
 from asyneio.simulation.tracks import Viewer, simulate_tracks
 from asyneio.types import OBSERVATION_DTYPE, Calibration, CameraIntrinsics, Packet
+from tests.inertial.windows import declared_noise
 from tests.initialization.ideal import GRAVITY, T_B_C, sinusoidal, styled
 
 Array = NDArray[np.float64]
@@ -44,7 +45,9 @@ def recorded(
     accelerometer = as_records(START_NS + times[1], force)
     intake = Intake(CAMERA, pixel_sigma=1.0)
     intake.append(Packet(START_NS + round(seconds * 1e9), observations, gyroscope, accelerometer))
-    return intake, resolve(Config(), Calibration(CAMERA, T_b_c, 0, MEMS_NOISE), *RATES_HZ)
+    return intake, resolve(
+        Config(), Calibration(CAMERA, T_b_c, 0, MEMS_NOISE), declared_noise(MEMS_NOISE, *RATES_HZ, 5.0)
+    )
 
 
 @pytest.mark.parametrize(

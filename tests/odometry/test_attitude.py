@@ -34,6 +34,7 @@ def filtered(
     found = []
     for end, a, b, c, d in zip(ends_ns, cuts[0], cuts[0][1:], cuts[1], cuts[1][1:], strict=False):
         learned.append(gyroscope[a:b], accelerometer[c:d])
+        learned.learn_until(int(end))
         found.append(attitudes.update(gyroscope[a:b], accelerometer[c:d], int(end), learned.now()))
     return [a for a in found if a is not None]
 

@@ -23,7 +23,8 @@ from asyneio.simulation import PinholeCamera
 from asyneio.simulation.scenario import NOISE_FREE
 from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, MotionModel
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, Packet, RecordArray
-from tests.estimation.toy import NOISE, make_toy
+from tests.estimation.toy import make_toy
+from tests.inertial.windows import declared_noise
 from tests.odometry.runs import SCENARIO, configured, simulated
 
 Array = NDArray[np.float64]
@@ -109,6 +110,7 @@ def heard(config: Config) -> InertialNoise:
     recording = simulated().recording
     noise = LearnedNoise(config.inertial, recording.calibration.noise, 0.1)
     noise.append(recording.gyroscope[:100], recording.accelerometer[:19])
+    noise.learn_until(recording.gyroscope["t_ns"][-1])
     return noise.now()
 
 
@@ -148,7 +150,9 @@ def test_motion_model_and_its_densities(kind: str, densities: list[float], space
         "linear_acceleration_density": 5.0,
     }
     config = configured(motion_prior={"kind": kind, "space": space, **given})
-    window = resolve(config, simulated().recording.calibration, NOISE).window
+    window = resolve(
+        config, simulated().recording.calibration, declared_noise(SCENARIO.noise, 200.0, 200.0)
+    ).window
     assert window.motion_model == MotionModel(WNOJ if kind == "wnoj" else WNOA, number)
     np.testing.assert_array_equal(window.root_density, np.repeat(densities, 3))
 
@@ -156,7 +160,12 @@ def test_motion_model_and_its_densities(kind: str, densities: list[float], space
 @pytest.mark.parametrize(("estimate_bearing", "dof"), [(True, 3), (False, 1)])
 def test_degrees_of_freedom_of_a_landmark(estimate_bearing: bool, dof: int) -> None:
     config = configured(visual={"estimate_bearing": estimate_bearing})
-    assert resolve(config, simulated().recording.calibration, NOISE).window.landmark_dof == dof
+    assert (
+        resolve(
+            config, simulated().recording.calibration, declared_noise(SCENARIO.noise, 200.0, 200.0)
+        ).window.landmark_dof
+        == dof
+    )
 
 
 def test_noise_free_calibration_is_refused() -> None:
@@ -168,7 +177,9 @@ def test_noise_free_calibration_is_refused() -> None:
 def test_walk_of_zero_stays_solvable() -> None:
     calibration = simulated().recording.calibration
     still = replace(calibration, noise=replace(calibration.noise, gyroscope_walk=0.0))
-    assert (resolve(Config(), still, NOISE).window.bias_walk > 0.0).all()
+    assert (
+        resolve(Config(), still, declared_noise(SCENARIO.noise, 200.0, 200.0)).window.bias_walk > 0.0
+    ).all()
 
 
 def noise_free() -> tuple[States, tuple[RecordArray, RecordArray], NDArray[np.int64]]:

@@ -9,18 +9,15 @@ import numpy as np
 import pytest
 
 from asyneio.config import InertialConfig
-from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.odometry.rest import RestDetector
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, Estimate, Packet, RecordArray
+from tests.inertial.windows import declared_noise
 from tests.odometry.runs import INTERVAL_NS, SCENARIO, simulated
 
 PIXEL_SIGMA = 0.3
 NOISE = SCENARIO.noise
 #: Of sensors that do not move: as declared.
-CALM = InertialNoise(
-    SensorNoise(NOISE.gyroscope_density, SCENARIO.gyroscope_rate_hz),
-    SensorNoise(NOISE.accelerometer_density, SCENARIO.accelerometer_rate_hz),
-)
+CALM = declared_noise(NOISE, SCENARIO.gyroscope_rate_hz, SCENARIO.accelerometer_rate_hz)
 BIAS = np.array([0.01, -0.02, 0.005]), np.array([0.05, -0.03, 0.08])
 UP = np.array([0.0, 9.81, 0.0])
 

@@ -14,7 +14,8 @@ from asyneio.odometry.settings import resolve
 from asyneio.odometry.static_start import _prior, _states_at_rest
 from asyneio.simulation import MotionStyle, Simulation, simulate
 from asyneio.types import Estimate, Health, Recording, StepReport
-from tests.odometry.runs import Outcome, configured, errors, run, varied
+from tests.inertial.windows import declared_noise
+from tests.odometry.runs import SCENARIO, Outcome, configured, errors, run, varied
 
 START_NS = varied(0).start_ns
 
@@ -147,7 +148,9 @@ def test_a_short_rest_enters_the_start(wide: bool) -> None:
 
 def test_prior_of_a_short_rest_allows_for_slow_uniform_motion() -> None:
     """Whatever all knots share costs what one velocity costs, what differs among them costs dearly."""
-    settings = resolve(configured(), simulate(varied(0)).recording.calibration, 200.0, 190.0)
+    settings = resolve(
+        configured(), simulate(varied(0)).recording.calibration, declared_noise(SCENARIO.noise, 200.0, 190.0)
+    )
     at_rest = _states_at_rest(np.zeros(3), np.array([0.3, 0.5, 9.79]), settings, 3)
     t = np.array([0.0, 0.1, 0.2])
     prior = _prior(at_rest, START_NS + (t * 1e9).astype(np.int64), settings)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from asyneio.config import InertialConfig
 from asyneio.errors import CalibrationError
 from asyneio.inertial.noise import InertialNoise
 from asyneio.inertial.noise_learning import NoiseLearner
-from asyneio.types import ImuNoise, NoiseEstimate, RecordArray
+from asyneio.types import INERTIAL_DTYPE, ImuNoise, NoiseEstimate, RecordArray
 
 
 class LearnedNoise:
@@ -32,14 +34,25 @@ class LearnedNoise:
         self._declared = densities
         self._inflation = inertial.noise_inflation
         self._learners = NoiseLearner(interval_s), NoiseLearner(interval_s)
+        self._waiting = np.empty(0, dtype=INERTIAL_DTYPE), np.empty(0, dtype=INERTIAL_DTYPE)
 
     def append(self, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
-        """Take over samples (INERTIAL_DTYPE)."""
-        for learner, samples in zip(self._learners, (gyroscope, accelerometer), strict=True):
-            learner.append(samples)
+        """Take over samples (INERTIAL_DTYPE); nothing is learned of them before `learn_until`."""
+        first, second = self._waiting
+        self._waiting = np.concatenate([first, gyroscope]), np.concatenate([second, accelerometer])
+
+    def learn_until(self, t_ns: int) -> None:
+        """Learn from the samples up to a time: how a stream is cut into packets changes no estimate."""
+        later = []
+        for learner, samples in zip(self._learners, self._waiting, strict=True):
+            # Not by bisection: a clock may have been set back.
+            known = samples["t_ns"] <= t_ns
+            learner.append(samples[known])
+            later.append(samples[~known])
+        self._waiting = later[0], later[1]
 
     def now(self) -> InertialNoise:
-        """What is known of both sensors."""
+        """What has been learned of both sensors."""
         return self._with_least(self._inflation)
 
     def at_rest(self) -> InertialNoise:

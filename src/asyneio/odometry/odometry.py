@@ -191,6 +191,7 @@ class Odometry:
         gap_s = self._gap_s(from_ns, knot_ns)
         knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
         known = window.states.r
+        self._noise.learn_until(knot_ns)
         still = self._rest.judge(from_ns, knot_ns, self._latest, self._noise.at_rest())
         window.extend(knot_ns, knot, *streams, observations, still, self._noise.now())
         if not still:
@@ -235,6 +236,7 @@ class Odometry:
         return self._solution
 
     def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
+        self._noise.learn_until(t_ns)
         self._rest.judge(t_ns, t_ns, None, self._noise.at_rest())
         if self._first_state is None and self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
             return [], self._initializing(t_ns, self._refusal)
