@@ -70,6 +70,8 @@ class RangeEnds:
             for end, column in ((top, rows[:, k]), (bottom, -rows[:, k])):
                 for i in np.flatnonzero(column[first:] >= end.extreme).tolist():
                     out[i] |= end.reached(column[: first + i + 1], least, habits)
+                # Those that led to the discovery, as far as they came with it.
+                out |= end.known & (column[first:] == end.extreme)
         return out
 
 
@@ -102,7 +104,8 @@ class _End:
 
     def __init__(self) -> None:
         self.extreme = -np.inf
-        self._known = False
+        #: Whether that is the end of the range.
+        self.known = False
         #: Of readings at the extreme: in a row; in abrupt swings, and the number of these.
         self._run = self._touches = self._swings = 0
         #: What came before the first one, until a second swing asks for it.
@@ -122,18 +125,18 @@ class _End:
         if value < self.extreme:
             return False
         if value > self.extreme:
-            self.extreme, self._known = value, False
+            self.extreme, self.known = value, False
             self._run = self._touches = self._swings = 0
             self._abrupt, self._approach = False, rows[-_HISTORY - 5 : -1].copy()
         elif len(rows) > 1 and rows[-2] != value:
             self._begin_swing(rows[:-1], value)
         self._run += 1
         self._touches += self._abrupt
-        if not self._known and value >= least:
+        if not self.known and value >= least:
             again = self._swings > 1 and self._touches >= _TOUCHES
             stays = self._run >= max(_STAY, _STAY_FACTOR * habits.longest + 2)
-            self._known = again or stays or self._breaks_off(rows[: -self._run], value, habits.step)
-        return self._known
+            self.known = again or stays or self._breaks_off(rows[: -self._run], value, habits.step)
+        return self.known
 
     def _begin_swing(self, before: FloatArray, value: float) -> None:
         """Another swing reaches the extreme."""
