@@ -235,6 +235,20 @@ def test_renewals_of_held_samples_are_no_jumps(renewed: float) -> None:
     assert jumped(samples, 2.0)[11:15] == [True] * 4
 
 
+def test_vibration_that_beats_is_no_jump() -> None:
+    """Rotors of nearly the same speed, at 200 Hz: quiet for a moment, loud in the next."""
+    samples = np.zeros(1000, dtype=INERTIAL_DTYPE)
+    samples["t_ns"] = np.arange(1000) * 5_000_000
+    t_s = samples["t_ns"] / NS_PER_S
+    waves = np.sin(2.0 * np.pi * 87.0 * t_s) - np.sin(2.0 * np.pi * 84.0 * t_s)
+    samples["xyz"] = 0.2 * waves[:, None] + 3e-3 * np.random.default_rng(3).normal(size=(1000, 3))
+    for begin in range(1, 20):
+        watch = Jumps()
+        for first in range(begin, 1000, 20):
+            watch.see(samples[first : first + 20], samples[:0])
+            assert not watch.lately(int(samples["t_ns"][first]))
+
+
 def test_a_jump_from_rest_is_seen_by_a_coarse_sensor() -> None:
     """One that reads nothing but zero, but for a step now and then."""
     samples = smooth_rates(1000, seed=3)

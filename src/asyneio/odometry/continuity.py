@@ -119,14 +119,19 @@ class Jumps:
         self._last_ns: int | None = None
 
     def see(self, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
-        """Take the samples (INERTIAL_DTYPE, ascending) of the next packet."""
+        """Take the samples (INERTIAL_DTYPE, ascending) of the next packet.
+
+        A step is judged once there are as many after it as before: vibration beats, and half of what is around
+        a step may be its quieter half.
+        """
         for k, samples in enumerate((gyroscope, accelerometer)):
             held = np.concatenate([self._tails[k], samples])
             self._tails[k] = held[-2 * _AROUND - 1 :]
             if len(held) <= 2 * _AROUND:
                 continue
-            for at in np.flatnonzero(_jumps(held["xyz"], _LEAST_JUMPS[k]))[-1:]:
-                found_ns = int(held["t_ns"][at + 1])
+            jumped = _jumps(held["xyz"], _LEAST_JUMPS[k])[_AROUND : len(held) - 1 - _AROUND]
+            for at in np.flatnonzero(jumped)[-1:]:
+                found_ns = int(held["t_ns"][_AROUND + at + 1])
                 self._last_ns = max(found_ns, self._last_ns or found_ns)
 
     def lately(self, t_ns: int) -> bool:
