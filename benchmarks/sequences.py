@@ -24,7 +24,7 @@ import asyneio.geometry
 from asyneio.config import Config
 from asyneio.io.atomic import atomic_file
 from asyneio.packets import usable_span
-from asyneio.simulation import EVENT_SCENARIOS, EventSimulation, simulate_events, stream_events
+from asyneio.simulation import EVENT_SCENARIOS, EventScenario, EventSimulation, simulate_events, stream_events
 from asyneio.tracking import ObservationStream
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 
@@ -53,8 +53,13 @@ def sequence(
     base = EVENT_SCENARIOS[scene]
     duration_s = base.duration_s if seconds is None else seconds
     scenario = replace(base, seed=base.seed + seed, duration_s=duration_s, pause_s=pause_s)
+    return cached_sequence(scenario, cache)
+
+
+def cached_sequence(scenario: EventScenario, cache: Path) -> EventSimulation:
+    """Any scenario, its events from the cache where they are there."""
     simulation = simulate_events(scenario, np.empty(0, dtype=EVENT_DTYPE))
-    path = cache / f"{simulation.recording.name}-{duration_s:g}-{fingerprint(simulation)}.npy"
+    path = cache / f"{simulation.recording.name}-{scenario.duration_s:g}-{fingerprint(simulation)}.npy"
     if not path.is_file():
         with atomic_file(path) as stream:
             _write_events(stream, stream_events(scenario))
