@@ -1,24 +1,26 @@
 """The same scene and motion seen by sensors of three sizes through one lens, with the same defaults.
 
-Evidence: simulation. `suite_fine_6dof_*` are the boxes of the suite with print as fine as the pixels of the
-largest sensor; 240 x 180, 640 x 480 and 1280 x 720 pixels share the width of the view. The pixels themselves
-(thresholds, noise, refractory time) are those of the DAVIS240C in all three.
+Evidence: simulation. The view is equally wide at all sizes. The default scene is the boxes of the suite with
+print as fine as the pixels of the largest sensor. The pixels themselves (thresholds, noise, refractory time)
+are those of the DAVIS240C.
 
 Tracking errors are distances to the surface point that the first observation of a track sees, at an age of
-0.3 to 0.5 s, in pixels and in angle. `cells`: share of 12 equal parts of the image (4 x 3) that hold a
-tracked feature. ns/event is wall time of the front end's thread.
+0.3 to 0.5 s, in pixels and in angle. `apart deg`: from a tracked feature to the nearest other one, median.
+ns/event is time of the front end's thread by the clock on the wall.
 
-    python benchmarks/resolutions.py [--sizes 240x180 640x480 1280x720] [--seeds 0] [--seconds 6]
-        [--largest-step 0.7] [--config FILE] [--cache DIR] [--markdown FILE]
+    python benchmarks/resolutions.py [--scenes suite_fine_6dof] [--sizes 240x180 640x480 1280x720]
+        [--seeds N ...] [--seconds 6] [--largest-step PX] [--config FILE] [--cache DIR] [--markdown FILE]
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from accuracy import figures
 from asyneio.config import load_config
@@ -26,19 +28,19 @@ from asyneio.evaluation.tracks import age_table, track_errors
 from asyneio.evaluation.tracks_lives import Tracks
 from asyneio.io.atomic import write_text
 from asyneio.pipeline import RunResult, run_recording
-from asyneio.simulation import EventSimulation
-from asyneio.simulation.events.scenario import RESOLUTIONS
-from asyneio.types import CameraIntrinsics, FloatArray
+from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
+from asyneio.simulation.events.scenario import at_resolution
+from asyneio.types import IntArray
 from common import table
 from sequences import DEFAULT_CACHE, cached_sequence
 
-SCENES = {f"{scene.camera.width}x{scene.camera.height}": scene for scene in RESOLUTIONS}
+SIZES = {"240x180": (240, 180), "640x480": (640, 480), "1280x720": (1280, 720)}
 #: Columns and how their numbers are written.
 COLUMNS = {
     "Mev/s": ".1f",
     "ns/event": ".0f",
     "alive": ".0f",
-    "cells %": ".0f",
+    "apart deg": ".2f",
     "life s": ".2f",
     "error px": ".2f",
     "error mrad": ".2f",
@@ -55,16 +57,20 @@ COLUMNS = {
 _AGES, _AGE_S = 3, (0.3, 0.5)
 #: As two pixels of the smallest sensor.
 _GOOD_RAD = 0.010
-_CELLS = 4, 3
+#: How often it is looked where features are.
+_LOOK_NS = 50_000_000
 
 
 def main() -> None:
-    """Print a row for each size and seed."""
+    """Print a row for each scene, seed and size."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--sizes", nargs="+", default=list(SCENES), choices=SCENES, metavar="WxH")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
+    parser.add_argument(
+        "--scenes", nargs="+", default=["suite_fine_6dof"], choices=EVENT_SCENARIOS, metavar="SCENE"
+    )
+    parser.add_argument("--sizes", nargs="+", default=list(SIZES), choices=SIZES, metavar="WxH")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="added to the scenarios' own")
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--largest-step", type=float, help="of the image between two renderings, pixels")
     parser.add_argument("--config", type=Path, help="settings that differ from the defaults (YAML)")
@@ -73,16 +79,15 @@ def main() -> None:
     options = parser.parse_args()
     config = load_config(options.config)
     rows = []
-    for seed in options.seeds:
-        for size in options.sizes:
-            scene = replace(SCENES[size], seed=seed, duration_s=options.seconds)
-            if options.largest_step:
-                scene = replace(scene, largest_step_px=options.largest_step)
-            simulation = cached_sequence(scene, options.cache)
-            found = row(simulation, run_recording(simulation.recording, config))
-            rows.append([f"{size}, seed {seed}", *_cells(found)])
-            print(" | ".join(rows[-1]), flush=True)
-    text = table(["sensor", *COLUMNS], rows) + "\n"
+    for name, seed, size in product(options.scenes, options.seeds, options.sizes):
+        base = at_resolution(EVENT_SCENARIOS[name], *SIZES[size])
+        step_px = options.largest_step or base.largest_step_px
+        scene = replace(base, seed=base.seed + seed, duration_s=options.seconds, largest_step_px=step_px)
+        simulation = cached_sequence(scene, options.cache)
+        found = row(simulation, run_recording(simulation.recording, config))
+        rows.append([simulation.recording.name, *_cells(found)])
+        print(" | ".join(rows[-1]), flush=True)
+    text = table(["sequence", *COLUMNS], rows) + "\n"
     print(f"\n{text}")
     if options.markdown:
         write_text(options.markdown, text)
@@ -92,18 +97,19 @@ def row(simulation: EventSimulation, result: RunResult) -> dict[str, float]:
     """The columns of one run."""
     recording, summary = simulation.recording, result.summary
     camera, calibration = recording.camera, recording.calibration
-    assert camera is not None and calibration is not None
+    assert camera is not None
+    assert calibration is not None
     observed = result.observations.copy()
     observed["t_ns"] -= calibration.timeshift_ns
     errors = track_errors(observed, simulation.points, int(recording.events["t_ns"][-1]))
     tracks, ages = errors.tracks, age_table([errors])[_AGES]
     age_s = tracks.age_s()
     at_age = errors.error_px[(age_s >= _AGE_S[0]) & (age_s < _AGE_S[1])] / camera.fx
-    alive, cells = _spread(tracks, camera)
+    alive, apart_px = _spread(tracks)
     return figures(simulation, result) | {
         "ns/event": 1e9 * summary.frontend_s / recording.events.size,
         "alive": alive,
-        "cells %": 100.0 * cells,
+        "apart deg": float(np.degrees(apart_px / camera.fx)),
         "life s": float(np.median(tracks.life_s())),
         "error px": ages.median_px,
         "error mrad": 1e3 * ages.median_px / camera.fx,
@@ -111,23 +117,24 @@ def row(simulation: EventSimulation, result: RunResult) -> dict[str, float]:
     }
 
 
-def _spread(tracks: Tracks, camera: CameraIntrinsics) -> tuple[float, float]:
-    """Tracks alive and share of the parts of the image that hold one: medians over time."""
+def _spread(tracks: Tracks) -> tuple[float, float]:
+    """Tracks alive, and pixels from one to the nearest other one: medians over time."""
     t_ns = tracks.observations["t_ns"]
-    born, ended = t_ns[tracks.first], t_ns[tracks.last]
-    cell = np.floor(tracks.uv / [camera.width, camera.height] * _CELLS) @ [1, _CELLS[0]]
-    alive, held = [], []
-    for now in np.arange(t_ns.min(), t_ns.max(), 50_000_000):
-        at = np.flatnonzero((born <= now) & (ended >= now))
+    born_ns, ended_ns = t_ns[tracks.first], t_ns[tracks.last]
+    alive, apart = [], []
+    for now_ns in range(int(t_ns.min()), int(t_ns.max()), _LOOK_NS):
+        at = np.flatnonzero((born_ns <= now_ns) & (ended_ns >= now_ns))
         alive.append(at.size)
-        # Where its last observation before now was.
-        held.append(np.unique([cell[_latest(tracks, t_ns, k, now)] for k in at]).size)
-    return float(np.median(alive)), float(np.median(held)) / (_CELLS[0] * _CELLS[1])
+        if at.size > 1:
+            seen = tracks.uv[[_latest(tracks, t_ns, k, now_ns) for k in at]]
+            apart.append(np.median(cKDTree(seen).query(seen, 2)[0][:, 1]))
+    return float(np.median(alive)), float(np.median(apart))
 
 
-def _latest(tracks: Tracks, t_ns: FloatArray, track: int, now: int) -> int:
+def _latest(tracks: Tracks, t_ns: IntArray, track: int, now_ns: int) -> int:
+    """Row of the last observation of a track that is not later than that."""
     first, last = int(tracks.first[track]), int(tracks.last[track])
-    return first + int(np.searchsorted(t_ns[first : last + 1], now, side="right")) - 1
+    return first + int(np.searchsorted(t_ns[first : last + 1], now_ns, side="right")) - 1
 
 
 def _cells(found: dict[str, float]) -> list[str]:

@@ -11,8 +11,6 @@ from __future__ import annotations
 LEAST_SPACING_PX = 10.0
 #: Features within this share of the width move alike: as far as the image is smooth enough to guess from.
 _NEIGHBOURS = 0.25
-#: Events for each pixel over which the thresholds of on and off are balanced.
-_BALANCED = 0.5
 
 
 def spacing_px(share: float, width: int) -> float:

@@ -13,8 +13,8 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend.border import EventBorder
-from asyneio.frontend.extents import spacing_px
 from asyneio.frontend.detection import SCRATCH, is_corner
+from asyneio.frontend.extents import spacing_px
 from asyneio.frontend.haste_kernel import FREE, GROWING, HASTE_DTYPE, RADIUS, TRACKING, feed
 from asyneio.frontend.pieces import in_pieces
 from asyneio.frontend.registration import (
