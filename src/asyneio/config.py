@@ -37,7 +37,13 @@ class FrontendConfig(_Section):
     max_delay_s: float = Field(
         0.15, ge=0.0, description="how long after its stamp an observation may come; the estimates' latency"
     )
-    spacing_px: float = Field(10.0, ge=4.0, description="no new corner nearer to an active feature than this")
+    spacing: float = Field(
+        1.0 / 24.0,
+        ge=0.0,
+        le=0.25,
+        description="no new corner nearer to an active feature than this share of the sensor's width, "
+        "or than 10 px",
+    )
 
 
 class WindowConfig(_Section):

@@ -41,9 +41,9 @@ def test_show_a_preset(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert status == 0
     assert "max_features: 50" in out
     above = tmp_path / "above.yaml"
-    above.write_text("frontend: {max_features: 60, spacing_px: 12.0}\n")
+    above.write_text("frontend: {max_features: 60, spacing: 0.05}\n")
     found = json.loads(asyneio("config", "show", above, "--preset", "slow", "--json")[1])
-    assert (found["frontend"]["max_features"], found["frontend"]["spacing_px"]) == (60, 12.0)
+    assert (found["frontend"]["max_features"], found["frontend"]["spacing"]) == (60, 0.05)
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -156,7 +156,7 @@ def test_the_epoch_of_the_clock_changes_nothing(tracker: str) -> None:
     for events in (early, late):
         events["t_ns"] -= events["t_ns"] % 100_000
     assert EPOCH_NS % 100_000 == 0
-    config = FrontendConfig(tracker=tracker, min_interval_s=0.0, spacing_px=4.0)
+    config = FrontendConfig(tracker=tracker, min_interval_s=0.0)
     a, b = (Frontend(config, WIDTH, HEIGHT) for _ in range(2))
     found, again = a.process(early), b.process(late)
     assert a.statistics() == b.statistics()

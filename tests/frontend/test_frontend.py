@@ -19,7 +19,7 @@ TRACKERS = ("gradient", "haste")
 @pytest.mark.parametrize("tracker", TRACKERS)
 def test_settings_reach_the_tracker(simulation: EventSimulation, tracker: str) -> None:
     events = simulation.recording.events[:150_000]
-    config = FrontendConfig(tracker=tracker, max_features=12, min_interval_s=0.05, spacing_px=20.0)
+    config = FrontendConfig(tracker=tracker, max_features=12, min_interval_s=0.05, spacing=1.0 / 12.0)
     frontend = Frontend(config, WIDTH, HEIGHT)
     o = frontend.process(events)
     statistics = frontend.statistics()

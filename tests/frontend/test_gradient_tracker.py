@@ -115,7 +115,7 @@ def test_more_places_make_up_for_tracks_of_no_use(simulation: EventSimulation) -
 
 
 def test_young_features_keep_their_distance(simulation: EventSimulation) -> None:
-    config = FrontendConfig(spacing_px=25.0)
+    config = FrontendConfig(spacing=25.0 / 240.0)
     tracker, _ = track(simulation.recording.events[:60_000], config)
     records = tracker.features.records
     alive = records[records["state"] != FREE]

@@ -143,7 +143,7 @@ def _act(
     rings, evidence, rate = features.rings, features.evidence, state.roll_rate
     roll = state.roll + rate * (t_ns - state.roll_ns) * 1e-9
     if feature.state == GROWING:
-        reach_px = 2 if guess_velocity(features.records, feature, work) else 5
+        reach_px = 2 if guess_velocity(features.records, feature, loop.neighbourhood_px, work) else 5
         if try_birth(feature, rings, evidence, slot, roll, rate, reach_px, settings, work):
             feature.id = state.tracks
             state.tracks += 1

@@ -6,6 +6,7 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend.border import EventBorder
+from asyneio.frontend.extents import neighbourhood_px, spacing_px
 from asyneio.frontend.features import TRACKING, make_features
 from asyneio.frontend.gradient_feature import GradientSettings
 from asyneio.frontend.gradient_kernel import process_events
@@ -44,7 +45,8 @@ class GradientTracker:
         self.settings = settings or GradientSettings()
         self._loop = LoopSettings(
             silence_ns=_SILENCE_NS,
-            spacing_px=config.spacing_px,
+            spacing_px=spacing_px(config.spacing, width),
+            neighbourhood_px=neighbourhood_px(width),
             crowding_px=_CROWDING_PX,
             border_px=_BORDER_PX,
             t_min_ns=round(config.min_interval_s * NS_PER_S),

@@ -14,6 +14,7 @@ import numpy as np
 from asyneio.config import FrontendConfig
 from asyneio.frontend.border import EventBorder
 from asyneio.frontend.detection import SCRATCH, is_corner
+from asyneio.frontend.extents import spacing_px
 from asyneio.frontend.haste_kernel import FREE, GROWING, HASTE_DTYPE, RADIUS, TRACKING, feed
 from asyneio.frontend.pieces import in_pieces
 from asyneio.frontend.registration import (
@@ -196,7 +197,7 @@ class HasteTracker:
         self.settings = HasteSettings(
             t_min_ns=round(config.min_interval_s * NS_PER_S),
             t_max_ns=round(config.max_silence_s * NS_PER_S),
-            spacing_px=config.spacing_px,
+            spacing_px=spacing_px(config.spacing, width),
             border_px=_BORDER_PX,
             silence_ns=_SILENCE_NS,
         )

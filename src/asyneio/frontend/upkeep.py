@@ -46,6 +46,7 @@ class LoopSettings(NamedTuple):
 
     silence_ns: int
     spacing_px: float
+    neighbourhood_px: float
     crowding_px: float
     border_px: int
     t_min_ns: int
@@ -108,10 +109,10 @@ def balance(state: Record) -> None:
 
 
 @nb.njit(cache=True)
-def guess_velocity(records: RecordArray, feature: Record, work: Record) -> bool:
+def guess_velocity(records: RecordArray, feature: Record, within_px: float, work: Record) -> bool:
     """Mean velocity of the three nearest tracked features, into the frame `work`; False, and zero, unless
-    three are within 60 px."""
-    first = second = third = 3600.0
+    three are near enough."""
+    first = second = third = within_px * within_px
     a = b = c = -1
     for k in range(records.size):
         other = records[k]

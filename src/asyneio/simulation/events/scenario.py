@@ -168,6 +168,38 @@ TWINS: tuple[EventScenario, ...] = tuple(
     for person in (Person.NOBODY, Person.STANDING)
 )
 
+
+def at_resolution(scenario: EventScenario, width: int, height: int) -> EventScenario:
+    """The same run seen by another sensor behind the same lens: the view is as wide, pixels are square as
+    they were; a wider shape loses rows at top and bottom.
+
+    Args:
+        scenario: of any sensor.
+        width, height: of the new one [px].
+    """
+    old = scenario.camera
+    scale = width / old.width
+    # The centre of a pixel lies half a pixel inside its border; the lens looks through the same place.
+    camera = replace(
+        old,
+        fx=scale * old.fx,
+        fy=scale * old.fy,
+        cx=scale * (old.cx + 0.5) - 0.5,
+        cy=scale * (old.cy + 0.5 - 0.5 * old.height) + 0.5 * height - 0.5,
+        width=width,
+        height=height,
+    )
+    return replace(scenario, name=f"{scenario.name}_{width}x{height}", camera=camera)
+
+
+#: The boxes of the suite with finer print, and the same seen by sensors of today.
+_FINE = _suite(0, "fine_6dof", "fine", "six_dof", 1.0)
+RESOLUTIONS: tuple[EventScenario, ...] = (
+    _FINE,
+    at_resolution(_FINE, 640, 480),
+    at_resolution(_FINE, 1280, 720),
+)
+
 #: Ready-made event scenarios by name; vary them with `dataclasses.replace`.
 EVENT_SCENARIOS: dict[str, EventScenario] = {
     scenario.name: scenario
@@ -184,5 +216,6 @@ EVENT_SCENARIOS: dict[str, EventScenario] = {
         replace(_SLOW, name="event_boxes", world="boxes", motion="aggressive"),
         *SUITE,
         *TWINS,
+        *RESOLUTIONS,
     )
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -33,6 +33,7 @@ class WorldKind(StrEnum):
     FAR = "far"
     HALL = "hall"
     AROUND = "around"
+    FINE = "fine"
 
 
 @dataclass(frozen=True)
@@ -230,6 +231,11 @@ def _boxes(rng: np.random.Generator) -> _Plan:
     return _Plan(shell + panels, 0.006, (-0.9, -0.9, -0.6), (0.9, 0.9, 0.6))
 
 
+def _fine(rng: np.random.Generator) -> _Plan:
+    """The boxes with print as fine as the pixels of a sensor of 1280 columns: a milliradian."""
+    return replace(_boxes(rng), pitch_m=0.0015)
+
+
 def _poster(rng: np.random.Generator) -> _Plan:
     wall = _panel(np.array([2.0, 0.0, 0.0]), 16.0, 10.0, np.array([-1.0, 0.05, 0.03]))
     return _Plan([wall], 0.008, (-0.7, -0.9, -0.6), (0.7, 0.9, 0.6))
@@ -254,4 +260,5 @@ _BUILDERS: dict[WorldKind, Callable[[np.random.Generator], _Plan]] = {
     WorldKind.NEAR: _near,
     WorldKind.FAR: _far,
     WorldKind.HALL: _hall,
+    WorldKind.FINE: _fine,
 }
