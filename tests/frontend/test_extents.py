@@ -27,12 +27,13 @@ def enlarged(events: RecordArray, times: int) -> RecordArray:
 
 
 def nearest_px(tracker: GradientTracker) -> float:
-    """The least distance between two features."""
+    """Distance from a feature to the nearest other one; nine in ten are further apart."""
     records = tracker.features.records
     alive = records[records["state"] != FREE]
     x, y = alive["x"], alive["y"]
     assert alive.size > 20
-    return float(np.hypot(x[:, None] - x, y[:, None] - y)[np.triu_indices(alive.size, 1)].min())
+    distance = np.hypot(x[:, None] - x, y[:, None] - y) + np.diag(np.full(alive.size, np.inf))
+    return float(np.quantile(distance.min(axis=1), 0.1))
 
 
 @pytest.mark.parametrize("times", [1, 2, 4])

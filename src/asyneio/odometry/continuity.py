@@ -121,8 +121,8 @@ class Jumps:
     def see(self, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
         """Take the samples (INERTIAL_DTYPE, ascending) of the next packet.
 
-        A step is judged once there are as many after it as before: vibration beats, and half of what is around
-        a step may be its quieter half.
+        A step is judged once there are as many after it as before: vibration beats, and one side alone may be
+        its quieter half.
         """
         for k, samples in enumerate((gyroscope, accelerometer)):
             held = np.concatenate([self._tails[k], samples])
