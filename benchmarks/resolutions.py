@@ -30,7 +30,6 @@ from asyneio.io.atomic import write_text
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
 from asyneio.simulation.events.scenario import at_resolution
-from asyneio.types import IntArray
 from common import table
 from sequences import DEFAULT_CACHE, cached_sequence
 
@@ -119,22 +118,17 @@ def row(simulation: EventSimulation, result: RunResult) -> dict[str, float]:
 
 def _spread(tracks: Tracks) -> tuple[float, float]:
     """Tracks alive, and pixels from one to the nearest other one: medians over time."""
-    t_ns = tracks.observations["t_ns"]
-    born_ns, ended_ns = t_ns[tracks.first], t_ns[tracks.last]
+    t_ns, uv = tracks.observations["t_ns"], tracks.uv
     alive, apart = [], []
     for now_ns in range(int(t_ns.min()), int(t_ns.max()), _LOOK_NS):
-        at = np.flatnonzero((born_ns <= now_ns) & (ended_ns >= now_ns))
+        at = np.flatnonzero((t_ns[tracks.first] <= now_ns) & (t_ns[tracks.last] >= now_ns))
         alive.append(at.size)
         if at.size > 1:
-            seen = tracks.uv[[_latest(tracks, t_ns, k, now_ns) for k in at]]
-            apart.append(np.median(cKDTree(seen).query(seen, 2)[0][:, 1]))
+            earlier = np.add.reduceat(t_ns <= now_ns, tracks.first, dtype=np.int64)
+            seen = uv[tracks.first[at] + earlier[at] - 1]
+            distance = np.asarray(cKDTree(seen).query(seen, 2)[0])
+            apart.append(np.median(distance[:, 1]))
     return float(np.median(alive)), float(np.median(apart))
-
-
-def _latest(tracks: Tracks, t_ns: IntArray, track: int, now_ns: int) -> int:
-    """Row of the last observation of a track that is not later than that."""
-    first, last = int(tracks.first[track]), int(tracks.last[track])
-    return first + int(np.searchsorted(t_ns[first : last + 1], now_ns, side="right")) - 1
 
 
 def _cells(found: dict[str, float]) -> list[str]:
