@@ -91,10 +91,10 @@ class InertialConfig(_Section):
         0.1, gt=0.0, description="rad/s; data sheets give turn-on biases of 0.02 to 0.1, and up to 0.35"
     )
     initial_accelerometer_bias_sigma: float = Field(
-        0.15,
+        0.1,
         gt=0.0,
-        description="m/s^2; data sheets give turn-on biases of 0.2 to 0.8 as limits; a larger one leaves the "
-        "scale of a start unknown for longer",
+        description="m/s^2; data sheets give turn-on biases of 0.2 to 0.8 as limits, and up to 0.6 a start "
+        "bears; a larger sigma leaves its scale unknown for longer",
     )
     gravity: float = Field(9.81, gt=9.7, lt=9.9, description="m/s^2")
 

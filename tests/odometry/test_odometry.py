@@ -43,6 +43,27 @@ def assert_same(a: Outcome, b: Outcome) -> None:
     assert not differ, f"estimates {differ} of {len(a.estimates)} differ"
 
 
+def test_biases_as_after_power_on_are_borne() -> None:
+    """Of 0.1 rad/s and 0.5 m/s^2, as data sheets of consumer sensors allow, without a rest to tell them."""
+    simulation = simulated()
+    recording, added = simulation.recording, np.array([0.1, -0.1, 0.08, 0.3, -0.5, 0.2])
+    streams = []
+    for samples, bias in ((recording.gyroscope, added[:3]), (recording.accelerometer, added[3:])):
+        biased = samples.copy()
+        biased["xyz"] += bias
+        streams.append(biased)
+    outcome = run(replace(recording, gyroscope=streams[0], accelerometer=streams[1]))
+    last = outcome.estimates[-1]
+    assert outcome.reports[-1].health is Health.TRACKING
+    true = simulation.truth.at([last.t_ns])
+    expected = np.concatenate([true.bias_gyroscope[0], true.bias_accelerometer[0]]) + added
+    found = np.concatenate([last.bias_gyroscope, last.bias_accelerometer])
+    sigma = np.sqrt(last.covariance.diagonal()[18:24])
+    assert (np.abs(found - expected) < 4.0 * sigma).all()
+    e = errors(simulation, outcome.estimates)
+    assert e.position < 0.15
+
+
 def test_starts_from_the_data_alone() -> None:
     outcome, simulation = plain_run(), simulated()
     start = first_step(outcome)
