@@ -61,14 +61,17 @@ def span_motion(
     )
     t = (knots_ns - knots_ns[0]) * 1e-9
     rays = reckoning.rays(np.zeros(6))
+    no_net = _no_net_motion(t[-1], reckoning, float(np.linalg.norm(w.gravity_w)))
+    # Each of them has been seen to end far from the truth where another one does not.
     guesses = (
         FirstMotion(aligned.velocity, aligned.gravity, np.zeros(6)),
-        _no_net_motion(t[-1], reckoning, float(np.linalg.norm(w.gravity_w))),
+        no_net,
+        replace(no_net, velocity=np.zeros(3)),
     )
     found = [adjust(reckoning.rays, rays, guess, prior, w.gate) for guess in guesses]
-    best, other = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
-    ambiguous = other.adjusted.cost - best.adjusted.cost < _LIKELY and not _alike(best, other)
-    return replace(best, ambiguous=ambiguous)
+    best, *others = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
+    likely = [other for other in others if other.adjusted.cost - best.adjusted.cost < _LIKELY]
+    return replace(best, ambiguous=not all(_alike(best, other) for other in likely))
 
 
 def _time_offset_sigma(camera: CalibrationSettings) -> float:
@@ -88,7 +91,7 @@ def _given_the_clock(covariance: FloatArray) -> FloatArray:
 
 
 def _no_net_motion(duration: float, reckoning: DeadReckoning, gravity: float) -> FirstMotion:
-    """A second guess, which owes nothing to the tracks: the body ends as fast as it began, back where it was.
+    """A guess that owes nothing to the tracks: the body ends as fast as it began, back where it was.
 
     Then gravity is the mean of what the accelerometer felt, turned to the first instant.
     """
