@@ -91,7 +91,7 @@ class InertialConfig(_Section):
         0.1, gt=0.0, description="rad/s; data sheets give turn-on biases of 0.02 to 0.1, and up to 0.35"
     )
     initial_accelerometer_bias_sigma: float = Field(
-        0.1,
+        0.15,
         gt=0.0,
         description="m/s^2; data sheets give turn-on biases of 0.2 to 0.8 as limits, and up to 0.6 a start "
         "bears; a larger sigma leaves its scale unknown for longer",

@@ -34,9 +34,9 @@ MAX_REJECTED = 0.5
 #: or saturated most of the time.
 MAX_GATED = 0.2
 #: Biases further from zero than so many of their prior's standard deviations. With the default priors these
-#: are 1 rad/s and 1 m/s^2: data sheets of inexpensive sensors give zero offsets of up to 20 deg/s and 80
+#: are 0.7 rad/s and 1 m/s^2: data sheets of inexpensive sensors give zero offsets of up to 20 deg/s and 80
 #: mg (MPU-6150, before correction), and temperature and mounting add to that.
-MAX_BIAS_SIGMAS = 10.0
+MAX_BIAS_SIGMAS = 7.0
 #: Scale of a right start is known to 10 % (`initialization.max_scale_sigma`): a revision by a factor that is
 #: more than two such standard deviations, within `SCALE_MEMORY_S`, says that what was given out was wrong.
 MAX_SCALE_CHANGE = 1.2

@@ -15,9 +15,9 @@ _SHARE_IN_FRONT = 0.8
 _SIGNIFICANT = 4.0
 #: Tracks that must agree with the motion found: the others may be bad, or see what moves by itself.
 _SHARE_AGREEING = 0.6
-#: Standard deviations of its prior within which a bias must lie: with the default priors 0.6 rad/s and 0.6
+#: Standard deviations of its prior within which a bias must lie: with the default priors 0.4 rad/s and 0.6
 #: m/s^2, as data sheets allow after power-on.
-_MAX_BIAS = 6.0
+_MAX_BIAS = 4.0
 #: Standard deviations by which the scales of dead reckoning and of the joint optimisation may differ. The
 #: latter counts the inertial samples for less (`noise_inflation`), and may know scale worse by the same
 #: factor.
