@@ -14,11 +14,13 @@ from asyneio.initialization.dead_reckoned import Adjusted, BiasPrior, FirstMotio
 from asyneio.initialization.dead_reckoned_rays import DeadReckoning, SpanObservations
 from asyneio.odometry.intake import Intake
 from asyneio.odometry.settings import Settings
-from asyneio.types import FloatArray, IntArray, RecordArray
+from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
 
 #: The adjustment looks at so many tracks, those longest in view, and at so many observations of each.
 _MAX_TRACKS = 400
 _MAX_OBSERVATIONS = 24
+#: A span so short [s] has few false minima.
+_EASY_S = 1.5
 #: A solution whose cost is higher by less than this is nearly as likely: odds of 150 to 1.
 _LIKELY = 5.0
 #: Standard deviation [s] of a time offset that is not estimated.
@@ -61,13 +63,12 @@ def span_motion(
     )
     t = (knots_ns - knots_ns[0]) * 1e-9
     rays = reckoning.rays(np.zeros(6))
-    no_net = _no_net_motion(t[-1], reckoning, float(np.linalg.norm(w.gravity_w)))
     # Each of them has been seen to end far from the truth where another one does not.
-    guesses = (
+    guesses = [
         FirstMotion(aligned.velocity, aligned.gravity, np.zeros(6)),
-        no_net,
-        replace(no_net, velocity=np.zeros(3)),
-    )
+        *_without_tracks(t[-1], reckoning, float(np.linalg.norm(w.gravity_w))),
+        *_of_first_part(intake, settings, knots_ns, seen, prior),
+    ]
     found = [adjust(reckoning.rays, rays, guess, prior, w.gate) for guess in guesses]
     best, *others = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
     likely = [other for other in others if other.adjusted.cost - best.adjusted.cost < _LIKELY]
@@ -90,15 +91,38 @@ def _given_the_clock(covariance: FloatArray) -> FloatArray:
     return np.asarray(covariance[:-1, :-1] - np.outer(with_clock, with_clock) / covariance[-1, -1])
 
 
-def _no_net_motion(duration: float, reckoning: DeadReckoning, gravity: float) -> FirstMotion:
-    """A guess that owes nothing to the tracks: the body ends as fast as it began, back where it was.
+def _of_first_part(
+    intake: Intake, settings: Settings, knots_ns: IntArray, seen: TrackObservations, prior: BiasPrior
+) -> list[FirstMotion]:
+    """The motion that the first part of a long span tells: a short one is found from farther away.
 
-    Then gravity is the mean of what the accelerometer felt, turned to the first instant.
+    What is wrong of sensors and calibration adds up with time, and with it the number of false minima.
+    """
+    part_ns = knots_ns[knots_ns <= knots_ns[0] + round(_EASY_S * NS_PER_S)]
+    if len(part_ns) == len(knots_ns) or len(part_ns) < 2:
+        return []
+    few, ids = _fewer(seen.between(int(part_ns[0]) - 1, int(part_ns[-1])))
+    if len(ids) < settings.start.min_landmarks:
+        return []
+    w = settings.window
+    reckoning, _ = _data(intake, settings, part_ns, few)
+    duration = float(part_ns[-1] - part_ns[0]) / NS_PER_S
+    rays = reckoning.rays(np.zeros(6))
+    guesses = _without_tracks(duration, reckoning, float(np.linalg.norm(w.gravity_w)))
+    found = [adjust(reckoning.rays, rays, guess, prior, w.gate) for guess in guesses]
+    return [min(found, key=lambda one: one.cost).motion]
+
+
+def _without_tracks(duration: float, reckoning: DeadReckoning, gravity: float) -> list[FirstMotion]:
+    """Guesses that owe nothing to the tracks: the body ends as fast as it began, back where it was; or it
+    begins at rest.
+
+    Gravity is the mean of what the accelerometer felt, turned to the first instant.
     """
     end = reckoning.increments(np.array([duration]), np.zeros(6))
     g = -end.nu[0] * gravity / np.linalg.norm(end.nu[0])
     velocity = -0.5 * g * duration - end.r[0] / duration
-    return FirstMotion(velocity, g, np.zeros(6))
+    return [FirstMotion(v, g, np.zeros(6)) for v in (velocity, np.zeros(3))]
 
 
 def _of_span(t: FloatArray, reckoning: DeadReckoning, adjusted: Adjusted, ids: IntArray) -> SpanMotion:
