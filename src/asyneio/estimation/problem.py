@@ -32,8 +32,8 @@ class Inertial(NamedTuple):
     """Samples of one inertial sensor, or the few values that stand for those of an interval
     (`inertial.projection`).
 
-    Those of interval i are whitened together: row n of `root_information`, of the m-th of them, holds what
-    the first m of them count in it; the rest of the row is zero.
+    The values of an interval are whitened together. A row of `root_information` belongs to one value: it
+    holds the weights of the interval's values up to and including that one, then zeros.
     """
 
     start: IntArray  # (I+1,)

@@ -103,8 +103,8 @@ def measure(
         bounds_ns: start and end of the interval; a sample at its start belongs to the interval before.
         bias: (6,) [b_g, b_a], where increments are linearised.
         noise: of the samples, as all factors weigh them.
-        inflation: what that noise is said to be larger by than the sensor's own; how smooth Gaussian
-            processes are taken to be follows from the sensor's own.
+        inflation: `noise` over the declared noise of the sensor. The smoothness of Gaussian processes is
+            found with the declared noise.
 
     Raises:
         EstimationError: the scheme has nothing but increments, and there are no samples to make them of.
