@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -16,21 +18,24 @@ from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
 from asyneio.factors.local_frame import local_to_knots
 from asyneio.factors.marginal_prior import knot_difference
 from asyneio.factors.reprojection import (
-    extrinsic_rotation_jacobian,
+    anchored,
+    bearing_row,
+    extrinsic_rotation_row,
     landmark_direction,
-    reprojection_jacobian,
     reprojection_residual,
+    reprojection_row,
+    rig_of,
 )
+from asyneio.geometry.tuples import ORIGIN, matrix_of
 from asyneio.trajectory.interpolation import (
     interval_local,
     query_pose,
     query_pose_jacobian,
-    query_pose_with_step,
-    rows_times_step_jacobian,
     weighted,
 )
 from asyneio.trajectory.model import WNOJ, MotionModel
 from asyneio.trajectory.motion_prior import interpolation_weights
+from asyneio.trajectory.step import local_variable, row_times_step_jacobian, step_pose
 from tests.models import every_model, every_space
 
 from .jacobian_checker import check_jacobian
@@ -163,28 +168,31 @@ def test_reprojection(model: MotionModel, dt: float, scale: float, rho: float) -
 
     def direction(
         a: Knot, k: np.ndarray, inverse_depth: float, p: Knot, q: Knot, camera: np.ndarray
-    ) -> tuple[np.ndarray, ...]:
+    ) -> tuple[Any, ...]:
         C, r = np.empty((3, 3)), np.empty(3)
         late = weights_at(fraction + camera[0], dt, model.prior)
         query_pose(p.C, p.r, local_of(p, q, model.space), late[0], model.space, C, r)
-        x_a, x_b, h = np.empty(3), np.empty(3), np.empty(3)
-        turned = C_bc @ expm_of(np.append(camera[1:], np.zeros(3)))[:3, :3]
-        landmark_direction(a.C, a.r, C, r, turned, r_bc, k, inverse_depth, x_a, x_b, h)
-        return C, r, x_a, x_b, h
+        rig = rig_of(C_bc @ expm_of(np.append(camera[1:], np.zeros(3)))[:3, :3], r_bc)
+        # The base frame is the world, its origin at the query.
+        landmark = anchored(matrix_of(a.C), tuple(a.r - r), rig, tuple(k), inverse_depth)
+        return C, rig, landmark, *landmark_direction(landmark, matrix_of(C), ORIGIN, rig)
 
     def f(d: np.ndarray) -> np.ndarray:
         moved = anchor.perturbed(np.concatenate([d[:6], np.zeros(18)]))
         k = kappa + tangent @ d[7:9]
         *_, h = direction(moved, k, rho + d[6], k0.perturbed(d[9:33]), k1.perturbed(d[33:57]), d[57:])
-        out = np.empty(2)
-        assert reprojection_residual(h, xy, root, out)
-        return out
+        visible, *out = reprojection_residual(h, xy[None], root[None], 0)
+        assert visible
+        return np.array(out)
 
-    C, r, x_a, x_b, h = direction(anchor, kappa, rho, k0, k1, np.zeros(4))
-    d_anchor, d_pose, d_landmark = np.empty((2, 6)), np.empty((2, 6)), np.empty((2, 3))
-    assert reprojection_jacobian(
-        anchor.C, anchor.r, C, r, C_bc, r_bc, rho, tangent, x_a, x_b, h, root, d_anchor, d_pose, d_landmark
+    C, rig, landmark, x_b, h = direction(anchor, kappa, rho, k0, k1, np.zeros(4))
+    rows = [reprojection_row(*root[m], landmark, matrix_of(C), ORIGIN, rig, x_b, h) for m in range(2)]
+    d_anchor, d_pose = (
+        np.array([np.ravel(pair) for pair in some])
+        for some in zip(*((r.anchor, r.query) for r in rows), strict=True)
     )
+    d_landmark = np.array([[r.by_rho, *bearing_row(r, rig, tangent[None], 0)] for r in rows])
+    d_rotation = np.array([extrinsic_rotation_row(r, landmark, rig, h) for r in rows])
     d_eps, d_xi = np.empty((6, 6)), np.empty((6, 6))
     local = local_of(k0, k1, model.space)
     query_pose_jacobian(local, w[0], model.space, d_eps, d_xi)
@@ -193,9 +201,8 @@ def test_reprojection(model: MotionModel, dt: float, scale: float, rho: float) -
     local_jacobian[:, :6] = d_pose @ d_eps
     for b in range(5):
         local_jacobian[:, 6 + 6 * b : 12 + 6 * b] = w[0, b] * d_pose @ d_xi
-    xi_dot, d_rotation = np.empty(6), np.empty((2, 3))
+    xi_dot = np.empty(6)
     weighted(local, w[1], xi_dot)
-    extrinsic_rotation_jacobian(anchor.C, C, C_bc, kappa, h, root, d_rotation)
     # The offset in units of the interval, so that one step suits all lengths.
     d_offset = dt * d_pose @ d_xi @ xi_dot
     analytic = np.hstack(
@@ -221,12 +228,17 @@ def test_reprojection(model: MotionModel, dt: float, scale: float, rho: float) -
 def assert_rows_are_moved(
     rows: np.ndarray, local: np.ndarray, w: np.ndarray, space: int, d_xi: np.ndarray
 ) -> None:
-    """The window multiplies rows without forming the matrix."""
-    xi, C, r, C_d, r_d = np.empty(6), np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
-    query_pose_with_step(np.eye(3), np.zeros(3), local, w, space, xi, C_d, r_d, C, r)
-    out = np.empty_like(rows)
-    rows_times_step_jacobian(rows, xi, C_d, space, np.empty(4), out)
-    np.testing.assert_allclose(out, rows @ d_xi, atol=1e-12 * np.abs(rows).max())
+    """The window multiplies rows without forming the matrix, and takes its steps in tuples."""
+    weights = w[None, None].repeat(2, axis=1)
+    phi, rho = local_variable(local, weights, 0, 0)
+    step, r = step_pose(phi, rho, space)
+    C_expected, r_expected = np.empty((3, 3)), np.empty(3)
+    query_pose(np.eye(3), np.zeros(3), local, w, space, C_expected, r_expected)
+    np.testing.assert_allclose(np.array(step), C_expected, atol=1e-14)
+    np.testing.assert_allclose(np.array(r), r_expected, atol=1e-14 * max(1.0, np.abs(r_expected).max()))
+    for row in rows:
+        moved = row_times_step_jacobian((tuple(row[:3]), tuple(row[3:])), phi, rho, step, space)
+        np.testing.assert_allclose(np.ravel(moved), row @ d_xi, atol=1e-12 * np.abs(rows).max())
 
 
 def expm_of(xi: np.ndarray) -> np.ndarray:
@@ -241,8 +253,9 @@ def bearing_in_front(anchor, k0, k1, C_bc, r_bc, rho, w, space):  # type: ignore
     for _ in range(500):
         kappa = rng.normal(size=3)
         kappa /= np.linalg.norm(kappa)
-        x_a, x_b, h = np.empty(3), np.empty(3), np.empty(3)
-        landmark_direction(anchor.C, anchor.r, C, r, C_bc, r_bc, kappa, rho, x_a, x_b, h)
+        rig = rig_of(C_bc, r_bc)
+        landmark = anchored(matrix_of(anchor.C), tuple(anchor.r - r), rig, tuple(kappa), rho)
+        _, h = landmark_direction(landmark, matrix_of(C), ORIGIN, rig)
         if h[2] > 0.7:
             q, _ = np.linalg.qr(np.column_stack([kappa, rng.normal(size=(3, 2))]))
             return kappa, np.ascontiguousarray(q[:, 1:])
@@ -250,10 +263,9 @@ def bearing_in_front(anchor, k0, k1, C_bc, r_bc, rho, w, space):  # type: ignore
 
 
 def test_landmark_behind_is_a_status() -> None:
-    out = np.full(2, np.nan)
-    assert not reprojection_residual(np.array([0.1, 0.1, -0.5]), np.zeros(2), np.eye(2), out)
-    assert not reprojection_residual(np.array([0.1, 0.1, np.nan]), np.zeros(2), np.eye(2), out)
-    assert np.array_equal(out, np.zeros(2))
+    for depth in (-0.5, 0.0, np.nan):
+        answer = reprojection_residual((0.1, 0.1, depth), np.zeros((1, 2)), np.eye(2)[None], 0)
+        assert answer == (False, 0.0, 0.0)
 
 
 def test_bias() -> None:

@@ -9,19 +9,34 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.estimation.observation import differentiate, differentiate_camera, observe
 from asyneio.estimation.problem import Problem, States
 from asyneio.estimation.visual_sums import VisualSums
 from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
 from asyneio.factors.propagated_rates import propagated_velocity
+from asyneio.factors.reprojection import (
+    Anchored,
+    Rig,
+    Row,
+    anchored,
+    bearing_row,
+    extrinsic_rotation_row,
+    landmark_direction,
+    reprojection_residual,
+    reprojection_row,
+    rig_of,
+)
+from asyneio.factors.robust import cauchy
+from asyneio.geometry.tuples import ORIGIN, Vector, matrix_at, matrix_of, plus, vector_at
 from asyneio.types import FloatArray
 
 #: Coordinates that an observation depends on: pose and velocity of the knot before, its biases, anchor pose,
 #: and what is estimated of the camera.
 _EPS, _NU, _BIAS, _ANCHOR, _CAMERA = 0, 6, 9, 15, 21
+#: Where a row holds the derivatives by the pose at the observation, before they are moved to the knot.
+_POSE = _EPS
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def propagated_terms(
     problem: Problem, with_jacobian: bool, H: FloatArray, b: FloatArray, sums: VisualSums
 ) -> tuple[float, int]:
@@ -30,39 +45,81 @@ def propagated_terms(
 
     `sums.W` holds the columns `PROPAGATED_COLUMNS`.
     """
-    visual, anchor = problem.visual, problem.landmarks.anchor
-    x_a, x_b, h, residual = np.empty(3), np.empty(3), np.empty(3), np.empty(2)
-    d_anchor, d_pose, d_landmark = np.empty((2, 6)), np.empty((2, 6)), np.empty((2, 3))
-    C, r, row = np.empty((3, 3)), np.empty(3), np.empty((2, _CAMERA + len(problem.camera.columns)))
-    velocity = np.empty(6)
+    visual, model, landmarks = problem.visual, problem.model, problem.landmarks
+    rig = rig_of(problem.camera.C_bc, model.r_bc)
+    C, r, velocity = np.empty((3, 3)), np.empty(3), np.empty(6)
+    row = np.empty((2, _CAMERA + len(problem.camera.columns)))
+    residual, d_landmark = np.empty(2), np.empty((2, 3))
     cost = 0.0
     rejected = 0
     for i in range(visual.start.shape[0] - 1):
         for n in range(visual.start[i], visual.start[i + 1]):
+            j = visual.landmark[n]
+            a = landmarks.anchor[j]
             pose_at(problem, problem.states, i, n, C, r)
-            observed_cost, robust = observe(problem, n, C, r, x_a, x_b, h, residual)
+            seen = _landmark(problem, problem.states, j, r, rig)
+            x_b, h = landmark_direction(seen, matrix_of(C), ORIGIN, rig)
+            visible, e0, e1 = reprojection_residual(h, visual.xy, visual.root_information, n)
+            squared = e0 * e0 + e1 * e1 if visible else np.inf
+            observed_cost, robust = cauchy(squared, model.robust_scale, model.gate)
             cost += observed_cost
             if robust == 0.0:
                 rejected += 1
             if robust == 0.0 or not with_jacobian:
                 continue
-            a = anchor[visual.landmark[n]]
-            moved = i < problem.frozen or a < problem.frozen
-            if moved:
+            residual[0], residual[1] = e0, e1
+            if i < problem.frozen or a < problem.frozen:
                 pose_at(problem, problem.linearization, i, n, C, r)
-            if not differentiate(problem, n, C, r, moved, x_a, x_b, h, d_anchor, d_pose, d_landmark):
-                rejected += 1
-                continue
-            _fill_row(problem, i, n, d_pose, d_anchor, row)
+                seen = _landmark(problem, problem.linearization, j, r, rig)
+                x_b, h = landmark_direction(seen, matrix_of(C), ORIGIN, rig)
+                if not reprojection_residual(h, visual.xy, visual.root_information, n)[0]:
+                    rejected += 1
+                    continue
             if row.shape[1] > _CAMERA:
                 _pose_rate(problem, i, n, velocity)
-                differentiate_camera(problem, n, C, h, d_pose, velocity, row[:, _CAMERA:])
+            for m in range(2):
+                w0, w1 = visual.root_information[n, m, 0], visual.root_information[n, m, 1]
+                by = reprojection_row(w0, w1, seen, matrix_of(C), ORIGIN, rig, x_b, h)
+                by_bearing = bearing_row(by, rig, landmarks.tangent, j)
+                d_landmark[m, 0] = by.by_rho
+                d_landmark[m, 1], d_landmark[m, 2] = by_bearing
+                for k in range(3):
+                    row[m, _POSE + k], row[m, _POSE + 3 + k] = by.query[0][k], by.query[1][k]
+                    row[m, _ANCHOR + k], row[m, _ANCHOR + 3 + k] = by.anchor[0][k], by.anchor[1][k]
+                if row.shape[1] > _CAMERA:
+                    _write_camera(problem, by, seen, rig, h, velocity, row[m])
+            _move_to_knot(problem, i, n, row)
             _sum_knots(row, residual, robust, i, a, 24 * problem.states.r.shape[0], H, b)
-            _sum_landmark(row, residual, d_landmark, robust, i, visual.landmark[n], a, sums)
+            _sum_landmark(row, residual, d_landmark, robust, i, j, a, sums)
     return cost, rejected
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
+def _landmark(problem: Problem, states: States, j: int, origin: FloatArray, rig: Rig) -> Anchored:
+    """Landmark j in the world, its origin moved to `origin` (3,)."""
+    landmarks = problem.landmarks
+    a = landmarks.anchor[j]
+    r = plus(vector_at(states.r, a), -1.0, (origin[0], origin[1], origin[2]))
+    return anchored(matrix_at(states.C, a), r, rig, vector_at(landmarks.kappa, j), landmarks.rho[j])
+
+
+@njit(cache=True, nogil=True)
+def _write_camera(
+    problem: Problem, by: Row, seen: Anchored, rig: Rig, h: Vector, velocity: FloatArray, row: FloatArray
+) -> None:
+    """What is estimated of the camera, into `row` (21+c,); the pose moves with `velocity` (6,) in time."""
+    by_turn = extrinsic_rotation_row(by, seen, rig, h)
+    for k in range(len(problem.camera.columns)):
+        column = problem.camera.columns[k]
+        if column == 0:
+            row[_CAMERA] = 0.0
+            for p in range(6):
+                row[_CAMERA] += row[_POSE + p] * velocity[p]
+        else:
+            row[_CAMERA + k] = by_turn[column - 1]
+
+
+@njit(cache=True, nogil=True)
 def pose_at(problem: Problem, states: States, i: int, n: int, C: FloatArray, r: FloatArray) -> None:
     """Body pose at observation n of interval i, propagated from knot i of `states`."""
     propagated, sums = problem.propagated, problem.preintegrated
@@ -82,7 +139,7 @@ def pose_at(problem: Problem, states: States, i: int, n: int, C: FloatArray, r: 
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pose_rate(problem: Problem, i: int, n: int, out: FloatArray) -> None:
     """Generalised velocity (6,) of the pose of `pose_at`, at the linearisation point."""
     propagated, states = problem.propagated, problem.linearization
@@ -102,11 +159,10 @@ def _pose_rate(problem: Problem, i: int, n: int, out: FloatArray) -> None:
     )
 
 
-@njit(cache=True)
-def _fill_row(
-    problem: Problem, i: int, n: int, d_pose: FloatArray, d_anchor: FloatArray, row: FloatArray
-) -> None:
-    """First 21 of `row` (2,21+c): derivatives by eps, nu, biases of knot i and by the anchor pose."""
+@njit(cache=True, nogil=True)
+def _move_to_knot(problem: Problem, i: int, n: int, row: FloatArray) -> None:
+    """The derivatives by the pose at observation n, the first six of `row` (2,21+c), into those by eps, nu
+    and the biases of knot i, its first 15."""
     propagated, states = problem.propagated, problem.linearization
     d_eps, d_nu, d_bias = np.empty((6, 6)), np.empty((6, 3)), np.empty((6, 6))
     propagated_pose_jacobian(
@@ -124,23 +180,24 @@ def _fill_row(
         d_nu,
         d_bias,
     )
+    d_pose = np.empty(6)
     for m in range(2):
+        d_pose[:] = row[m, _POSE : _POSE + 6]
         for k in range(6):
             eps = bias = 0.0
             for p in range(6):
-                eps += d_pose[m, p] * d_eps[p, k]
-                bias += d_pose[m, p] * d_bias[p, k]
+                eps += d_pose[p] * d_eps[p, k]
+                bias += d_pose[p] * d_bias[p, k]
             row[m, _EPS + k] = eps
             row[m, _BIAS + k] = bias
-            row[m, _ANCHOR + k] = d_anchor[m, k]
         for k in range(3):
             nu = 0.0
             for p in range(6):
-                nu += d_pose[m, p] * d_nu[p, k]
+                nu += d_pose[p] * d_nu[p, k]
             row[m, _NU + k] = nu
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _column(k: int, i: int, a: int, knots_end: int) -> int:
     """Coordinate in the stacked error states of entry k of a row; the camera's follow those of the knots."""
     if k < _NU:
@@ -154,7 +211,7 @@ def _column(k: int, i: int, a: int, knots_end: int) -> int:
     return knots_end + k - _CAMERA
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sum_knots(
     row: FloatArray,
     residual: FloatArray,
@@ -173,7 +230,7 @@ def _sum_knots(
             H[at, _column(q, i, a, knots_end)] += first * row[0, q] + second * row[1, q]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _sum_landmark(
     row: FloatArray,
     residual: FloatArray,

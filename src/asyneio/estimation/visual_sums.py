@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from asyneio.estimation.problem import Problem
+from asyneio.estimation.visual_rows import Rows
 from asyneio.trajectory.model import SE3
 from asyneio.types import BoolArray, FloatArray, IntArray
 
@@ -52,17 +53,7 @@ def empty_sums(intervals: int, knots: int, landmarks: int, dof: int, camera: int
     )
 
 
-class Rows(NamedTuple):
-    """Whitened, robustly weighted rows of one interval, two for each observation."""
-
-    residual: FloatArray  # (2m,)
-    local: FloatArray  # (2m,36) local kinematic coordinates
-    anchor: FloatArray  # (2m,6)
-    landmark: FloatArray  # (2m,3)
-    camera: FloatArray  # (2m,c)
-
-
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sum_trajectory(rows: Rows, H: FloatArray, b: FloatArray) -> None:
     """Trajectory against itself, in local coordinates."""
     square = np.dot(rows.local.T, rows.local)
@@ -73,7 +64,7 @@ def sum_trajectory(rows: Rows, H: FloatArray, b: FloatArray) -> None:
             H[p, q] += square[p, q]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sum_anchors(problem: Problem, i: int, rows: Rows, sums: VisualSums) -> None:
     """Anchor poses against themselves and against the interval's local coordinates."""
     visual, anchor = problem.visual, problem.landmarks.anchor
@@ -99,7 +90,7 @@ def sum_anchors(problem: Problem, i: int, rows: Rows, sums: VisualSums) -> None:
         begin = end
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sum_landmarks(problem: Problem, i: int, rows: Rows, chain: FloatArray, sums: VisualSums) -> None:
     """Landmarks against themselves, their anchors and the two knots of the interval."""
     visual, anchor = problem.visual, problem.landmarks.anchor
@@ -129,7 +120,7 @@ def sum_landmarks(problem: Problem, i: int, rows: Rows, chain: FloatArray, sums:
     _spread_coupling(coupling[: dof * (g + 1)], owner, chain, i, problem.model.motion_model.space, sums.W)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _spread_coupling(
     coupling: FloatArray, owner: IntArray, chain: FloatArray, i: int, space: int, W: FloatArray
 ) -> None:
@@ -159,7 +150,7 @@ def _spread_coupling(
                     W[j, d, i, k] += coupling[o, m] * chain[m, k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sum_camera(problem: Problem, i: int, rows: Rows, sums: VisualSums) -> None:
     """What is estimated of the camera against itself, the trajectory, the anchor poses and the landmarks."""
     visual, anchor = problem.visual, problem.landmarks.anchor

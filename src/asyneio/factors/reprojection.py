@@ -7,6 +7,9 @@ is a status, never a NaN.
 
 Jacobians of the landmark: column 0 inverse depth (89), columns 1 and 2 the bearing along `tangent` (3,2).
 
+Poses are relative to a *base* frame: the body at the knot before the observation, where the pose at the
+observation is interpolated, or the world. All vectors and matrices are tuples (`geometry/tuples.py`).
+
 The camera's rotation in the body, `C_bc Exp(theta)`, turns the camera at the anchor as well as the one that
 observes: with the anchor's bearing turned into the query camera, kappa' = R kappa,
 
@@ -15,168 +18,142 @@ observes: with the anchor's bearing turned into the query camera, kappa' = R kap
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from numba import njit
 
+from asyneio.geometry.tuples import (
+    Matrix,
+    Vector,
+    cross,
+    dot,
+    matrix_of,
+    plus,
+    scaled,
+    times,
+    transposed_times,
+)
 from asyneio.types import FloatArray
 
 #: Smallest component of the projected direction along the optical axis that still counts as "in front".
 MIN_DEPTH_RATIO = 1e-2
 
+#: A row by a pose perturbed on the right: by its rotation, by its translation.
+PoseRow = tuple[Vector, Vector]
 
-@njit(cache=True)
-def landmark_direction(
-    C_a: FloatArray,
-    r_a: FloatArray,
-    C: FloatArray,
-    r: FloatArray,
-    C_bc: FloatArray,
-    r_bc: FloatArray,
-    kappa: FloatArray,
-    rho: float,
-    x_a: FloatArray,
-    x_b: FloatArray,
-    h: FloatArray,
-) -> None:
-    """Direction `h` (3,) of the landmark in the query camera (35), and on the way, scaled by rho:
 
-    `x_a` the point in the anchor body, `x_b` the point in the query body.
+class Rig(NamedTuple):
+    """The camera in the body."""
+
+    C_bc: Matrix
+    r_bc: Vector
+
+
+@njit(cache=True, nogil=True)
+def rig_of(C_bc: FloatArray, r_bc: FloatArray) -> Rig:
+    """From arrays (3,3), (3,)."""
+    return Rig(matrix_of(C_bc), (r_bc[0], r_bc[1], r_bc[2]))
+
+
+class Anchored(NamedTuple):
+    """A landmark as the base frame sees it through its anchor, points scaled by `rho`.
+
+    `C`, `r`: pose of the anchor's body in the base; `x_a` the point in the anchor's body, `y` in the base.
     """
-    d0 = r_a[0] - r[0]
-    d1 = r_a[1] - r[1]
-    d2 = r_a[2] - r[2]
-    for i in range(3):
-        x_a[i] = C_bc[i, 0] * kappa[0] + C_bc[i, 1] * kappa[1] + C_bc[i, 2] * kappa[2] + rho * r_bc[i]
-    w0 = C_a[0, 0] * x_a[0] + C_a[0, 1] * x_a[1] + C_a[0, 2] * x_a[2] + rho * d0
-    w1 = C_a[1, 0] * x_a[0] + C_a[1, 1] * x_a[1] + C_a[1, 2] * x_a[2] + rho * d1
-    w2 = C_a[2, 0] * x_a[0] + C_a[2, 1] * x_a[1] + C_a[2, 2] * x_a[2] + rho * d2
-    for i in range(3):
-        x_b[i] = C[0, i] * w0 + C[1, i] * w1 + C[2, i] * w2
-    c0 = x_b[0] - rho * r_bc[0]
-    c1 = x_b[1] - rho * r_bc[1]
-    c2 = x_b[2] - rho * r_bc[2]
-    for i in range(3):
-        h[i] = C_bc[0, i] * c0 + C_bc[1, i] * c1 + C_bc[2, i] * c2
+
+    C: Matrix
+    r: Vector
+    kappa: Vector
+    rho: float
+    x_a: Vector
+    y: Vector
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
+def anchored(C: Matrix, r: Vector, rig: Rig, kappa: Vector, rho: float) -> Anchored:
+    """The landmark (kappa, rho) of an anchor whose body is at (C, r) in the base (35)."""
+    x_a = plus(times(rig.C_bc, kappa), rho, rig.r_bc)
+    return Anchored(C, r, kappa, rho, x_a, plus(times(C, x_a), rho, r))
+
+
+@njit(cache=True, nogil=True)
+def landmark_direction(landmark: Anchored, C: Matrix, r: Vector, rig: Rig) -> tuple[Vector, Vector]:
+    """The point in the query body at (C, r) in the base, and its direction `h` in the camera there (35), both
+    scaled by rho."""
+    x_b = transposed_times(C, plus(landmark.y, -landmark.rho, r))
+    return x_b, transposed_times(rig.C_bc, plus(x_b, -landmark.rho, rig.r_bc))
+
+
+@njit(cache=True, nogil=True)
 def reprojection_residual(
-    h: FloatArray, xy: FloatArray, root_information: FloatArray, residual: FloatArray
-) -> bool:
-    """Whitened residual (2,) of (34), (37)-(38) for direction `h`; False where the landmark is behind."""
+    h: Vector, xy: FloatArray, root_information: FloatArray, n: int
+) -> tuple[bool, float, float]:
+    """Whitened residual of (34), (37)-(38) for direction `h` against measurement n of `xy` (N,2) with
+    `root_information` (N,2,2); False where the landmark is behind."""
     if not h[2] > MIN_DEPTH_RATIO:
-        residual[0] = 0.0
-        residual[1] = 0.0
-        return False
-    ex = h[0] / h[2] - xy[0]
-    ey = h[1] / h[2] - xy[1]
-    residual[0] = root_information[0, 0] * ex + root_information[0, 1] * ey
-    residual[1] = root_information[1, 0] * ex + root_information[1, 1] * ey
-    return True
+        return False, 0.0, 0.0
+    ex = h[0] / h[2] - xy[n, 0]
+    ey = h[1] / h[2] - xy[n, 1]
+    return (
+        True,
+        root_information[n, 0, 0] * ex + root_information[n, 0, 1] * ey,
+        root_information[n, 1, 0] * ex + root_information[n, 1, 1] * ey,
+    )
 
 
-@njit(cache=True)
-def reprojection_jacobian(
-    C_a: FloatArray,
-    r_a: FloatArray,
-    C: FloatArray,
-    r: FloatArray,
-    C_bc: FloatArray,
-    r_bc: FloatArray,
-    rho: float,
-    tangent: FloatArray,
-    x_a: FloatArray,
-    x_b: FloatArray,
-    h: FloatArray,
-    root_information: FloatArray,
-    d_anchor: FloatArray,
-    d_pose: FloatArray,
-    d_landmark: FloatArray,
-) -> bool:
-    """Whitened Jacobians with respect to the anchor pose (2,6), the query pose (2,6), the landmark (2,3).
+class Row(NamedTuple):
+    """One row of the whitened Jacobian of an observation.
 
-    `x_a`, `x_b`, `h` as left by `landmark_direction`. (82)-(90). False where the landmark is behind.
+    `by_h` (90) and `by_body`, `by_anchor_body`: by the direction and by the point in the query's and in the
+    anchor's body. `base`, `query`, `anchor`: by the poses of base, query and anchor perturbed on the right
+    (87), (88); `by_rho`: by the inverse depth (89).
     """
-    if not h[2] > MIN_DEPTH_RATIO:
-        return False
-    iz = 1.0 / h[2]
-    d0 = r_a[0] - r[0]
-    d1 = r_a[1] - r[1]
-    d2 = r_a[2] - r[2]
-    for m in range(2):
-        # (90), then through C_bc^T: D differentiates with respect to the point in the query body.
-        p0 = root_information[m, 0] * iz
-        p1 = root_information[m, 1] * iz
-        p2 = -(p0 * h[0] + p1 * h[1]) * iz
-        D0 = p0 * C_bc[0, 0] + p1 * C_bc[0, 1] + p2 * C_bc[0, 2]
-        D1 = p0 * C_bc[1, 0] + p1 * C_bc[1, 1] + p2 * C_bc[1, 2]
-        D2 = p0 * C_bc[2, 0] + p1 * C_bc[2, 1] + p2 * C_bc[2, 2]
-        # W = D C^T: with respect to the point in the world; E = W C_a: in the anchor body.
-        W0 = D0 * C[0, 0] + D1 * C[0, 1] + D2 * C[0, 2]
-        W1 = D0 * C[1, 0] + D1 * C[1, 1] + D2 * C[1, 2]
-        W2 = D0 * C[2, 0] + D1 * C[2, 1] + D2 * C[2, 2]
-        E0 = W0 * C_a[0, 0] + W1 * C_a[1, 0] + W2 * C_a[2, 0]
-        E1 = W0 * C_a[0, 1] + W1 * C_a[1, 1] + W2 * C_a[2, 1]
-        E2 = W0 * C_a[0, 2] + W1 * C_a[1, 2] + W2 * C_a[2, 2]
-        # d x_b / d eps = [x_b^, -rho 1] (88); d x_a / d eps_a = [-x_a^, rho 1] (87).
-        d_pose[m, 0] = D1 * x_b[2] - D2 * x_b[1]
-        d_pose[m, 1] = D2 * x_b[0] - D0 * x_b[2]
-        d_pose[m, 2] = D0 * x_b[1] - D1 * x_b[0]
-        d_pose[m, 3] = -rho * D0
-        d_pose[m, 4] = -rho * D1
-        d_pose[m, 5] = -rho * D2
-        d_anchor[m, 0] = E2 * x_a[1] - E1 * x_a[2]
-        d_anchor[m, 1] = E0 * x_a[2] - E2 * x_a[0]
-        d_anchor[m, 2] = E1 * x_a[0] - E0 * x_a[1]
-        d_anchor[m, 3] = rho * E0
-        d_anchor[m, 4] = rho * E1
-        d_anchor[m, 5] = rho * E2
-        # Inverse depth (89): the baseline between the two cameras, seen from the query.
-        d_landmark[m, 0] = (
-            (E0 - D0) * r_bc[0] + (E1 - D1) * r_bc[1] + (E2 - D2) * r_bc[2] + W0 * d0 + W1 * d1 + W2 * d2
-        )
-        # Bearing, along the two tangent directions: F = E C_bc.
-        for t in range(2):
-            s = 0.0
-            for i in range(3):
-                F = E0 * C_bc[0, i] + E1 * C_bc[1, i] + E2 * C_bc[2, i]
-                s += F * tangent[i, t]
-            d_landmark[m, 1 + t] = s
-    return True
+
+    by_h: Vector
+    by_anchor_body: Vector
+    base: PoseRow
+    query: PoseRow
+    anchor: PoseRow
+    by_rho: float
 
 
-@njit(cache=True)
-def extrinsic_rotation_jacobian(
-    C_a: FloatArray,
-    C: FloatArray,
-    C_bc: FloatArray,
-    kappa: FloatArray,
-    h: FloatArray,
-    root_information: FloatArray,
-    out: FloatArray,
-) -> None:
-    """Whitened Jacobian `out` (2,3) with respect to theta, the perturbation of `C_bc` on the right.
+@njit(cache=True, nogil=True)
+def reprojection_row(
+    w0: float, w1: float, landmark: Anchored, C: Matrix, r: Vector, rig: Rig, x_b: Vector, h: Vector
+) -> Row:
+    """The row of the Jacobian (82)-(90) whose whitening weights are (w0, w1), of a landmark in front.
 
-    `h` as left by `landmark_direction`, of a landmark in front.
+    `C`, `r` of the query's body in the base; `x_b`, `h` as `landmark_direction` gives them.
     """
-    iz = 1.0 / h[2]
-    for m in range(2):
-        p0 = root_information[m, 0] * iz
-        p1 = root_information[m, 1] * iz
-        p2 = -(p0 * h[0] + p1 * h[1]) * iz
-        # F = p R: back through the query camera, its body, the world and the anchor body.
-        D0 = p0 * C_bc[0, 0] + p1 * C_bc[0, 1] + p2 * C_bc[0, 2]
-        D1 = p0 * C_bc[1, 0] + p1 * C_bc[1, 1] + p2 * C_bc[1, 2]
-        D2 = p0 * C_bc[2, 0] + p1 * C_bc[2, 1] + p2 * C_bc[2, 2]
-        W0 = D0 * C[0, 0] + D1 * C[0, 1] + D2 * C[0, 2]
-        W1 = D0 * C[1, 0] + D1 * C[1, 1] + D2 * C[1, 2]
-        W2 = D0 * C[2, 0] + D1 * C[2, 1] + D2 * C[2, 2]
-        E0 = W0 * C_a[0, 0] + W1 * C_a[1, 0] + W2 * C_a[2, 0]
-        E1 = W0 * C_a[0, 1] + W1 * C_a[1, 1] + W2 * C_a[2, 1]
-        E2 = W0 * C_a[0, 2] + W1 * C_a[1, 2] + W2 * C_a[2, 2]
-        F0 = E0 * C_bc[0, 0] + E1 * C_bc[1, 0] + E2 * C_bc[2, 0]
-        F1 = E0 * C_bc[0, 1] + E1 * C_bc[1, 1] + E2 * C_bc[2, 1]
-        F2 = E0 * C_bc[0, 2] + E1 * C_bc[1, 2] + E2 * C_bc[2, 2]
-        # A row v times a^ is v x a.
-        out[m, 0] = p1 * h[2] - p2 * h[1] - (F1 * kappa[2] - F2 * kappa[1])
-        out[m, 1] = p2 * h[0] - p0 * h[2] - (F2 * kappa[0] - F0 * kappa[2])
-        out[m, 2] = p0 * h[1] - p1 * h[0] - (F0 * kappa[1] - F1 * kappa[0])
+    rho, iz = landmark.rho, 1.0 / h[2]
+    by_h = (w0 * iz, w1 * iz, -(w0 * h[0] + w1 * h[1]) * iz * iz)
+    by_body = times(rig.C_bc, by_h)
+    by_base = times(C, by_body)
+    by_anchor_body = transposed_times(landmark.C, by_base)
+    # The baseline between the two cameras, seen from the query.
+    by_rho = dot(plus(by_anchor_body, -1.0, by_body), rig.r_bc) + dot(by_base, plus(landmark.r, -1.0, r))
+    return Row(
+        by_h,
+        by_anchor_body,
+        (cross(by_base, landmark.y), scaled(-rho, by_base)),
+        (cross(by_body, x_b), scaled(-rho, by_body)),
+        (cross(landmark.x_a, by_anchor_body), scaled(rho, by_anchor_body)),
+        by_rho,
+    )
+
+
+@njit(cache=True, nogil=True)
+def bearing_row(row: Row, rig: Rig, tangent: FloatArray, j: int) -> tuple[float, float]:
+    """By the bearing of landmark j along the two directions of `tangent` (L,3,2)."""
+    F = transposed_times(rig.C_bc, row.by_anchor_body)
+    return (
+        F[0] * tangent[j, 0, 0] + F[1] * tangent[j, 1, 0] + F[2] * tangent[j, 2, 0],
+        F[0] * tangent[j, 0, 1] + F[1] * tangent[j, 1, 1] + F[2] * tangent[j, 2, 1],
+    )
+
+
+@njit(cache=True, nogil=True)
+def extrinsic_rotation_row(row: Row, landmark: Anchored, rig: Rig, h: Vector) -> Vector:
+    """By theta, the perturbation of `C_bc` on the right: through the query's camera and the anchor's."""
+    through_anchor = cross(transposed_times(rig.C_bc, row.by_anchor_body), landmark.kappa)
+    return plus(cross(row.by_h, h), -1.0, through_anchor)

@@ -219,47 +219,6 @@ def right_jacobian_inverse(xi: FloatArray, out: FloatArray) -> None:
 
 
 @njit(cache=True)
-def rows_times_right_jacobian(rows: FloatArray, xi: FloatArray, c: FloatArray, out: FloatArray) -> None:
-    """`out = rows J_r(xi)` for `rows` (m,6), without forming J_r; `c` (4,) is scratch.
-
-    A row times curly(xi) is (a x phi + b x rho, b x phi).
-    """
-    evaluate_values(JACOBIAN_SERIES, _squared_angle(xi), False, c)
-    for m in range(rows.shape[0]):
-        a0, a1, a2 = rows[m, 0], rows[m, 1], rows[m, 2]
-        b0, b1, b2 = rows[m, 3], rows[m, 4], rows[m, 5]
-        for k in range(6):
-            out[m, k] = rows[m, k]
-        for i in range(4):
-            p0 = a1 * xi[2] - a2 * xi[1] + b1 * xi[5] - b2 * xi[4]
-            p1 = a2 * xi[0] - a0 * xi[2] + b2 * xi[3] - b0 * xi[5]
-            p2 = a0 * xi[1] - a1 * xi[0] + b0 * xi[4] - b1 * xi[3]
-            q0 = b1 * xi[2] - b2 * xi[1]
-            q1 = b2 * xi[0] - b0 * xi[2]
-            q2 = b0 * xi[1] - b1 * xi[0]
-            a0, a1, a2, b0, b1, b2 = p0, p1, p2, q0, q1, q2
-            out[m, 0] += c[i] * a0
-            out[m, 1] += c[i] * a1
-            out[m, 2] += c[i] * a2
-            out[m, 3] += c[i] * b0
-            out[m, 4] += c[i] * b1
-            out[m, 5] += c[i] * b2
-
-
-@njit(cache=True)
-def rows_times_adjoint_inverse(rows: FloatArray, C: FloatArray, r: FloatArray, out: FloatArray) -> None:
-    """`out = rows Ad(T)^{-1}` for `rows` (m,6): a row (a, b) becomes (C a - C b x r, C b)."""
-    for m in range(rows.shape[0]):
-        for i in range(3):
-            out[m, i] = C[i, 0] * rows[m, 0] + C[i, 1] * rows[m, 1] + C[i, 2] * rows[m, 2]
-            out[m, 3 + i] = C[i, 0] * rows[m, 3] + C[i, 1] * rows[m, 4] + C[i, 2] * rows[m, 5]
-        e0, e1, e2 = out[m, 3], out[m, 4], out[m, 5]
-        out[m, 0] -= e1 * r[2] - e2 * r[1]
-        out[m, 1] -= e2 * r[0] - e0 * r[2]
-        out[m, 2] -= e0 * r[1] - e1 * r[0]
-
-
-@njit(cache=True)
 def _apply(xi: FloatArray, v: FloatArray, c: FloatArray, d_xi: FloatArray, out: FloatArray) -> None:
     """`out = f(curly(xi)) v` and `d_xi = d out / d xi` for the polynomial with coefficients c (4,3)."""
     D = np.zeros((6, 6))

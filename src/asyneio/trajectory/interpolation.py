@@ -36,14 +36,13 @@ from asyneio.geometry.se3 import (
     right_jacobian_inverse_times,
     right_jacobian_rate_times,
     right_jacobian_times,
-    rows_times_right_jacobian,
     se3_between,
     se3_compose,
     se3_exp,
     se3_log,
     varpi_from_local,
 )
-from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
+from asyneio.geometry.so3 import so3_exp
 from asyneio.trajectory.linear_position import (
     linear_chain,
     linear_local,
@@ -174,23 +173,7 @@ def query_pose(
 
     On SO(3) x R^3 the step from T_k is `(Exp(phi), rho)` instead.
     """
-    query_pose_with_step(C_0, r_0, local, weights, space, np.empty(6), np.empty((3, 3)), np.empty(3), C, r)
-
-
-@njit(cache=True)
-def query_pose_with_step(
-    C_0: FloatArray,
-    r_0: FloatArray,
-    local: FloatArray,
-    weights: FloatArray,
-    space: int,
-    xi: FloatArray,
-    C_d: FloatArray,
-    r_d: FloatArray,
-    C: FloatArray,
-    r: FloatArray,
-) -> None:
-    """`query_pose` that also leaves xi(tau) (6,) and the step `(C_d, r_d)` from T_k."""
+    xi, C_d, r_d = np.empty(6), np.empty((3, 3)), np.empty(3)
     weighted(local, weights, xi)
     _step(xi, space, C_d, r_d)
     se3_compose(C_0, r_0, C_d, r_d, C, r)
@@ -222,22 +205,6 @@ def query_pose_jacobian(
     if space != SE3:
         d_xi[3:, :3] = 0.0
         d_xi[3:, 3:] = C_d.T
-
-
-@njit(cache=True)
-def rows_times_step_jacobian(
-    rows: FloatArray, xi: FloatArray, C_d: FloatArray, space: int, c: FloatArray, out: FloatArray
-) -> None:
-    """`out = rows d_xi` for `rows` (m,6) and d_xi of `query_pose_jacobian`; `c` (4,) is scratch."""
-    if space == SE3:
-        rows_times_right_jacobian(rows, xi, c, out)
-        return
-    J = np.empty((3, 3))
-    so3_right_jacobian(xi, J)
-    for m in range(rows.shape[0]):
-        for j in range(3):
-            out[m, j] = rows[m, 0] * J[0, j] + rows[m, 1] * J[1, j] + rows[m, 2] * J[2, j]
-            out[m, 3 + j] = rows[m, 3] * C_d[j, 0] + rows[m, 4] * C_d[j, 1] + rows[m, 5] * C_d[j, 2]
 
 
 @njit(cache=True)
