@@ -82,10 +82,9 @@ def relative_scale_sigma(solution: Solution) -> float:
     # First row of L^{-T}: what each whitened coordinate does to the inverse depth.
     row = np.linalg.solve(L, np.eye(dof)[None].repeat(len(L), axis=0))[:, :, 0]
     row /= landmarks.rho[finite][:, None]
-    c = np.zeros((system.W.shape[2], 24))
-    c[:, solution.problem.model.landmark_columns] = (
-        np.einsum("ld,ldkc->kc", row, system.W[finite]) / finite.sum()
-    )
+    c = np.zeros((len(system.W.width), 24))
+    W = system.W.dense(landmarks.anchor, dof)[finite]
+    c[:, solution.problem.model.landmark_columns] = np.einsum("ld,ldkc->kc", row, W) / finite.sum()
     of_camera = np.einsum("ld,ldc->c", row, system.W_camera[finite]) / finite.sum()
     mean = np.append(c.ravel()[active_in_window(solution.problem.model.active, len(c))], of_camera)
     solved = cho_solve((_factor(solution), True), mean, check_finite=False)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from asyneio.estimation.couplings import Couplings
 from asyneio.estimation.interval_terms import (
     accelerometer_terms,
     gyroscope_terms,
@@ -23,27 +24,25 @@ from asyneio.estimation.preintegration_terms import preintegration_terms
 from asyneio.estimation.problem import Problem
 from asyneio.estimation.propagated_terms import propagated_terms
 from asyneio.estimation.rest_terms import rest_terms
-from asyneio.estimation.visual_sums import VisualSums, empty_sums
+from asyneio.estimation.visual_sums import NO_SUMS, VisualSums, empty_sums
 from asyneio.estimation.visual_terms import visual_terms
-from asyneio.types import BoolArray, FloatArray, IntArray
+from asyneio.types import BoolArray, FloatArray
 
 
 class LinearSystem(NamedTuple):
     """Normal equations. `H` (24K+c,24K+c) symmetric, `b` (24K+c,) gradient: K knots, then the c coordinates
     of the camera that are estimated.
 
-    Landmarks: `W` (L,dof,K,18) coupling with the coordinates `Model.landmark_columns` of the knots, `H_l`
-    (L,3,3), `b_l` (L,3), `end` (L,) one past the last knot each touches, `W_camera` (L,dof,c) coupling with
-    the camera. `cost` is the total, `visual_cost` that of the observations; `rejected` observations had no
-    influence.
+    Landmarks: `W` coupling with the coordinates `Model.landmark_columns` of the knots, `H_l` (L,3,3), `b_l`
+    (L,3), `W_camera` (L,dof,c) coupling with the camera. `cost` is the total, `visual_cost` that of the
+    observations; `rejected` observations had no influence.
     """
 
     H: FloatArray
     b: FloatArray
-    W: FloatArray
+    W: Couplings
     H_l: FloatArray
     b_l: FloatArray
-    end: IntArray
     W_camera: FloatArray
     cost: float
     visual_cost: float
@@ -58,17 +57,13 @@ def linearize(problem: Problem) -> LinearSystem:
     chain = np.zeros((knots - 1, 48, 48))
     interval_chains(problem.linearization, needed, problem.model.motion_model.space, chain)
     H_local, b_local = np.zeros((knots - 1, 48, 48)), np.zeros((knots - 1, 48))
-    dof = problem.model.landmark_dof
-    camera = len(problem.camera.columns)
-    sums = empty_sums(knots - 1, knots, len(problem.landmarks.rho), dof, camera)
-    size = 24 * knots + camera
+    sums = empty_sums(problem)
+    size = 24 * knots + len(problem.camera.columns)
     H, b = np.zeros((size, size)), np.zeros(size)
     by_interval, by_knot = (H_local, b_local), (H, b)
     cost, visual_cost, rejected = _terms(problem, local, local_lin, chain, True, by_interval, by_knot, sums)
     _move_to_knots(needed, chain, H_local, b_local, sums, H, b)
-    return LinearSystem(
-        H, b, sums.W, sums.H_l, sums.b_l, sums.end, sums.W_camera, cost, visual_cost, rejected
-    )
+    return LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.W_camera, cost, visual_cost, rejected)
 
 
 def evaluate_cost(problem: Problem) -> float:
@@ -77,7 +72,7 @@ def evaluate_cost(problem: Problem) -> float:
     interval_locals(problem.states, problem.model.motion_model.space, local)
     by_interval = (np.zeros((0, 48, 48)), np.zeros((0, 48)))
     by_knot = (np.zeros((0, 0)), np.zeros(0))
-    return _terms(problem, local, local, by_interval[0], False, by_interval, by_knot, _NO_SUMS)[0]
+    return _terms(problem, local, local, by_interval[0], False, by_interval, by_knot, NO_SUMS)[0]
 
 
 def _terms(
@@ -138,10 +133,7 @@ def _needed(problem: Problem) -> BoolArray:
     return np.asarray(problem.motion | (counts > 0))
 
 
-_NO_SUMS = empty_sums(0, 0, 0, 0)
-
-
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _move_to_knots(
     needed: BoolArray,
     chain: FloatArray,
@@ -206,7 +198,7 @@ def _move_to_knots(
 # rows 15..17, the acceleration at the first knot, depend on its varpi too, columns 6..11.
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _right_times_chain(H: FloatArray, chain: FloatArray, out: FloatArray) -> None:
     """`out = H chain` (48,48)."""
     for p in range(48):
@@ -229,7 +221,7 @@ def _right_times_chain(H: FloatArray, chain: FloatArray, out: FloatArray) -> Non
                 out[p, q] += v * chain[m, q]
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _chain_transposed_times(chain: FloatArray, X: FloatArray, out: FloatArray) -> None:
     """`out = chain^T X` for X (48,n), or (36,n) where the rows of the biases are zero."""
     n = X.shape[1]

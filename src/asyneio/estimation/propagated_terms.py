@@ -242,18 +242,19 @@ def _sum_landmark(
     sums: VisualSums,
 ) -> None:
     """Landmark j against itself, its anchor, knot i and the camera."""
-    dof = sums.W.shape[1]
-    sums.end[j] = i + 1
+    values, dof = sums.W.values, sums.W_camera.shape[1]
     for d in range(dof):
         first, second = robust * d_landmark[0, d], robust * d_landmark[1, d]
         sums.b_l[j, d] += first * residual[0] + second * residual[1]
         for e in range(dof):
             sums.H_l[j, d, e] += first * d_landmark[0, e] + second * d_landmark[1, e]
+        of_anchor = sums.W.begin[j] + d * sums.W.width[a]
+        of_knot = of_anchor + 18 * (i - a)
         for k in range(6):
-            sums.W[j, d, a, k] += first * row[0, _ANCHOR + k] + second * row[1, _ANCHOR + k]
-            sums.W[j, d, i, k] += first * row[0, _EPS + k] + second * row[1, _EPS + k]
-            sums.W[j, d, i, 12 + k] += first * row[0, _BIAS + k] + second * row[1, _BIAS + k]
+            values[of_anchor + k] += first * row[0, _ANCHOR + k] + second * row[1, _ANCHOR + k]
+            values[of_knot + k] += first * row[0, _EPS + k] + second * row[1, _EPS + k]
+            values[of_knot + 12 + k] += first * row[0, _BIAS + k] + second * row[1, _BIAS + k]
         for k in range(3):
-            sums.W[j, d, i, 9 + k] += first * row[0, _NU + k] + second * row[1, _NU + k]
+            values[of_knot + 9 + k] += first * row[0, _NU + k] + second * row[1, _NU + k]
         for k in range(sums.W_camera.shape[2]):
             sums.W_camera[j, d, k] += first * row[0, _CAMERA + k] + second * row[1, _CAMERA + k]

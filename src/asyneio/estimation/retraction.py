@@ -22,7 +22,7 @@ def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem
     linearization = problem.linearization.copied()
     landmarks = problem.landmarks.copied()
     landmark_step = np.zeros((len(landmarks.rho), 3))
-    columns = np.ascontiguousarray(knot_steps[:, problem.model.landmark_columns])
+    columns = knot_steps[:, problem.model.landmark_columns].ravel()
     landmark_steps(system, landmarks.anchor, columns, of_camera, landmark_step)
     _retract(states, linearization, problem.frozen, knot_steps, landmarks, landmark_step)
     moved = problem._replace(states=states, linearization=linearization, landmarks=landmarks)
@@ -39,7 +39,7 @@ def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem
     return moved._replace(camera=camera, visual=visual, propagated=propagated)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _retract(
     states: States,
     linearization: States,

@@ -79,12 +79,12 @@ def compile_visual() -> None:
     """The kernels of the observations, of a step, of the lens and of dead reckoning."""
     problem = _tiny_problem()
     local, chain = np.zeros((1, 5, 6)), np.zeros((1, 48, 48))
-    sums = empty_sums(intervals=1, knots=2, landmarks=1, dof=3)
+    sums = empty_sums(problem)
     visual_terms.visual_terms(
         problem, local, local, chain, False, np.zeros((1, 48, 48)), np.zeros((1, 48)), sums
     )
     H, b = np.zeros((48, 48)), np.zeros(48)
-    system = LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.end, sums.W_camera, 0.0, 0.0, 0)
+    system = LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.W_camera, 0.0, 0.0, 0)
     eliminate_landmarks(system, problem.landmarks, problem.model)
     retract(problem, system, np.zeros(48))
     C, r, kappa = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0]] * 2)

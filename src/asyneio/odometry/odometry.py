@@ -17,6 +17,7 @@ from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.intake import Intake, until
 from asyneio.odometry.known_start import checked
 from asyneio.odometry.learned_noise import LearnedNoise
+from asyneio.odometry.memory import keep_freed_memory
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
@@ -63,6 +64,7 @@ class Odometry:
     def __init__(
         self, config: Config, calibration: Calibration, first_state: FirstState | None = None
     ) -> None:
+        keep_freed_memory()
         self._first_state = None if first_state is None else checked(first_state)
         self._config = config
         self._calibration = calibration

@@ -1,0 +1,81 @@
+"""Couplings of the landmarks with the knots that their observations touch, and nothing else.
+
+A landmark touches the knots from its anchor to the one after its last observation: a third of the window.
+Landmarks of one anchor stand together, each as wide as the widest of them, so that their rank update of the
+knots is one product of a contiguous matrix (`elimination.py`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from asyneio.types import FloatArray, IntArray
+
+
+class Couplings(NamedTuple):
+    """Rows of L landmarks, `dof` each, in the order of their anchors.
+
+    The row d of landmark j begins at `begin[j] + d width[anchor[j]]`; in it are 18 columns for each knot from
+    the anchor on.
+    """
+
+    values: FloatArray  # (total,)
+    begin: IntArray  # (L,) where the first row of a landmark begins
+    order: IntArray  # (L,) landmarks as they follow each other
+    end: IntArray  # (L,) one past the last knot that a landmark touches
+    first: IntArray  # (K+1,) for each knot, where in `order` the landmarks anchored there begin
+    width: IntArray  # (K,) length of their rows
+
+    def group(self, anchor: int, dof: int) -> FloatArray:
+        """Rows (n dof, width) of the landmarks anchored in a knot, a view."""
+        n = int(self.first[anchor + 1] - self.first[anchor])
+        width = int(self.width[anchor])
+        at = int(self.begin[self.order[self.first[anchor]]]) if n else 0
+        return self.values[at : at + n * dof * width].reshape(n * dof, width)
+
+    def dense(self, anchor: IntArray, dof: int) -> FloatArray:
+        """All of them (L,dof,K,18), for tests and what is computed once."""
+        knots = len(self.width)
+        out = np.zeros((len(anchor), dof, knots, 18))
+        for k in range(knots):
+            mine = self.order[self.first[k] : self.first[k + 1]]
+            span = int(self.width[k]) // 18
+            out[mine, :, k : k + span] = self.group(k, dof).reshape(len(mine), dof, span, 18)
+        return out
+
+
+@njit(cache=True, nogil=True)
+def empty_couplings(
+    anchor: IntArray, start: IntArray, landmark: IntArray, knots: int, reach: int, dof: int
+) -> Couplings:
+    """Zeroed, for the observations of `landmark` (M,) sorted by interval, `start` (I+1,).
+
+    `anchor` (L,); `reach`: how many knots from the interval's first on an observation touches.
+    """
+    count = anchor.shape[0]
+    end = np.zeros(count, dtype=np.int64)
+    for i in range(start.shape[0] - 1):
+        for n in range(start[i], start[i + 1]):
+            end[landmark[n]] = i + reach
+    first, width = np.zeros(knots + 1, dtype=np.int64), np.zeros(knots, dtype=np.int64)
+    for j in range(count):
+        a = anchor[j]
+        first[a + 1] += 1
+        width[a] = max(width[a], 18 * (end[j] - a))
+    offset = np.zeros(knots, dtype=np.int64)
+    total = 0
+    for a in range(knots):
+        offset[a] = total
+        total += first[a + 1] * dof * width[a]
+        first[a + 1] += first[a]
+    begin, order = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    filled = np.zeros(knots, dtype=np.int64)
+    for j in range(count):
+        a = anchor[j]
+        begin[j] = offset[a] + filled[a] * dof * width[a]
+        order[first[a] + filled[a]] = j
+        filled[a] += 1
+    return Couplings(np.zeros(total), begin, order, end, first, width)
