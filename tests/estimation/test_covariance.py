@@ -80,7 +80,7 @@ def test_singular_information_is_an_error() -> None:
     solution, _ = solved(3)
     information = solution.information.copy()
     information[-1, :] = information[:, -1] = 0.0
-    singular = replace(solution, information=information)
+    singular = replace(solution, information=information, factor=None)
     for query in (newest_covariance, relative_scale_sigma, lambda s: joint_covariance(s, 0)):
         with pytest.raises(EstimationError, match="not positive definite"):
             query(singular)

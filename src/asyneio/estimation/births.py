@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.estimation.landmarks import born_landmark, camera_poses, propagated_camera_poses
+from asyneio.estimation.landmarks import born_landmarks, camera_poses, propagated_camera_poses
 from asyneio.estimation.measurements import VisualBuffer
 from asyneio.estimation.problem import Camera, Model, Propagated, States
 from asyneio.types import FloatArray, IntArray
@@ -43,43 +43,47 @@ class Births:
         interval = self.visual.interval[group]
         return self.refines_bearing or bool(interval[-1] > interval[0])
 
-    def born(self, group: IntArray, default_rho: float) -> tuple[int, FloatArray, float]:
-        """Anchor (absolute), bearing (3,) and inverse depth of a track from its observations (ascending
-        times).
+    def born(self, groups: list[IntArray], default_rho: float) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Anchors (G,) (absolute), bearings (G,3) and inverse depths (G,) of G tracks from their
+        observations, groups of indices, each of ascending times.
 
         The anchor is the last knot before the first observation, whose bearing is carried there; where the
         bearing stays fixed, the first knot inside the track, to whose time the track is interpolated.
         """
-        interval = self.visual.interval[group] - self.first
-        direction = _directions(self.visual.xy[group])
-        anchor = int(interval[0])
+        counts = np.array([len(group) for group in groups])
+        begin = np.cumsum(counts) - counts
+        every = np.concatenate(groups)
+        interval = self.visual.interval[every] - self.first
+        direction = _directions(self.visual.xy[every])
+        anchor = interval[begin]
         if not self.refines_bearing:
-            anchor += 1
-            direction[0] = self._direction_at(group, anchor)
-        C, r = self._cameras(group, anchor)
+            anchor = anchor + 1
+            direction[begin] = [self._direction_at(*pair) for pair in zip(groups, anchor, strict=True)]
+        # Before each group's cameras stands that of its anchor.
+        start = begin + np.arange(len(groups))
+        C, r = self._cameras(np.insert(interval, begin, anchor), every, begin)
         if not self.refines_bearing:
-            C[1], r[1] = C[0], r[0]
-        kappa = np.empty(3)
-        rho = born_landmark(C[1:], r[1:], direction, 0, C[0], r[0], default_rho, self.bearing_sigma, kappa)
+            C[start + 1], r[start + 1] = C[start], r[start]
+        kappa, rho = np.empty((len(groups), 3)), np.empty(len(groups))
+        born_landmarks(C, r, direction, counts, default_rho, self.bearing_sigma, kappa, rho)
         return anchor + self.first, kappa, rho
 
-    def _cameras(self, group: IntArray, anchor: int) -> tuple[FloatArray, FloatArray]:
-        """Camera poses in the world at a knot and at some observations: (1+N,3,3), (1+N,3)."""
+    def _cameras(
+        self, interval: IntArray, observations: IntArray, begin: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Camera poses in the world (N,3,3), (N,3) in `interval` (N,): at the observations, and before those
+        from each `begin` on at the knot itself."""
         model, C_bc = self.model, self.camera.C_bc
-        interval = np.concatenate([[anchor], self.visual.interval[group] - self.first])
         C, r = np.empty((len(interval), 3, 3)), np.empty((len(interval), 3))
         if len(self.increments_bias):
-            chosen = self.visual.propagated.chosen(group)
-            nothing = (np.zeros((1, *a.shape[1:])) for a in chosen[2:])
-            start = Propagated(np.zeros(1), np.eye(3)[None], *nothing)
-            increments = Propagated(*(np.concatenate(pair) for pair in zip(start, chosen, strict=True)))
+            increments = self.visual.propagated.chosen(observations)
+            at_knot = Propagated._make(np.insert(a, begin, 0.0, axis=0) for a in increments)
+            at_knot.C[begin + np.arange(len(begin))] = np.eye(3)
             bias, gravity_w = self.increments_bias, model.gravity_w
-            propagated_camera_poses(
-                self.states, interval, increments, bias, gravity_w, C_bc, model.r_bc, C, r
-            )
+            propagated_camera_poses(self.states, interval, at_knot, bias, gravity_w, C_bc, model.r_bc, C, r)
         else:
             # Weights zero: the pose at the start of the interval.
-            weights = np.vstack([np.zeros((1, 5)), self.visual.weights[group, 0]])
+            weights = np.insert(self.visual.weights[observations, 0], begin, 0.0, axis=0)
             camera_poses(self.states, interval, weights, C_bc, model.r_bc, model.motion_model.space, C, r)
         return C, r
 

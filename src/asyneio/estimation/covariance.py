@@ -15,10 +15,13 @@ from asyneio.types import FloatArray
 
 
 def _factor(solution: Solution) -> FloatArray:
-    """Lower Cholesky factor of the information of the active coordinates."""
+    """Lower Cholesky factor of the information of the active coordinates, with anything above the
+    diagonal."""
+    if solution.factor is not None:
+        return solution.factor
     information = active_part(solution.information, solution.problem.model.active)
     try:
-        L: FloatArray = np.tril(cho_factor(information, lower=True, check_finite=False)[0])
+        L: FloatArray = cho_factor(information, lower=True, check_finite=False)[0]
     except LinAlgError as error:
         raise EstimationError(
             "no covariance: the information of the window is not positive definite; expected a "

@@ -110,8 +110,8 @@ def _subtract(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Take the upper triangle of `square` (n,n), in Fortran's order, `gradient` (n,) and `border` (n,c) off the
-    `columns` (18,) of the knots from `anchor` on, and of the camera behind them, in `H`, `b`."""
+    """Take the upper triangle of `square` (n,n), in Fortran's order, `gradient` (n,) and `border` (n,c) off
+    the `columns` (18,) of the knots from `anchor` on, and of the camera behind them, in `H`, `b`."""
     n, behind = gradient.shape[0], b.shape[0] - border.shape[1]
     at = np.empty(n, dtype=np.int64)
     for p in range(n):

@@ -54,7 +54,7 @@ class LandmarkTable:
         return Landmarks(self.anchor - first, self.kappa, bearing_tangent(self.kappa), self.rho)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _camera_of(
     C: FloatArray, r: FloatArray, C_bc: FloatArray, r_bc: FloatArray, C_out: FloatArray, r_out: FloatArray
 ) -> None:
@@ -65,7 +65,7 @@ def _camera_of(
         r_out[k] += r[k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def camera_poses(
     states: States,
     interval: IntArray,
@@ -99,7 +99,7 @@ def camera_poses(
         _camera_of(C, r, C_bc, r_bc, C_out[n], r_out[n])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def propagated_camera_poses(
     states: States,
     interval: IntArray,
@@ -134,8 +134,8 @@ def propagated_camera_poses(
         _camera_of(C, r, C_bc, r_bc, C_out[n], r_out[n])
 
 
-@njit(cache=True)
-def born_landmark(
+@njit(cache=True, nogil=True)
+def _born_landmark(
     C_wc: FloatArray,
     r_wc: FloatArray,
     direction: FloatArray,
@@ -170,3 +170,36 @@ def born_landmark(
     for i in range(3):
         kappa[i] /= norm
     return rho / norm
+
+
+@njit(cache=True, nogil=True)
+def born_landmarks(
+    C_wc: FloatArray,
+    r_wc: FloatArray,
+    direction: FloatArray,
+    counts: IntArray,
+    default_rho: float,
+    bearing_sigma: float,
+    kappa: FloatArray,
+    rho: FloatArray,
+) -> None:
+    """Bearings `kappa` (G,3) and inverse depths `rho` (G,) of G tracks with `counts` (G,) observations each.
+
+    `direction` (N,3) are unit bearings of all observations, `C_wc`, `r_wc` (N+G) the cameras that saw them,
+    before those of each track the one at its anchor.
+    """
+    seen = 0
+    for g in range(counts.shape[0]):
+        a, n = seen + g, counts[g]
+        rho[g] = _born_landmark(
+            C_wc[a + 1 : a + 1 + n],
+            r_wc[a + 1 : a + 1 + n],
+            direction[seen : seen + n],
+            0,
+            C_wc[a],
+            r_wc[a],
+            default_rho,
+            bearing_sigma,
+            kappa[g],
+        )
+        seen += n

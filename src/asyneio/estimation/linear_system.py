@@ -35,7 +35,8 @@ class LinearSystem(NamedTuple):
 
     Landmarks: `W` coupling with the coordinates `Model.landmark_columns` of the knots, `H_l` (L,3,3), `b_l`
     (L,3), `W_camera` (L,dof,c) coupling with the camera. `cost` is the total, `visual_cost` that of the
-    observations; `rejected` observations had no influence.
+    observations, `squared` (M,) the squared norms of their whitened residuals, infinite behind the camera;
+    `rejected` of them had no influence.
     """
 
     H: FloatArray
@@ -47,6 +48,7 @@ class LinearSystem(NamedTuple):
     cost: float
     visual_cost: float
     rejected: int
+    squared: FloatArray
 
 
 def linearize(problem: Problem) -> LinearSystem:
@@ -61,18 +63,28 @@ def linearize(problem: Problem) -> LinearSystem:
     size = 24 * knots + len(problem.camera.columns)
     H, b = np.zeros((size, size)), np.zeros(size)
     by_interval, by_knot = (H_local, b_local), (H, b)
-    cost, visual_cost, rejected = _terms(problem, local, local_lin, chain, True, by_interval, by_knot, sums)
+    squared = np.empty(len(problem.visual.tau))
+    cost, visual_cost, rejected = _terms(
+        problem, local, local_lin, chain, True, by_interval, by_knot, sums, squared
+    )
     _move_to_knots(needed, chain, H_local, b_local, sums, H, b)
-    return LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.W_camera, cost, visual_cost, rejected)
+    return LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.W_camera, cost, visual_cost, rejected, squared)
 
 
 def evaluate_cost(problem: Problem) -> float:
     """Cost of all factors except the marginal prior."""
+    return evaluate(problem)[0]
+
+
+def evaluate(problem: Problem) -> tuple[float, FloatArray]:
+    """Cost of all factors except the marginal prior, and the observations' `LinearSystem.squared`."""
+    squared = np.empty(len(problem.visual.tau))
     local = np.empty((len(problem.states.r) - 1, 5, 6))
     interval_locals(problem.states, problem.model.motion_model.space, local)
     by_interval = (np.zeros((0, 48, 48)), np.zeros((0, 48)))
     by_knot = (np.zeros((0, 0)), np.zeros(0))
-    return _terms(problem, local, local, by_interval[0], False, by_interval, by_knot, NO_SUMS)[0]
+    cost, *_ = _terms(problem, local, local, by_interval[0], False, by_interval, by_knot, NO_SUMS, squared)
+    return cost, squared
 
 
 def _terms(
@@ -84,6 +96,7 @@ def _terms(
     by_interval: tuple[FloatArray, FloatArray],
     by_knot: tuple[FloatArray, FloatArray],
     sums: VisualSums,
+    squared: FloatArray,
 ) -> tuple[float, float, int]:
     """All terms of the cost (39): total, that of the observations, observations without influence.
 
@@ -110,9 +123,9 @@ def _terms(
     if len(problem.rest.present):
         cost += rest_terms(problem, with_jacobian, *by_knot)
     if len(problem.propagated.tau):
-        visual, rejected = propagated_terms(problem, with_jacobian, *by_knot, sums)
+        visual, rejected = propagated_terms(problem, with_jacobian, *by_knot, sums, squared)
     else:
-        visual, rejected = visual_terms(problem, local, local_lin, chain, with_jacobian, H, b, sums)
+        visual, rejected = visual_terms(problem, local, local_lin, chain, with_jacobian, H, b, sums, squared)
     return float(cost + visual), float(visual), int(rejected)
 
 

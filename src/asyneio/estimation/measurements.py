@@ -39,6 +39,14 @@ def _weights(
     return out, tau / dt
 
 
+def _with_rows(matrix: FloatArray, rows: FloatArray) -> FloatArray:
+    """`matrix` (N,Q) with more rows (M,P) below, the narrower of the two filled up with zeros."""
+    out = np.zeros((len(matrix) + len(rows), max(matrix.shape[1], rows.shape[1])))
+    out[: len(matrix), : matrix.shape[1]] = matrix
+    out[len(matrix) :, : rows.shape[1]] = rows
+    return out
+
+
 class InertialBuffer:
     """Samples of one inertial sensor inside the window, on a trajectory with the given motion prior."""
 
@@ -48,7 +56,7 @@ class InertialBuffer:
         self._value: FloatArray = np.empty((0, 3))
         self._weights: FloatArray = np.empty((0, 3, 5))
         self._alpha: FloatArray = np.empty(0)
-        self._root: list[FloatArray] = []
+        self._root: FloatArray = np.empty((0, 0))
 
     def append(self, samples: DirectSamples, interval: int, start_ns: int, end_ns: int) -> None:
         """Samples of one interval."""
@@ -58,7 +66,7 @@ class InertialBuffer:
         self._value = np.concatenate([self._value, samples.value])
         self._weights = np.concatenate([self._weights, weights])
         self._alpha = np.concatenate([self._alpha, alpha])
-        self._root.extend(samples.root)
+        self._root = _with_rows(self._root, samples.root)
 
     def drop_before(self, interval: int) -> None:
         """Forget the samples of intervals before `interval`."""
@@ -72,10 +80,7 @@ class InertialBuffer:
     def arrays(self, first: int, intervals: int) -> Inertial:
         """Arrays for the intervals `first .. first + intervals - 1`."""
         start = np.searchsorted(self._interval, first + np.arange(intervals + 1))
-        root = np.zeros((len(self._root), max((len(row) for row in self._root), default=0)))
-        for n, row in enumerate(self._root):
-            root[n, : len(row)] = row
-        return Inertial(start, self._value, self._weights, self._alpha, root)
+        return Inertial(start, self._value, self._weights, self._alpha, self._root)
 
 
 class PreintegrationBuffer:
@@ -217,7 +222,9 @@ class VisualBuffer:
         """
         chosen = np.flatnonzero(landmark >= 0)
         mine = landmark[chosen]
-        chosen = chosen[np.lexsort((mine, anchor[mine], self.interval[chosen]))]
+        # One key in place of three: a third of the time.
+        key = ((self.interval[chosen] - first) * intervals + (anchor[mine] - first)) * len(anchor) + mine
+        chosen = chosen[np.argsort(key, kind="stable")]
         start = np.searchsorted(self.interval[chosen], first + np.arange(intervals + 1))
         visual = Visual(
             start,

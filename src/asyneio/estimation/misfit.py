@@ -34,7 +34,7 @@ def contradicted_landmarks(solution: Solution) -> BoolArray:
         return np.zeros(0, dtype=np.bool_)
     landmark = problem.visual.landmark
     counts = np.bincount(landmark, minlength=len(rho))
-    total = np.bincount(landmark, np.minimum(squared_residuals(problem), _CAP), minlength=len(rho))
+    total = np.bincount(landmark, np.minimum(solution.squared, _CAP), minlength=len(rho))
     freedom = np.maximum(2.0 * counts - dof, 1.0)
     reduced = total / freedom
     scale = max(1.0, float(np.median(reduced)))

@@ -12,7 +12,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from asyneio.errors import EstimationError
 from asyneio.estimation.active import KNOT_DOF, active_in_window, active_part, with_inactive_zero
 from asyneio.estimation.elimination import eliminate_landmarks
-from asyneio.estimation.linear_system import LinearSystem, evaluate_cost, linearize
+from asyneio.estimation.linear_system import LinearSystem, evaluate, linearize
 from asyneio.estimation.prior_terms import add_prior, difference, prior_cost
 from asyneio.estimation.problem import Prior, Problem
 from asyneio.estimation.retraction import retract
@@ -45,25 +45,32 @@ class OptimizerReport:
 
 @dataclass(frozen=True)
 class Solution:
-    """Optimised problem, the reduced normal equations it was last solved with, and the report.
+    """Optimised problem, the squared norms (M,) of its observations' whitened residuals, the reduced normal
+    equations it was last solved with, and the report.
 
     `information` (24K+c,24K+c) is the Schur complement of the landmarks plus the prior, last linearised;
-    what it says of coordinates that are not active (`problem.model.active`) means nothing.
+    what it says of coordinates that are not active (`problem.model.active`) means nothing. `factor` is the
+    lower Cholesky factor of its active part, with anything above the diagonal; None where the last step was
+    damped.
     """
 
     problem: Problem
+    squared: FloatArray
     information: FloatArray
+    factor: FloatArray | None
     landmark_system: LinearSystem
     report: OptimizerReport
 
 
 class _Point(NamedTuple):
-    """Where the optimisation is: the problem, its distance from the prior's linearisation point, the cost;
-    and the normal equations there, once they have been asked for."""
+    """Where the optimisation is: the problem, its distance from the prior's linearisation point, the cost and
+    the squared residuals of the observations; and the normal equations there, once they have been asked for.
+    """
 
     problem: Problem
     prior_delta: FloatArray
     cost: float
+    squared: FloatArray
     system: LinearSystem | None
 
 
@@ -71,6 +78,7 @@ class _Step(NamedTuple):
     point: _Point
     next_damping: float
     predicted_decrease: float
+    factor: FloatArray | None
 
 
 def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Solution:
@@ -90,6 +98,7 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
     iterations = 0
     converged = False
     last_decrease = 0.0
+    factor: FloatArray | None = None
     while True:
         system = point.system or _linearized(point.problem, prior).system
         assert system is not None
@@ -100,32 +109,35 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
         goes_on = settings.relative_decrease if iterations < settings.max_iterations else float("inf")
         accepted = _damped_step(point, system, prior, damping, settings.damping, goes_on)
         if accepted is None:
+            factor = None
             break
         # What the quadratic model foretold has happened: the next step would change next to nothing.
         cost, decrease = point.cost, point.cost - accepted.point.cost
         surprise = abs(decrease - accepted.predicted_decrease)
         converged = min(surprise, decrease) <= settings.relative_decrease * cost
         last_decrease = decrease / cost if cost > 0.0 else 0.0
-        point, damping = accepted.point, accepted.next_damping
+        point, damping, factor = accepted.point, accepted.next_damping, accepted.factor
         if converged or iterations >= settings.max_iterations:
             break
     report = OptimizerReport(
         iterations, initial_cost, point.cost, visual_cost, rejected, converged, last_decrease
     )
-    return Solution(point.problem, system.H, system, report)
+    return Solution(point.problem, point.squared, system.H, factor, system, report)
 
 
 def _linearized(problem: Problem, prior: Prior) -> _Point:
     """The normal equations, with the prior."""
     system = linearize(problem)
     delta = difference(problem.states, prior, problem.camera)
-    return _Point(problem, delta, float(system.cost + add_prior(system, prior, delta)), system)
+    cost = float(system.cost + add_prior(system, prior, delta))
+    return _Point(problem, delta, cost, system.squared, system)
 
 
 def _evaluated(problem: Problem, prior: Prior) -> _Point:
     """The cost alone, a sixth of the time."""
     delta = difference(problem.states, prior, problem.camera)
-    return _Point(problem, delta, evaluate_cost(problem) + prior_cost(prior, delta), None)
+    cost, squared = evaluate(problem)
+    return _Point(problem, delta, cost + prior_cost(prior, delta), squared, None)
 
 
 def _damped_step(
@@ -139,17 +151,19 @@ def _damped_step(
     problem, cost = point.problem, point.cost
     diagonal = system.H.diagonal().copy()
     while damping <= _MAX_DAMPING:
-        step = _solve(system, problem.model.active, diagonal, damping)
-        if step is not None:
+        solved = _solve(system, problem.model.active, diagonal, damping)
+        if solved is not None:
+            step, factor = solved
             predicted = _predicted_decrease(system, step)
             candidate = retract(problem, system, step)
             again = damping == 0.0 and predicted > goes_on * cost
             reached = (_linearized if again else _evaluated)(candidate, prior)
             # Equal costs count: at the minimum rounding decides.
             if reached.cost <= cost * (1.0 + 1e-9):
-                return _Step(reached, damping / 10.0 if damping > first_damping else 0.0, predicted)
+                next_damping = damping / 10.0 if damping > first_damping else 0.0
+                return _Step(reached, next_damping, predicted, factor if damping == 0.0 else None)
         damping = max(first_damping, 10.0 * damping)
-    if step is None:
+    if solved is None:
         raise EstimationError(
             "the normal equations are singular at any damping; expected a constrained window: "
             "too few measurements, or states that are not finite"
@@ -163,16 +177,22 @@ def _predicted_decrease(system: LinearSystem, step: FloatArray) -> float:
     return 0.5 * float(np.sum(system.b_l[:, :dof] ** 2) - step @ system.b)
 
 
-def _solve(system: LinearSystem, active: IntArray, diagonal: FloatArray, damping: float) -> FloatArray | None:
-    """Step (24K+c,), zero where not active, or None where the matrix is not positive definite."""
+def _solve(
+    system: LinearSystem, active: IntArray, diagonal: FloatArray, damping: float
+) -> tuple[FloatArray, FloatArray] | None:
+    """Step (24K+c,), zero where not active, and the Cholesky factor of the active part; None where the matrix
+    is not positive definite."""
     chosen = active_in_window(active, *divmod(len(diagonal), KNOT_DOF))
-    H = active_part(system.H, active).copy()
-    H[np.diag_indices_from(H)] += damping * diagonal[chosen]
+    H = active_part(system.H, active)
+    if damping > 0.0:
+        H = H.copy()
+        H[np.diag_indices_from(H)] += damping * diagonal[chosen]
     try:
-        factor = cho_factor(H, lower=True, overwrite_a=True, check_finite=False)
+        # Symmetric: its transpose is in the order that LAPACK wants.
+        factor, _ = cho_factor(H.T, lower=True, check_finite=False)
     except LinAlgError:
         return None
-    step = -cho_solve(factor, system.b[chosen], check_finite=False)
+    step = -cho_solve((factor, True), system.b[chosen], check_finite=False)
     if not np.isfinite(step).all():
         return None
-    return with_inactive_zero(step, active)
+    return with_inactive_zero(step, active), factor

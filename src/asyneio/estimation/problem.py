@@ -215,8 +215,14 @@ class Problem(NamedTuple):
 
 def bearing_tangent(kappa: FloatArray) -> FloatArray:
     """Orthonormal bases (N,3,2) of the planes orthogonal to the unit vectors `kappa` (N,3)."""
-    axis = np.zeros_like(kappa)
-    axis[np.arange(len(kappa)), np.argmin(np.abs(kappa), axis=1)] = 1.0
-    first = np.cross(kappa, axis)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(kappa, first)], axis=2)
+    # kappa x e for the axis e that it is furthest from, and kappa x that.
+    rows, axis = np.arange(len(kappa)), np.argmin(np.abs(kappa), axis=1)
+    after, before = (axis + 1) % 3, (axis + 2) % 3
+    out = np.zeros((len(kappa), 3, 2))
+    x, y = kappa[rows, before], -kappa[rows, after]
+    length = np.sqrt(x * x + y * y)
+    out[rows, after, 0], out[rows, before, 0] = x / length, y / length
+    for k in range(3):
+        p, q = (k + 1) % 3, (k + 2) % 3
+        out[:, k, 1] = kappa[:, p] * out[:, q, 0] - kappa[:, q] * out[:, p, 0]
+    return out

@@ -38,10 +38,15 @@ _POSE = _EPS
 
 @njit(cache=True, nogil=True)
 def propagated_terms(
-    problem: Problem, with_jacobian: bool, H: FloatArray, b: FloatArray, sums: VisualSums
+    problem: Problem,
+    with_jacobian: bool,
+    H: FloatArray,
+    b: FloatArray,
+    sums: VisualSums,
+    squared: FloatArray,
 ) -> tuple[float, int]:
     """Cost of all observations and how many had no influence; adds to `H` (24K+c,24K+c), `b` (24K+c,)
-    and `sums`.
+    and `sums`; `squared` (M,) as in `visual_rows.fill_rows`.
 
     `sums.W` holds the columns `PROPAGATED_COLUMNS`.
     """
@@ -60,8 +65,8 @@ def propagated_terms(
             seen = _landmark(problem, problem.states, j, r, rig)
             x_b, h = landmark_direction(seen, matrix_of(C), ORIGIN, rig)
             visible, e0, e1 = reprojection_residual(h, visual.xy, visual.root_information, n)
-            squared = e0 * e0 + e1 * e1 if visible else np.inf
-            observed_cost, robust = cauchy(squared, model.robust_scale, model.gate)
+            squared[n] = e0 * e0 + e1 * e1 if visible else np.inf
+            observed_cost, robust = cauchy(squared[n], model.robust_scale, model.gate)
             cost += observed_cost
             if robust == 0.0:
                 rejected += 1

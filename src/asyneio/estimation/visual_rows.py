@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
@@ -24,15 +22,9 @@ from asyneio.geometry.tuples import dot, matrix_at, plus, transposed_product, tr
 from asyneio.trajectory.step import local_variable, row_times_step_jacobian, step_pose
 from asyneio.types import FloatArray
 
-
-class Rows(NamedTuple):
-    """Whitened, robustly weighted rows of one interval, two for each observation."""
-
-    residual: FloatArray  # (2m,)
-    local: FloatArray  # (2m,36) local kinematic coordinates
-    anchor: FloatArray  # (2m,6)
-    landmark: FloatArray  # (2m,3)
-    camera: FloatArray  # (2m,c)
+#: Columns of a row: anchor pose, local coordinates of the interval, residual, landmark, what is estimated of
+#: the camera.
+ANCHOR, LOCAL, RESIDUAL, LANDMARK, CAMERA = 0, 6, 42, 43, 46
 
 
 @njit(cache=True, nogil=True)
@@ -42,12 +34,15 @@ def fill_rows(
     local: FloatArray,
     local_lin: FloatArray,
     with_jacobian: bool,
-    rows: Rows,
+    rows: FloatArray,
+    squared: FloatArray,
 ) -> tuple[float, int]:
-    """Rows of the observations of interval i: residuals at the states, Jacobians at the linearisation point.
+    """Rows (2m,46+c) of the m observations of interval i, whitened and robustly weighted, two for each:
+    residuals at the states, Jacobians at the linearisation point. What has no influence keeps zeros.
 
-    Returns their cost and how many have no influence. The base frame is the body at knot i; what depends on
-    the landmark alone is found once for its run of observations.
+    Returns their cost and how many have no influence; `squared` (M,) takes the squared norms of their
+    whitened residuals, infinite behind the camera, whatever the robust cost makes of them. The base frame is
+    the body at knot i; what depends on the landmark alone is found once for its run of observations.
     """
     visual, model, camera_columns = problem.visual, problem.model, problem.camera.columns
     landmark_of, xy, root_information, weights = (
@@ -57,7 +52,6 @@ def fill_rows(
         visual.weights,
     )
     anchor_of, tangent, space = problem.landmarks.anchor, problem.landmarks.tangent, model.motion_model.space
-    residual, d_local, d_anchor, d_landmark, d_camera = rows
     rig = rig_of(problem.camera.C_bc, model.r_bc)
     first, last = visual.start[i], visual.start[i + 1]
     seen = lin = _landmark(problem, problem.states, i, landmark_of[first], rig)
@@ -75,8 +69,8 @@ def fill_rows(
         C, r = step_pose(phi, rho, space)
         x_b, h = landmark_direction(seen, C, r, rig)
         visible, e0, e1 = reprojection_residual(h, xy, root_information, n)
-        squared = e0 * e0 + e1 * e1 if visible else np.inf
-        observed_cost, robust = cauchy(squared, model.robust_scale, model.gate)
+        squared[n] = e0 * e0 + e1 * e1 if visible else np.inf
+        observed_cost, robust = cauchy(squared[n], model.robust_scale, model.gate)
         cost += observed_cost
         if robust == 0.0:
             rejected += 1
@@ -92,20 +86,20 @@ def fill_rows(
         root = np.sqrt(robust)
         for m in range(2):
             o = 2 * (n - first) + m
-            residual[o] = root * (e0 if m == 0 else e1)
             w0, w1 = root * root_information[n, m, 0], root * root_information[n, m, 1]
             row = reprojection_row(w0, w1, lin, C, r, rig, x_b, h)
             step = row_times_step_jacobian(row.query, phi, rho, C, space)
-            b0, b1 = bearing_row(row, rig, tangent, j)
             for k in range(3):
-                d_local[o, k], d_local[o, 3 + k] = row.base[0][k], row.base[1][k]
-                d_anchor[o, k], d_anchor[o, 3 + k] = row.anchor[0][k], row.anchor[1][k]
+                rows[o, ANCHOR + k], rows[o, ANCHOR + 3 + k] = row.anchor[0][k], row.anchor[1][k]
+                rows[o, LOCAL + k], rows[o, LOCAL + 3 + k] = row.base[0][k], row.base[1][k]
             for p in range(5):
                 w = weights[n, 0, p]
                 for k in range(3):
-                    d_local[o, 6 + 6 * p + k] = w * step[0][k]
-                    d_local[o, 9 + 6 * p + k] = w * step[1][k]
-            d_landmark[o, 0], d_landmark[o, 1], d_landmark[o, 2] = row.by_rho, b0, b1
+                    rows[o, LOCAL + 6 + 6 * p + k] = w * step[0][k]
+                    rows[o, LOCAL + 9 + 6 * p + k] = w * step[1][k]
+            rows[o, RESIDUAL] = root * (e0 if m == 0 else e1)
+            rows[o, LANDMARK] = row.by_rho
+            rows[o, LANDMARK + 1], rows[o, LANDMARK + 2] = bearing_row(row, rig, tangent, j)
             if len(camera_columns) > 0:
                 # A second of time offset perturbs the pose by the step's Jacobian times the rate of xi.
                 turn_rate, rate = local_variable(local_lin, weights, n, 1)
@@ -113,7 +107,7 @@ def fill_rows(
                 by_turn = extrinsic_rotation_row(row, lin, rig, h)
                 for k in range(len(camera_columns)):
                     column = camera_columns[k]
-                    d_camera[o, k] = by_offset if column == 0 else by_turn[column - 1]
+                    rows[o, CAMERA + k] = by_offset if column == 0 else by_turn[column - 1]
     return cost, rejected
 
 

@@ -12,7 +12,7 @@ from numba import njit
 
 from asyneio.estimation.couplings import Couplings, empty_couplings
 from asyneio.estimation.problem import Problem
-from asyneio.estimation.visual_rows import Rows
+from asyneio.estimation.visual_rows import ANCHOR, CAMERA, LANDMARK, LOCAL, RESIDUAL
 from asyneio.trajectory.model import SE3
 from asyneio.types import BoolArray, FloatArray, IntArray
 
@@ -76,130 +76,100 @@ NO_SUMS = VisualSums(
 
 
 @njit(cache=True, nogil=True)
-def sum_trajectory(rows: Rows, H: FloatArray, b: FloatArray) -> None:
-    """Trajectory against itself, in local coordinates."""
-    square = np.dot(rows.local.T, rows.local)
-    gradient = np.dot(rows.local.T, rows.residual)
-    for p in range(36):
-        b[p] += gradient[p]
-        for q in range(36):
-            H[p, q] += square[p, q]
-
-
-@njit(cache=True, nogil=True)
-def sum_anchors(problem: Problem, i: int, rows: Rows, sums: VisualSums) -> None:
-    """Anchor poses against themselves and against the interval's local coordinates."""
+def sum_knots(
+    problem: Problem, i: int, rows: FloatArray, H: FloatArray, b: FloatArray, sums: VisualSums
+) -> None:
+    """The interval's local coordinates, anchor poses and the camera, against themselves and each other."""
     visual, anchor = problem.visual, problem.landmarks.anchor
     first, last = visual.start[i], visual.start[i + 1]
+    camera = rows.shape[1] - CAMERA
     begin = first
     while begin < last:
         a = anchor[visual.landmark[begin]]
         end = begin
         while end < last and anchor[visual.landmark[end]] == a:
             end += 1
-        A = rows.anchor[2 * (begin - first) : 2 * (end - first)]
-        J = rows.local[2 * (begin - first) : 2 * (end - first)]
-        residual = rows.residual[2 * (begin - first) : 2 * (end - first)]
-        square, gradient, cross = np.dot(A.T, A), np.dot(A.T, residual), np.dot(J.T, A)
+        some = rows[2 * (begin - first) : 2 * (end - first)]
+        square = np.dot(some.T, some)
         sums.touched[i, a] = True
-        for p in range(6):
-            sums.b_pose[a, p] += gradient[p]
-            for q in range(6):
-                sums.H_pose[a, p, q] += square[p, q]
         for p in range(36):
+            b[p] += square[LOCAL + p, RESIDUAL]
+            for q in range(36):
+                H[p, q] += square[LOCAL + p, LOCAL + q]
             for q in range(6):
-                sums.H_anchor[i, a, p, q] += cross[p, q]
+                sums.H_anchor[i, a, p, q] += square[LOCAL + p, ANCHOR + q]
+            for c in range(camera):
+                sums.local_camera[i, p, c] += square[LOCAL + p, CAMERA + c]
+        for p in range(6):
+            sums.b_pose[a, p] += square[ANCHOR + p, RESIDUAL]
+            for q in range(6):
+                sums.H_pose[a, p, q] += square[ANCHOR + p, ANCHOR + q]
+            for c in range(camera):
+                sums.pose_camera[a, p, c] += square[ANCHOR + p, CAMERA + c]
+        for c in range(camera):
+            sums.b_camera[c] += square[CAMERA + c, RESIDUAL]
+            for d in range(camera):
+                sums.H_camera[c, d] += square[CAMERA + c, CAMERA + d]
         begin = end
 
 
 @njit(cache=True, nogil=True)
-def sum_landmarks(problem: Problem, i: int, rows: Rows, chain: FloatArray, sums: VisualSums) -> None:
-    """Landmarks against themselves, their anchors and the two knots of the interval."""
+def sum_landmarks(problem: Problem, i: int, rows: FloatArray, chain: FloatArray, sums: VisualSums) -> None:
+    """Landmarks against themselves, their anchors, the camera and the two knots of the interval."""
     landmark_of, anchor = problem.visual.landmark, problem.landmarks.anchor
-    residual, d_local, d_anchor, d_landmark, _ = rows
-    values, begin, width, H_l, b_l = sums.W.values, sums.W.begin, sums.W.width, sums.H_l, sums.b_l
-    dof = sums.W_camera.shape[1]
     first, last = problem.visual.start[i], problem.visual.start[i + 1]
-    coupling = np.zeros((dof * (last - first), 36))
-    owner = np.empty(last - first, dtype=np.int64)
-    g = -1
-    for n in range(first, last):
-        j = landmark_of[n]
-        if g < 0 or owner[g] != j:
-            g += 1
-            owner[g] = j
-        for m in range(2):
-            o = 2 * (n - first) + m
-            for d in range(dof):
-                l = d_landmark[o, d]  # noqa: E741
-                b_l[j, d] += l * residual[o]
-                for e in range(dof):
-                    H_l[j, d, e] += l * d_landmark[o, e]
-                at = begin[j] + d * width[anchor[j]]
-                for k in range(6):
-                    values[at + k] += l * d_anchor[o, k]
-                for k in range(36):
-                    coupling[dof * g + d, k] += l * d_local[o, k]
-    _spread_coupling(
-        coupling[: dof * (g + 1)], owner[: g + 1], anchor, chain, i, problem.model.motion_model.space, sums.W
-    )
-
-
-@njit(cache=True, nogil=True)
-def _spread_coupling(
-    coupling: FloatArray,
-    owner: IntArray,
-    anchor: IntArray,
-    chain: FloatArray,
-    i: int,
-    space: int,
-    W: Couplings,
-) -> None:
-    """Couplings (n dof, 36) of the landmarks `owner` from local coordinates to knots i and i + 1."""
-    values, begin, width = W.values, W.begin, W.width
-    dof = coupling.shape[0] // owner.shape[0]
-    full = np.empty((18, 24))
-    for p in range(18):
-        for q in range(6):
-            full[p, q] = chain[18 + p, q]
-        for q in range(18):
-            full[p, 6 + q] = chain[18 + p, 24 + q]
-    moved = np.dot(np.ascontiguousarray(coupling[:, 18:]), full)
-    for o in range(coupling.shape[0]):
-        j, d = owner[o // dof], o % dof
-        at = begin[j] + d * width[anchor[j]] + 18 * (i - anchor[j])
-        for k in range(18):
-            values[at + k] += coupling[o, k]
-            values[at + 18 + k] += moved[o, 6 + k]
+    values, dof = sums.W.values, sums.W_camera.shape[1]
+    own, owner = _landmark_rows(landmark_of[first:last], rows)
+    moved = _moved_by_chain(own, chain)
+    for o in range(dof * owner.shape[0]):
+        g, d = o // dof, o % dof
+        j, row = owner[g], own[3 * g + d]
+        sums.b_l[j, d] += row[RESIDUAL]
+        for e in range(dof):
+            sums.H_l[j, d, e] += row[LANDMARK + e]
+        for c in range(sums.W_camera.shape[2]):
+            sums.W_camera[j, d, c] += row[CAMERA + c]
+        at = sums.W.begin[j] + d * sums.W.width[anchor[j]]
         for k in range(6):
-            values[at + k] += moved[o, k]
-        if space == SE3:
-            continue
-        # The acceleration at the first knot depends on its varpi.
-        for k in range(6, 12):
-            for m in range(15, 18):
-                values[at + k] += coupling[o, m] * chain[m, k]
+            values[at + k] += row[ANCHOR + k]
+        at += 18 * (i - anchor[j])
+        for k in range(18):
+            values[at + k] += row[LOCAL + k]
+        for k in range(6):
+            values[at + k] += moved[3 * g + d, k]
+        for k in range(18):
+            values[at + 18 + k] += moved[3 * g + d, 6 + k]
+        if problem.model.motion_model.space != SE3:
+            # The acceleration at the first knot depends on its varpi.
+            for k in range(6, 12):
+                for m in range(15, 18):
+                    values[at + k] += row[LOCAL + m] * chain[m, k]
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
+def _landmark_rows(landmark_of: IntArray, rows: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Rows (3g,46+c) of the landmarks of the interval, each against all columns, and which those are (g,)."""
+    m = landmark_of.shape[0]
+    own, owner = np.zeros((3 * m, rows.shape[1])), np.empty(m, dtype=np.int64)
+    g = -1
+    for n in range(m):
+        if g < 0 or owner[g] != landmark_of[n]:
+            g += 1
+            owner[g] = landmark_of[n]
+        o = 2 * n
+        u0, u1, u2 = rows[o, LANDMARK], rows[o, LANDMARK + 1], rows[o, LANDMARK + 2]
+        v0, v1, v2 = rows[o + 1, LANDMARK], rows[o + 1, LANDMARK + 1], rows[o + 1, LANDMARK + 2]
+        for k in range(rows.shape[1]):
+            u, v = rows[o, k], rows[o + 1, k]
+            own[3 * g, k] += u0 * u + v0 * v
+            own[3 * g + 1, k] += u1 * u + v1 * v
+            own[3 * g + 2, k] += u2 * u + v2 * v
+    return own[: 3 * (g + 1)], owner[: g + 1]
 
 
 @njit(cache=True, nogil=True)
-def sum_camera(problem: Problem, i: int, rows: Rows, sums: VisualSums) -> None:
-    """What is estimated of the camera against itself, the trajectory, the anchor poses and the landmarks."""
-    visual, anchor = problem.visual, problem.landmarks.anchor
-    count, dof, first = rows.camera.shape[1], sums.W_camera.shape[1], visual.start[i]
-    square, gradient = np.dot(rows.camera.T, rows.camera), np.dot(rows.camera.T, rows.residual)
-    cross = np.dot(rows.local.T, rows.camera)
-    for c in range(count):
-        sums.b_camera[c] += gradient[c]
-        for d in range(count):
-            sums.H_camera[c, d] += square[c, d]
-        for p in range(36):
-            sums.local_camera[i, p, c] += cross[p, c]
-    for o in range(rows.camera.shape[0]):
-        j = visual.landmark[first + o // 2]
-        a = anchor[j]
-        for c in range(count):
-            v = rows.camera[o, c]
-            for p in range(6):
-                sums.pose_camera[a, p, c] += rows.anchor[o, p] * v
-            for d in range(dof):
-                sums.W_camera[j, d, c] += rows.landmark[o, d] * v
+def _moved_by_chain(own: FloatArray, chain: FloatArray) -> FloatArray:
+    """(n,24): the last 18 local coordinates of rows (n,46+c), moved to eps_k and to knot k + 1."""
+    full = np.empty((18, 24))
+    full[:, :6], full[:, 6:] = chain[18:36, :6], chain[18:36, 24:42]
+    return np.dot(np.ascontiguousarray(own[:, LOCAL + 18 : LOCAL + 36]), full)

@@ -53,6 +53,8 @@ class Window:
         self._visual = VisualBuffer(prior_kind)
         self._still: BoolArray = np.empty(0, dtype=np.bool_)
         self.landmarks = LandmarkTable()
+        #: The problem last solved, while the window still is as it was.
+        self._solved: Problem | None = None
 
     @property
     def knots(self) -> int:
@@ -91,6 +93,7 @@ class Window:
         Raises:
             EstimationError, InertialError: as `schemes.measure`.
         """
+        self._solved = None
         s = self._settings
         interval = self.first + self.knots - 1
         bounds = (int(self.t_ns[-1]), t_ns)
@@ -119,7 +122,9 @@ class Window:
 
     def take_back_rest(self, since_ns: int) -> None:
         """Intervals that end after `since_ns` are no longer taken to be at rest."""
-        self._still = self._still & (self.t_ns[1:] <= since_ns)
+        still = self._still & (self.t_ns[1:] <= since_ns)
+        if not np.array_equal(still, self._still):
+            self._still, self._solved = still, None
 
     def _increments(self, preintegration: Preintegration | None, t_ns: IntArray) -> Propagated:
         """Increments since the newest knot at times (N,), where the scheme propagates."""
@@ -134,6 +139,8 @@ class Window:
 
     def problem(self) -> Problem:
         """The optimisation problem of the present window."""
+        if self._solved is not None:
+            return self._solved
         intervals = self.knots - 1
         visual, propagated = self._visual.arrays(
             self.landmarks.index_of(self._visual.track), self.landmarks.anchor, self.first, intervals
@@ -184,6 +191,8 @@ class Window:
         self.camera = solution.problem.camera
         if self._moves_in_time:
             self._visual.move_to(self.camera.time_offset, self.preintegrations, self.first)
+        # Propagated poses may have been asked for anew.
+        self._solved = None if self._settings.scheme.propagates else solution.problem
         return solution
 
     def marginalize_oldest(self) -> None:
@@ -196,6 +205,7 @@ class Window:
         # What is left in the first interval belongs to tracks too short for a landmark.
         self._visual.keep(~gone & (self._visual.interval > self.first))
         self.landmarks.keep(~anchored)
+        self._solved = None
         self.first += 1
         self._gyroscope.drop_before(self.first)
         self._accelerometer.drop_before(self.first)
@@ -209,6 +219,9 @@ class Window:
 
     def remove_tracks(self, ids: IntArray) -> None:
         """Forget tracks: their observations and their landmarks."""
+        if len(ids) == 0:
+            return
+        self._solved = None
         self._visual.keep(~np.isin(self._visual.track, ids))
         self.landmarks.keep(~np.isin(self.landmarks.track, ids))
 
@@ -228,15 +241,10 @@ class Window:
         ]
         if not groups:
             return 0
+        self._solved = None
         default_rho = float(np.median(self.landmarks.rho)) if len(self.landmarks) else _DEFAULT_RHO
-        born = [births.born(group, max(default_rho, 0.0)) for group in groups]
-        anchors, kappas, rhos = zip(*born, strict=True)
-        self.landmarks.add(
-            self._visual.track[[group[0] for group in groups]],
-            np.array(anchors),
-            np.array(kappas),
-            np.array(rhos),
-        )
+        anchors, kappas, rhos = births.born(groups, max(default_rho, 0.0))
+        self.landmarks.add(self._visual.track[[group[0] for group in groups]], anchors, kappas, rhos)
         if not births.refines_bearing:
             # The fixed bearing stands for what was seen before the anchor.
             early = [

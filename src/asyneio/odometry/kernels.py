@@ -17,7 +17,7 @@ from asyneio.config import FrontendConfig
 from asyneio.estimation import interval_terms, visual_terms
 from asyneio.estimation.active import active_coordinates
 from asyneio.estimation.elimination import eliminate_landmarks
-from asyneio.estimation.landmarks import born_landmark, camera_poses
+from asyneio.estimation.landmarks import born_landmarks, camera_poses
 from asyneio.estimation.linear_system import LinearSystem, linearize
 from asyneio.estimation.problem import (
     Camera,
@@ -81,10 +81,10 @@ def compile_visual() -> None:
     local, chain = np.zeros((1, 5, 6)), np.zeros((1, 48, 48))
     sums = empty_sums(problem)
     visual_terms.visual_terms(
-        problem, local, local, chain, False, np.zeros((1, 48, 48)), np.zeros((1, 48)), sums
+        problem, local, local, chain, False, np.zeros((1, 48, 48)), np.zeros((1, 48)), sums, np.empty(1)
     )
     H, b = np.zeros((48, 48)), np.zeros(48)
-    system = LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.W_camera, 0.0, 0.0, 0)
+    system = LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.W_camera, 0.0, 0.0, 0, np.empty(1))
     eliminate_landmarks(system, problem.landmarks, problem.model)
     retract(problem, system, np.zeros(48))
     C, r, kappa = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0]] * 2)
@@ -93,7 +93,7 @@ def compile_visual() -> None:
     camera_poses(
         problem.states, interval, weights, problem.camera.C_bc, model.r_bc, model.motion_model.space, C, r
     )
-    born_landmark(C, r, kappa, 0, C[0], r[0], 0.5, 1e-3, np.empty(3))
+    born_landmarks(C, r, kappa[:1], np.ones(1, dtype=np.int64), 0.5, 1e-3, np.empty((1, 3)), np.empty(1))
     camera = CameraIntrinsics(100.0, 100.0, 8.0, 8.0, 16, 16)
     CameraModel(camera).undistort(np.full((1, 2), 8.0))
     samples = np.zeros(2, dtype=INERTIAL_DTYPE)
