@@ -119,7 +119,7 @@ def at_offset(
     return visual._replace(weights=weights), propagated
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _reweigh(visual: Visual, offset: float, dt: FloatArray, prior: int, out: FloatArray) -> None:
     """Interpolation weights `out` (M,2,5) of all observations at their stamps plus the offset."""
     weights = np.empty((3, 5))

@@ -25,7 +25,7 @@ from asyneio.trajectory.interpolation import interval_local
 from asyneio.types import BoolArray, FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def interval_locals(states: States, space: int, out: FloatArray) -> None:
     """End quantities `out` (I,5,6) of all intervals."""
     for i in range(out.shape[0]):
@@ -41,7 +41,7 @@ def interval_locals(states: States, space: int, out: FloatArray) -> None:
         )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def interval_chains(states: States, needed: BoolArray, space: int, out: FloatArray) -> None:
     """`local_to_knots` of the needed intervals: `out` (I,48,48)."""
     for i in range(out.shape[0]):
@@ -58,7 +58,7 @@ def interval_chains(states: States, needed: BoolArray, space: int, out: FloatArr
             )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def motion_terms(
     problem: Problem, local: FloatArray, with_jacobian: bool, H: FloatArray, b: FloatArray
 ) -> float:
@@ -89,7 +89,7 @@ def motion_terms(
     return cost
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _add_gp_prior(
     coefficients: FloatArray, residual: FloatArray, root_density: FloatArray, H: FloatArray, b: FloatArray
 ) -> None:
@@ -105,7 +105,7 @@ def _add_gp_prior(
                 H[6 + 6 * p + j, 6 + 6 * q + j] += s / root_density[j] ** 2
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _add_bias(residual: FloatArray, model: Model, i: int, H: FloatArray, b: FloatArray) -> None:
     for j in range(6):
         w = 1.0 / (model.bias_walk[j] * np.sqrt(model.dt[i]))
@@ -117,7 +117,7 @@ def _add_bias(residual: FloatArray, model: Model, i: int, H: FloatArray, b: Floa
         b[42 + j] += w * residual[j]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gyroscope_terms(
     samples: Inertial,
     bias: FloatArray,
@@ -149,7 +149,7 @@ def gyroscope_terms(
     return cost
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def accelerometer_terms(
     samples: Inertial,
     states: States,
@@ -194,7 +194,7 @@ def accelerometer_terms(
     return cost
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _whiten(root: FloatArray, residual: FloatArray, jacobian: FloatArray, with_jacobian: bool) -> float:
     """In place, the samples of one interval by their common `root` (n,n), lower triangular; their cost.
 
@@ -217,7 +217,7 @@ def _whiten(root: FloatArray, residual: FloatArray, jacobian: FloatArray, with_j
     return cost
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _accumulate(jacobian: FloatArray, residual: FloatArray, H: FloatArray, b: FloatArray) -> None:
     """`H += J^T J`, `b += J^T r` for J (3,48)."""
     for p in range(48):

@@ -10,7 +10,7 @@ from asyneio.factors.preintegration import preintegration_jacobian, preintegrati
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def preintegration_terms(problem: Problem, with_jacobian: bool, H: FloatArray, b: FloatArray) -> float:
     """Cost of (30) over the intervals that have increments; adds to `H` (24K,24K) and `b` (24K,)."""
     states, linearization, sums = problem.states, problem.linearization, problem.preintegrated

@@ -46,7 +46,7 @@ def difference(states: States, prior: Prior, camera: Camera | None = None) -> Fl
     return np.concatenate([out.ravel(), camera_difference(camera, prior.camera)])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _difference(linearization: States, states: States, out: FloatArray) -> None:
     for k in range(out.shape[0]):
         knot_difference(

@@ -41,7 +41,7 @@ def shifted(at: Propagated, tau: FloatArray) -> Propagated:
     return at._replace(tau=tau, C=C, r=r, d_bias=d_bias)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _mean_rates(begin: FloatArray, end: FloatArray, seconds: float, out: FloatArray) -> None:
     """Mean angular velocity `out` (N,3) in the body between attitudes (N,3,3)."""
     for n in range(len(out)):
@@ -50,7 +50,7 @@ def _mean_rates(begin: FloatArray, end: FloatArray, seconds: float, out: FloatAr
             out[n, i] /= seconds
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _shift(at: Propagated, tau: FloatArray, C: FloatArray, r: FloatArray, d_bias: FloatArray) -> None:
     for n in range(len(tau)):
         shifted_increments(

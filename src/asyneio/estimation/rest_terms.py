@@ -34,7 +34,7 @@ def rest_of(present: BoolArray, model: Model) -> Rest:
     return Rest(present, np.hstack([1.0 / creep, known / tremor, known / tremor]))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def rest_terms(problem: Problem, with_jacobian: bool, H: FloatArray, b: FloatArray) -> float:
     """Cost of standing still; adds to `H` (24K,24K) and `b` (24K,)."""
     states, linearization, rest = problem.states, problem.linearization, problem.rest

@@ -8,7 +8,7 @@ from numba import njit
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def bias_factor(
     bias_0: FloatArray, bias_1: FloatArray, walk: FloatArray, dt: float, residual: FloatArray
 ) -> None:

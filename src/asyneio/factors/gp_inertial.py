@@ -17,7 +17,7 @@ from asyneio.trajectory.interpolation import query_rates, query_rates_jacobian, 
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gyroscope_residual(
     value: FloatArray,
     local: FloatArray,
@@ -38,7 +38,7 @@ def gyroscope_residual(
         residual[i] = value[i] - omega - (1.0 - alpha) * bias[0, i] - alpha * bias[1, i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gyroscope_jacobian(local: FloatArray, weights: FloatArray, alpha: float, jacobian: FloatArray) -> None:
     """`jacobian` (3,48) of `gyroscope_residual` with respect to the local coordinates, exact (68)-(70)."""
     xi = np.empty(6)
@@ -60,7 +60,7 @@ def gyroscope_jacobian(local: FloatArray, weights: FloatArray, alpha: float, jac
         jacobian[i, 42 + i] = -alpha
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def accelerometer_residual(
     value: FloatArray,
     C_0: FloatArray,
@@ -85,7 +85,7 @@ def accelerometer_residual(
         residual[i] -= (1.0 - alpha) * bias[0, 3 + i] + alpha * bias[1, 3 + i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _gravity_in_body(
     C_0: FloatArray, local: FloatArray, weights: FloatArray, gravity_w: FloatArray, out: FloatArray
 ) -> None:
@@ -99,7 +99,7 @@ def _gravity_in_body(
     matvec_t(C_d, g_0, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def accelerometer_jacobian(
     C_0: FloatArray,
     local: FloatArray,

@@ -12,7 +12,7 @@ from asyneio.trajectory.motion_prior import information_root, transition
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gp_prior_coefficients(dt: float, prior: int, out: FloatArray) -> None:
     """Whitened (unit density) coefficients `out` (3,5) in (16) of the end quantities of an interval."""
     # Phi gamma(t_k) - gamma(t_{k+1}); gamma(t_k) begins with zero, so the first column of Phi drops out.
@@ -28,7 +28,7 @@ def gp_prior_coefficients(dt: float, prior: int, out: FloatArray) -> None:
             out[i, b] = U[i, 0] * G[0, b] + U[i, 1] * G[1, b] + U[i, 2] * G[2, b]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gp_prior_factor(
     local: FloatArray, coefficients: FloatArray, root_density: FloatArray, residual: FloatArray
 ) -> None:

@@ -14,7 +14,7 @@ INTERVAL_DOF = 48
 KNOT_DOF = 24
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def local_to_knots(
     C_0: FloatArray,
     r_0: FloatArray,

@@ -14,7 +14,7 @@ from asyneio.geometry.se3 import se3_between, se3_log
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def knot_difference(
     C_lin: FloatArray,
     r_lin: FloatArray,

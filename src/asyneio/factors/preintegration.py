@@ -15,7 +15,7 @@ from asyneio.geometry.so3 import so3_exp, so3_log, so3_right_jacobian, so3_right
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def corrected_increments(
     bias_0: FloatArray,
     bias_ref: FloatArray,
@@ -31,7 +31,7 @@ def corrected_increments(
     matmul(dC, turn, M)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def preintegration_residual(
     C_0: FloatArray,
     r_0: FloatArray,
@@ -74,7 +74,7 @@ def preintegration_residual(
         residual[6 + i] = way[i] - 0.5 * fall[i] * dt * dt - nu_0[i] * dt - dr[i] - change[6 + i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def preintegration_jacobian(
     C_0: FloatArray,
     r_0: FloatArray,
@@ -147,7 +147,7 @@ def preintegration_jacobian(
             jacobian[6 + i, 18 + j] = -d_bias[6 + i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def propagated_pose(
     C_0: FloatArray,
     r_0: FloatArray,
@@ -173,7 +173,7 @@ def propagated_pose(
         r[i] = r_0[i] + way[i] + 0.5 * gravity_w[i] * tau * tau
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def propagated_pose_jacobian(
     C_0: FloatArray,
     r_0: FloatArray,

@@ -11,7 +11,7 @@ from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def propagated_velocity(
     C_0: FloatArray,
     nu_0: FloatArray,
@@ -54,7 +54,7 @@ def propagated_velocity(
                 out[i] += J_psi[i, j] * d_turn[j, k] * db[k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def shifted_increments(
     dC: FloatArray,
     dr: FloatArray,

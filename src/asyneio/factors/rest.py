@@ -19,7 +19,7 @@ from asyneio.types import FloatArray
 REST_ROWS = 18
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def rest_residual(
     C_0: FloatArray,
     r_0: FloatArray,
@@ -42,7 +42,7 @@ def rest_residual(
         residual[12 + i] = varpi_1[i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def rest_jacobian(
     C_0: FloatArray, r_0: FloatArray, C_1: FloatArray, r_1: FloatArray, jacobian: FloatArray
 ) -> None:

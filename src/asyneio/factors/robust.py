@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def cauchy(squared_norm: float, scale: float, gate: float) -> tuple[float, float]:
     """Cost and weight of a residual with the given squared norm (in standard deviations squared).
 

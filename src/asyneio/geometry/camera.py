@@ -50,7 +50,7 @@ class Table(NamedTuple):
     stride: float
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def on_sensor(camera: Pinhole, u: float, v: float) -> bool:
     """Whether the pixel position lies on the sensor, the outer halves of border pixels included."""
     return (-HALF_PIXEL <= u <= camera.width - HALF_PIXEL) and (
@@ -58,7 +58,7 @@ def on_sensor(camera: Pinhole, u: float, v: float) -> bool:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def look_up(table: Table, u: float, v: float) -> tuple[float, float]:
     """Bilinear interpolation in the table, linear extrapolation past its border; NaN near unsolved nodes."""
     rows, columns = table.xy.shape[0], table.xy.shape[1]
@@ -72,7 +72,7 @@ def look_up(table: Table, u: float, v: float) -> tuple[float, float]:
     return x, y
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fill_table(camera: Pinhole, table: Table) -> None:
     """Solve the pixels of the table from scratch; what has no solution becomes NaN."""
     for i in range(table.xy.shape[0]):
@@ -86,7 +86,7 @@ def fill_table(camera: Pinhole, table: Table) -> None:
             table.xy[i, j, 1] = y if solved else np.nan
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def undistort_pixels(
     camera: Pinhole, table: Table, uv: FloatArray, xy: FloatArray, jac: FloatArray, valid: BoolArray
 ) -> None:
@@ -113,7 +113,7 @@ def undistort_pixels(
         valid[n] = True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def project_points(camera: Pinhole, p_c: FloatArray, uv: FloatArray, valid: BoolArray) -> None:
     """Project `p_c` (N,3) into `uv` (N,2) and `valid` (N,); NaN where invalid."""
     limit2 = camera.lens.max_radius**2

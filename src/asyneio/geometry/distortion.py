@@ -134,7 +134,7 @@ def _valid_radius(model: int, k: FloatArray) -> float:
     return min(FOLD_MARGIN * fold, math.tan(MAX_ANGLE))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fold(lens: Lens, radii: FloatArray, angle: float) -> float:
     """First radius at which the lens folds along one ray, by sampling and bisection; infinite if none."""
     cos, sin = math.cos(angle), math.sin(angle)
@@ -153,7 +153,7 @@ def _fold(lens: Lens, radii: FloatArray, angle: float) -> float:
     return math.inf
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _unfolded(lens: Lens, x: float, y: float) -> bool:
     """Whether the symmetric part of the Jacobian is positive definite; no at a pole of the rational model."""
     _x, _y, a, b, c, d = distort(lens, x, y)
@@ -161,7 +161,7 @@ def _unfolded(lens: Lens, x: float, y: float) -> bool:
     return a > 0.0 and a * d - half * half > 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def distort(lens: Lens, x: float, y: float) -> tuple[float, float, float, float, float, float]:
     """Distorted point and Jacobian `(x_d, y_d, a, b, c, d)` of an undistorted point (x, y).
 
@@ -175,7 +175,7 @@ def distort(lens: Lens, x: float, y: float) -> tuple[float, float, float, float,
     return x, y, 1.0, 0.0, 0.0, 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _distort_radtan(k: FloatArray, x: float, y: float) -> tuple[float, float, float, float, float, float]:
     k1, k2, p1, p2, k3 = k[0], k[1], k[2], k[3], k[4]
     r2 = x * x + y * y
@@ -196,7 +196,7 @@ def _distort_radtan(k: FloatArray, x: float, y: float) -> tuple[float, float, fl
     return x_d, y_d, a, shared + prism_x * y, shared + prism_y * x, d
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _distort_equidistant(
     k: FloatArray, x: float, y: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -214,7 +214,7 @@ def _distort_equidistant(
     return x * scale, y * scale, scale + bend * x * x, b, b, scale + bend * y * y
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def cold_start(lens: Lens, x_d: float, y_d: float) -> tuple[float, float]:
     """A starting point for `undistort` when no better one is known, always inside the valid disc."""
     r_d = math.sqrt(x_d * x_d + y_d * y_d)
@@ -223,7 +223,7 @@ def cold_start(lens: Lens, x_d: float, y_d: float) -> tuple[float, float]:
     return scale * x_d, scale * y_d
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _damped_step(
     lens: Lens, x_d: float, y_d: float, x: float, y: float, step: tuple[float, float], error2: float
 ) -> tuple[float, float, bool]:
@@ -241,7 +241,7 @@ def _damped_step(
     return x, y, False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def undistort(
     lens: Lens, x_d: float, y_d: float, x: float, y: float
 ) -> tuple[float, float, float, float, float, float, int]:

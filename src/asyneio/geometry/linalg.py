@@ -7,7 +7,7 @@ from numba import njit
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """`out = a x b`, all (3,); `out` must not be an input."""
     out[0] = a[1] * b[2] - a[2] * b[1]
@@ -15,7 +15,7 @@ def cross(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def skew(a: FloatArray, out: FloatArray) -> None:
     """`out = a^`, (3,3), so that `a^ b = a x b`."""
     out[0, 0] = 0.0
@@ -29,7 +29,7 @@ def skew(a: FloatArray, out: FloatArray) -> None:
     out[2, 2] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def matmul(A: FloatArray, B: FloatArray, out: FloatArray) -> None:
     """`out = A B` for small matrices of any matching shape; `out` must not be an input."""
     for i in range(A.shape[0]):
@@ -40,7 +40,7 @@ def matmul(A: FloatArray, B: FloatArray, out: FloatArray) -> None:
             out[i, j] = s
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def matmul_tn(A: FloatArray, B: FloatArray, out: FloatArray) -> None:
     """`out = A^T B`; `out` must not be an input."""
     for i in range(A.shape[1]):
@@ -51,7 +51,7 @@ def matmul_tn(A: FloatArray, B: FloatArray, out: FloatArray) -> None:
             out[i, j] = s
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def matvec(A: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """`out = A x`; `out` must not be an input."""
     for i in range(A.shape[0]):
@@ -61,7 +61,7 @@ def matvec(A: FloatArray, x: FloatArray, out: FloatArray) -> None:
         out[i] = s
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def matvec_t(A: FloatArray, x: FloatArray, out: FloatArray) -> None:
     """`out = A^T x`; `out` must not be an input."""
     for i in range(A.shape[1]):

@@ -34,7 +34,7 @@ from asyneio.geometry.so3 import so3_left_jacobian_inverse, so3_log, so3_polynom
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def se3_exp(xi: FloatArray, C_out: FloatArray, r_out: FloatArray) -> None:
     """`(C, r) = Exp(xi)`, r = J_l(phi) rho (41): C = 1 + a phi^ + b phi^2, J_l = 1 + b phi^ + c phi^2."""
     p0, p1, p2 = xi[0], xi[1], xi[2]
@@ -56,7 +56,7 @@ def se3_exp(xi: FloatArray, C_out: FloatArray, r_out: FloatArray) -> None:
     r_out[2] = xi[5] + b * u2 + c * (p0 * u1 - p1 * u0)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def se3_log(C: FloatArray, r: FloatArray, out: FloatArray) -> None:
     """`out = Log(C, r)` (6,), rotation angle in [0, pi]."""
     J_inv = np.empty((3, 3))
@@ -65,7 +65,7 @@ def se3_log(C: FloatArray, r: FloatArray, out: FloatArray) -> None:
     matvec(J_inv, r, out[3:])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def se3_between(
     C_a: FloatArray, r_a: FloatArray, C_b: FloatArray, r_b: FloatArray, C_out: FloatArray, r_out: FloatArray
 ) -> None:
@@ -76,7 +76,7 @@ def se3_between(
         r_out[i] = C_a[0, i] * dx + C_a[1, i] * dy + C_a[2, i] * dz
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def se3_compose(
     C_a: FloatArray, r_a: FloatArray, C_b: FloatArray, r_b: FloatArray, C_out: FloatArray, r_out: FloatArray
 ) -> None:
@@ -86,7 +86,7 @@ def se3_compose(
         r_out[i] = r_a[i] + C_a[i, 0] * r_b[0] + C_a[i, 1] * r_b[1] + C_a[i, 2] * r_b[2]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def curly_hat(xi: FloatArray, out: FloatArray) -> None:
     """`out = curly(xi)` (6,6) (11)."""
     out[:] = 0.0
@@ -106,7 +106,7 @@ def curly_hat(xi: FloatArray, out: FloatArray) -> None:
     out[5, 1] = xi[3]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def adjoint(C: FloatArray, r: FloatArray, out: FloatArray) -> None:
     """`out = Ad(T)` (6,6) = [[C, 0], [r^ C, C]] (41)."""
     out[:] = 0.0
@@ -120,7 +120,7 @@ def adjoint(C: FloatArray, r: FloatArray, out: FloatArray) -> None:
         out[5, j] = r[0] * b - r[1] * a
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def adjoint_inverse(C: FloatArray, r: FloatArray, out: FloatArray) -> None:
     """`out = Ad(T)^{-1}` (6,6) = [[C^T, 0], [-C^T r^, C^T]]."""
     out[:] = 0.0
@@ -134,7 +134,7 @@ def adjoint_inverse(C: FloatArray, r: FloatArray, out: FloatArray) -> None:
         out[3 + i, 2] = -(a * r[1] - b * r[0])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def bracket(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """`out = curly(a) b`, all (6,)."""
     out[0] = a[1] * b[2] - a[2] * b[1]
@@ -145,7 +145,7 @@ def bracket(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     out[5] = a[3] * b[1] - a[4] * b[0] + a[0] * b[4] - a[1] * b[3]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _add_bracket_columns(a: FloatArray, B: FloatArray, out: FloatArray) -> None:
     """`out += curly(a) B` for B (6,6) with a zero upper right block, column by column."""
     for j in range(6):
@@ -163,7 +163,7 @@ def _add_bracket_columns(a: FloatArray, B: FloatArray, out: FloatArray) -> None:
         out[5, j] += a[3] * b1 - a[4] * b0
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _subtract_curly(v: FloatArray, out: FloatArray) -> None:
     """`out -= curly(v)`."""
     for o in (0, 3):
@@ -181,7 +181,7 @@ def _subtract_curly(v: FloatArray, out: FloatArray) -> None:
     out[5, 1] -= v[3]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _polynomial_matrix(xi: FloatArray, c: FloatArray, out: FloatArray) -> None:
     """`out = 1 + sum_i c[i-1] curly(xi)^i`, i = 1..4, column by column."""
     v = np.empty(6)
@@ -197,12 +197,12 @@ def _polynomial_matrix(xi: FloatArray, c: FloatArray, out: FloatArray) -> None:
                 out[i, j] += c[k] * v[i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _squared_angle(xi: FloatArray) -> float:
     return xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def right_jacobian(xi: FloatArray, out: FloatArray) -> None:
     """`out = J_r(xi)` (6,6), the right Jacobian in (8), angles to 2 pi."""
     c = np.empty(4)
@@ -210,7 +210,7 @@ def right_jacobian(xi: FloatArray, out: FloatArray) -> None:
     _polynomial_matrix(xi, c, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def right_jacobian_inverse(xi: FloatArray, out: FloatArray) -> None:
     """`out = J_r(xi)^{-1}` (6,6), angles to pi."""
     c = np.empty(4)
@@ -218,7 +218,7 @@ def right_jacobian_inverse(xi: FloatArray, out: FloatArray) -> None:
     _polynomial_matrix(xi, c, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _apply(xi: FloatArray, v: FloatArray, c: FloatArray, d_xi: FloatArray, out: FloatArray) -> None:
     """`out = f(curly(xi)) v` and `d_xi = d out / d xi` for the polynomial with coefficients c (4,3)."""
     D = np.zeros((6, 6))
@@ -244,7 +244,7 @@ def _apply(xi: FloatArray, v: FloatArray, c: FloatArray, d_xi: FloatArray, out: 
                 d_xi[a, b] += value * D[a, b]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def right_jacobian_times(xi: FloatArray, v: FloatArray, d_xi: FloatArray, out: FloatArray) -> None:
     """`out = J_r(xi) v` (6,) and `d_xi = d out / d xi` (6,6); exact form of (67)-(68)."""
     c = np.empty((4, 3))
@@ -252,7 +252,7 @@ def right_jacobian_times(xi: FloatArray, v: FloatArray, d_xi: FloatArray, out: F
     _apply(xi, v, c, d_xi, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def right_jacobian_inverse_times(xi: FloatArray, v: FloatArray, d_xi: FloatArray, out: FloatArray) -> None:
     """`out = J_r(xi)^{-1} v` (6,) and `d_xi = d out / d xi` (6,6); exact form of (46), (51)."""
     c = np.empty((4, 3))
@@ -260,7 +260,7 @@ def right_jacobian_inverse_times(xi: FloatArray, v: FloatArray, d_xi: FloatArray
     _apply(xi, v, c, d_xi, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _apply_derivative(
     xi: FloatArray,
     u: FloatArray,
@@ -329,7 +329,7 @@ def _apply_derivative(
                 d_u[a, b] += 2.0 * c1 * v_i[a] * xi[b]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def right_jacobian_rate_times(
     xi: FloatArray,
     u: FloatArray,
@@ -345,7 +345,7 @@ def right_jacobian_rate_times(
     _apply_derivative(xi, u, v, c, d_xi, d_u, d_v, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def right_jacobian_inverse_rate_times(
     xi: FloatArray,
     u: FloatArray,
@@ -361,7 +361,7 @@ def right_jacobian_inverse_rate_times(
     _apply_derivative(xi, u, v, c, d_xi, d_u, d_v, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _apply_values(
     xi: FloatArray, u: FloatArray, v: FloatArray, c: FloatArray, value: FloatArray, rate: FloatArray
 ) -> None:
@@ -386,7 +386,7 @@ def _apply_values(
             rate[a] += c[i, 0] * w_i[a] + c[i, 1] * u_phi * v_i[a]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def varpi_from_local(gamma: FloatArray, out: FloatArray) -> None:
     """`out` (2,6) = [varpi, varpi_dot] from `gamma` (3,6) = [xi, xi_dot, xi_ddot]: (8), exact (71)."""
     c = np.empty((4, 3))
@@ -399,7 +399,7 @@ def varpi_from_local(gamma: FloatArray, out: FloatArray) -> None:
         out[1, a] += rate[a]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def local_from_varpi(xi: FloatArray, varpi: FloatArray, out: FloatArray) -> None:
     """`out` (2,6) = [xi_dot, xi_ddot] from `xi` and `varpi` (2,6) = [varpi, varpi_dot]: (8)-(9), exact."""
     c = np.empty((4, 3))

@@ -79,7 +79,7 @@ EXP_SERIES = np.array([[(-1.0) ** n / factorial(2 * n + k) for n in range(_TERMS
 SO3_INVERSE_SERIES = _so3_collapse(_BETA_I, _GAMMA_I, _TERMS_INVERSE)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _terms_needed(s: float, limit: int, is_inverse: bool) -> int:
     """Terms after which the remainder is below the rounding of the sum (bounds checked by the oracle
     tests)."""
@@ -103,7 +103,7 @@ def _terms_needed(s: float, limit: int, is_inverse: bool) -> int:
     return min(n, limit)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def evaluate_series(table: FloatArray, s: float, is_inverse: bool, out: FloatArray) -> None:
     """Value, first and second derivative with respect to s of every row of `table`: `out` (rows, 3)."""
     n = _terms_needed(s, table.shape[1], is_inverse)
@@ -120,7 +120,7 @@ def evaluate_series(table: FloatArray, s: float, is_inverse: bool, out: FloatArr
         out[r, 2] = 2.0 * h
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def evaluate_value(table: FloatArray, row: int, s: float, is_inverse: bool) -> float:
     """Value at s of one row of `table`."""
     p = 0.0
@@ -129,7 +129,7 @@ def evaluate_value(table: FloatArray, row: int, s: float, is_inverse: bool) -> f
     return p
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def evaluate_values(table: FloatArray, s: float, is_inverse: bool, out: FloatArray) -> None:
     """Values at s of every row of `table`: `out` (rows,)."""
     n = _terms_needed(s, table.shape[1], is_inverse)

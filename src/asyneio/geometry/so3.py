@@ -12,7 +12,7 @@ from asyneio.geometry.series import SO3_INVERSE_SERIES, SO3_JACOBIAN_SERIES, eva
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def so3_polynomial(phi: FloatArray, a1: float, a2: float, out: FloatArray) -> None:
     """`out = 1 + a1 phi^ + a2 phi^ phi^` (3,3); only the first three entries of `phi` count."""
     x, y, z = phi[0], phi[1], phi[2]
@@ -27,7 +27,7 @@ def so3_polynomial(phi: FloatArray, a1: float, a2: float, out: FloatArray) -> No
     out[2, 1] = a2 * y * z + a1 * x
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def so3_exp(phi: FloatArray, out: FloatArray) -> None:
     """Rotation matrix `out` (3,3) of the rotation vector `phi` (3,), any angle (Rodrigues)."""
     s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
@@ -42,7 +42,7 @@ def so3_exp(phi: FloatArray, out: FloatArray) -> None:
     so3_polynomial(phi, a1, a2, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def so3_log(C: FloatArray, out: FloatArray) -> None:
     """Rotation vector `out` (3,), angle in [0, pi], of the rotation matrix `C` (3,3).
 
@@ -82,7 +82,7 @@ def so3_log(C: FloatArray, out: FloatArray) -> None:
     out[2] = scale * z
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def so3_right_jacobian(phi: FloatArray, out: FloatArray) -> None:
     """`out = J_r(phi)` (3,3), angles to 2 pi."""
     s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
@@ -91,7 +91,7 @@ def so3_right_jacobian(phi: FloatArray, out: FloatArray) -> None:
     so3_polynomial(phi, a1, a2, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def so3_left_jacobian(phi: FloatArray, out: FloatArray) -> None:
     """`out = J_l(phi) = J_r(-phi)` (3,3), angles to 2 pi."""
     s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
@@ -100,14 +100,14 @@ def so3_left_jacobian(phi: FloatArray, out: FloatArray) -> None:
     so3_polynomial(phi, -a1, a2, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def so3_right_jacobian_inverse(phi: FloatArray, out: FloatArray) -> None:
     """`out = J_r(phi)^{-1}` (3,3), angles to pi."""
     s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     so3_polynomial(phi, 0.5, evaluate_value(SO3_INVERSE_SERIES, 1, s, True), out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def so3_left_jacobian_inverse(phi: FloatArray, out: FloatArray) -> None:
     """`out = J_l(phi)^{-1}` (3,3), angles to pi."""
     s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]

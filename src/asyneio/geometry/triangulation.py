@@ -8,7 +8,7 @@ from numba import njit
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def triangulate_inverse_depth(
     C_wc: FloatArray,
     r_wc: FloatArray,

@@ -17,7 +17,7 @@ def interpolate_samples(t_ns: IntArray, sample_t_ns: IntArray, value: FloatArray
     return np.stack([np.interp(t, s, value[:, i]) for i in range(3)], axis=1)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def integrate_midpoint(
     t: FloatArray,
     omega: FloatArray,
@@ -53,7 +53,7 @@ def integrate_midpoint(
             v[n + 1, i] = v[n, i] + a[i] * dt
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def body_rates(
     C: FloatArray,
     v_w: FloatArray,

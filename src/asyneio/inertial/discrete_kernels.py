@@ -27,7 +27,7 @@ class Samples(NamedTuple):
     accelerometer: FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _blend(t: FloatArray, i: int, middle: float, hold: bool) -> float:
     """Weight of sample `i + 1` beside sample `i` for a step around `middle`; constant outside the samples."""
     if hold:
@@ -35,7 +35,7 @@ def _blend(t: FloatArray, i: int, middle: float, hold: bool) -> float:
     return min(max((middle - t[i]) / (t[i + 1] - t[i]), 0.0), 1.0)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _value(y: FloatArray, i: int, u: float, bias: FloatArray, out: FloatArray) -> None:
     for k in range(3):
         out[k] = y[i, k] - bias[k]
@@ -43,7 +43,7 @@ def _value(y: FloatArray, i: int, u: float, bias: FloatArray, out: FloatArray) -
             out[k] += u * (y[i + 1, k] - y[i, k])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _step(
     dt: float,
     omega: FloatArray,
@@ -70,7 +70,7 @@ def _step(
         nu_out[k] = nu[k] + dt * a[k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _step_jacobians(
     dt: float,
     omega: FloatArray,
@@ -118,7 +118,7 @@ def _step_jacobians(
             B[6 + i, 3 + j] = 0.5 * dt * dt * C_push[i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def advance(
     t_0: float,
     t_1: float,
@@ -151,7 +151,7 @@ def advance(
     d_bias_out -= B
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def integrate(
     grid: FloatArray,
     index: IntArray,
@@ -173,7 +173,7 @@ def integrate(
         advance(grid[n], grid[n + 1], index[n], samples, bias, hold, *before, *after)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def query(
     tau: FloatArray,
     grid: FloatArray,
@@ -198,7 +198,7 @@ def query(
         advance(grid[n], tau[q], index[n], samples, bias, hold, *before, *after)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sample_sensitivity(
     tau: float,
     grid: FloatArray,

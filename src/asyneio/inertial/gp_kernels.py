@@ -31,7 +31,7 @@ _MOST_ITERATIONS = 60
 _SETTLED = 1e-12
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _inverse_jacobian_times(
     phi: FloatArray, w: FloatArray, series: FloatArray, J_inv: FloatArray, D: FloatArray
 ) -> None:
@@ -55,7 +55,7 @@ def _inverse_jacobian_times(
     D[2, 1] -= 0.5 * w[0]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def rotation_states(
     t: FloatArray,
     row: IntArray,
@@ -101,7 +101,7 @@ def rotation_states(
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def rotation_derivatives(
     t: FloatArray,
     row: IntArray,
@@ -153,7 +153,7 @@ def rotation_derivatives(
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def turn_at(
     t: FloatArray,
     zero: int,
@@ -184,7 +184,7 @@ def turn_at(
         d_phi[3 * SHIFT + c] += x[zero, 2, c]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def force_states(
     t: FloatArray,
     row: IntArray,

@@ -34,7 +34,7 @@ def make_process(t: FloatArray, y: FloatArray, others: FloatArray, density: floa
     return Process(nodes, row, int(np.searchsorted(nodes, 0.0)), K, G)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _merge(t: FloatArray, others: FloatArray, nodes: FloatArray, row: IntArray) -> int:
     """Sorted union of the two ascending lists without repetition; returns its length."""
     used, i, j = 0, 0, 0

@@ -13,7 +13,7 @@ from asyneio.inertial.smoother import smooth_adjoint
 from asyneio.types import FloatArray, IntArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _integrals_at(t: FloatArray, x: FloatArray, tau: float, rate: FloatArray, out: FloatArray) -> None:
     """Integral and double integral `out` (2,c) at `tau`, and the integrand `rate` (c,)."""
     value = np.empty(6)
@@ -35,7 +35,7 @@ def _integrals_at(t: FloatArray, x: FloatArray, tau: float, rate: FloatArray, ou
         out[1, c] = b
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def query(
     tau: FloatArray,
     turn_t: FloatArray,
@@ -74,7 +74,7 @@ def query(
                 d_bias[q, 6 + i, 3 + p] = out[1, 15 + 3 * p + i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def shift_jacobian(
     tau: float,
     turn_t: FloatArray,
@@ -111,7 +111,7 @@ def shift_jacobian(
         jacobian[6 + i] = out[1, 12 + i] + start * tau - out[0, i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def increments_covariance(
     tau: float,
     turn_t: FloatArray,

@@ -37,13 +37,13 @@ _FIRST_WHOLE = _FIRST.sum(axis=1)
 _SECOND_WHOLE = _SECOND.sum(axis=1)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def interval_of(t: FloatArray, tau: float) -> int:
     """Interval of the nodes `t` that holds `tau`; the first or the last one beyond the nodes."""
     return max(min(np.searchsorted(t, tau, side="right") - 1, t.shape[0] - 2), 0)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def integral_weights(s: float, dt: float, value: FloatArray, first: FloatArray, second: FloatArray) -> None:
     """Weights (6,) of [p, p', p''] at both nodes in p and in its two integrals from the first node, `s dt`
     seconds later."""
@@ -64,7 +64,7 @@ def integral_weights(s: float, dt: float, value: FloatArray, first: FloatArray, 
         unit *= dt
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _whole_weights(dt: float, first: FloatArray, second: FloatArray) -> None:
     """`integral_weights` over the whole interval."""
     unit = dt
@@ -76,7 +76,7 @@ def _whole_weights(dt: float, first: FloatArray, second: FloatArray) -> None:
         unit *= dt
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def accumulate(t: FloatArray, zero: int, x: FloatArray) -> None:
     """Fill both integrals of the table `x` (n,5,c) from the states in it; `zero` is the node at 0 s."""
     columns = x.shape[2]
@@ -103,7 +103,7 @@ def accumulate(t: FloatArray, zero: int, x: FloatArray) -> None:
             x[n, 0, c] -= twice + once * (t[n] - t[zero])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def functional(t: FloatArray, zero: int, tau: float, once: float, twice: float, f: FloatArray) -> None:
     """Add `once` times the integral at `tau` and `twice` times the double integral, as a functional of the
     states at the nodes, to `f` (n,5): entries of the two integrals at nodes, then of [p, p', p''].
@@ -125,7 +125,7 @@ def functional(t: FloatArray, zero: int, tau: float, once: float, twice: float, 
         f[n + 1, 2 + i] += once * first[3 + i] + twice * second[3 + i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def settle(t: FloatArray, f: FloatArray) -> None:
     """Carry the entries of the integrals in `f` (n,5) back to the states they are integrals of, in place."""
     first = np.empty(6)

@@ -15,7 +15,7 @@ from numba import njit
 from asyneio.types import FloatArray, IntArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _predict(P: FloatArray, dt: float, density: float, out: FloatArray) -> None:
     """`out = Phi P Phi^T + Q` (3,3) after `dt` seconds; `out` must not be `P`."""
     h = 0.5 * dt * dt
@@ -37,7 +37,7 @@ def _predict(P: FloatArray, dt: float, density: float, out: FloatArray) -> None:
     out[2, 1] = out[1, 2]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _update(P: FloatArray, variance: float, K: FloatArray) -> float:
     """Take one sample into `P` (3,3), in place; writes the gain `K` (3,), returns the innovation variance."""
     S = P[0, 0] + variance
@@ -53,7 +53,7 @@ def _update(P: FloatArray, variance: float, K: FloatArray) -> float:
     return S
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _backward_gain(P: FloatArray, dt: float, density: float, G: FloatArray) -> None:
     """`G = Phi^{-1} (1 - Q P^{-1})` (3,3) with `P` predicted over `dt`: what smoothing takes back a step."""
     l00 = np.sqrt(P[0, 0])
@@ -81,7 +81,7 @@ def _backward_gain(P: FloatArray, dt: float, density: float, G: FloatArray) -> N
         G[2, k] = rest[2, k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gains(
     t: FloatArray,
     row: IntArray,
@@ -110,7 +110,7 @@ def gains(
             _update(P, variance, K[j])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def evidence(
     t: FloatArray, y: FloatArray, density: float, variance: float, prior: FloatArray
 ) -> tuple[float, float]:
@@ -143,7 +143,7 @@ def evidence(
     return volume, misfit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def smooth(t: FloatArray, row: IntArray, K: FloatArray, G: FloatArray, y: FloatArray, x: FloatArray) -> None:
     """Posterior means `x` (n,3,c) of [p, p', p''] at the nodes from samples `y` (N,c) (28)."""
     nodes, columns = x.shape[0], x.shape[2]
@@ -169,7 +169,7 @@ def smooth(t: FloatArray, row: IntArray, K: FloatArray, G: FloatArray, y: FloatA
                 x[j, i, c] += G[j, i, 0] * d0 + G[j, i, 1] * d1 + G[j, i, 2] * d2
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def smooth_adjoint(
     t: FloatArray, row: IntArray, K: FloatArray, G: FloatArray, f: FloatArray, weight: FloatArray
 ) -> None:

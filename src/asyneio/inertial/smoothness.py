@@ -56,7 +56,7 @@ def find_smoothness(window: ImuWindow, noise: SampleNoise) -> Smoothness:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _likeliest(t: FloatArray, y: FloatArray, sigma: float, decades: FloatArray) -> float:
     """Every third decade, then the two on either side of the best."""
     prior = np.empty(3)
@@ -77,7 +77,7 @@ def _likeliest(t: FloatArray, y: FloatArray, sigma: float, decades: FloatArray) 
     return unit * 10.0 ** decades[best]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _surprise(t: FloatArray, y: FloatArray, density: float, variance: float, prior: FloatArray) -> float:
     """Minus twice the log marginal likelihood, all variances scaled down to what suits the samples best.
 
@@ -91,7 +91,7 @@ def _surprise(t: FloatArray, y: FloatArray, density: float, variance: float, pri
     return volume + (_BELIEF + free) * np.log(scale) + (_BELIEF + misfit) / scale
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def prior_variances(t: FloatArray, y: FloatArray, sigma: float, prior: FloatArray) -> float:
     """Write the variances (3,) of [p, p', p''] at the first node, return that of a sample.
 

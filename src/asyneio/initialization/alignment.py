@@ -149,7 +149,7 @@ def _reduced(
     return A, b, (inverse, H_xs, b_x)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _normal_equations(
     t: FloatArray,
     direction: FloatArray,

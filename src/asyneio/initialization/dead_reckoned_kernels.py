@@ -37,7 +37,7 @@ class Rays(NamedTuple):
     reference: IntArray  # (L,) the observation in whose camera each track is parametrised
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def sums(
     rays: Rays,
     velocity: FloatArray,

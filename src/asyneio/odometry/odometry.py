@@ -14,6 +14,7 @@ from asyneio.estimation.window import Window
 from asyneio.inertial.repeats import RenewedPackets
 from asyneio.odometry.attempt import RETRY_NS, attempt_start
 from asyneio.odometry.attitude import AttitudeFilter
+from asyneio.odometry.blas import one_blas_thread
 from asyneio.odometry.intake import Intake, until
 from asyneio.odometry.known_start import checked
 from asyneio.odometry.learned_noise import LearnedNoise
@@ -96,8 +97,12 @@ class Odometry:
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         """Take a packet and return the newest states it gives; one from before the last ends the segment.
 
-        States of a step that turns out LOST are not given out.
+        States of a step that turns out LOST are not given out. BLAS uses one thread meanwhile.
         """
+        with one_blas_thread():
+            return self._process(packet)
+
+    def _process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         packet = self._renewed.passed(packet)
         before_ns, self._packet_ns = self._packet_ns, packet.t_end_ns
         if before_ns is not None and packet.t_end_ns < before_ns:

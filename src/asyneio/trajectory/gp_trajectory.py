@@ -301,14 +301,14 @@ def _unwrapped(result: FloatArray, scalar: bool) -> FloatArray:
     return result[0] if scalar else result
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _all_local(C: FloatArray, r: FloatArray, varpi: FloatArray, space: int, out: FloatArray) -> None:
     """`interval_local` of every interval: `out` (K-1,5,6)."""
     for k in range(out.shape[0]):
         interval_local(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], space, out[k])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _query_poses(
     C: FloatArray,
     r: FloatArray,
@@ -323,13 +323,13 @@ def _query_poses(
         query_pose(C[k[n]], r[k[n]], local[k[n]], weights[n, 0], space, C_out[n], r_out[n])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _query_rates(local: FloatArray, k: IntArray, weights: FloatArray, space: int, out: FloatArray) -> None:
     for n in range(k.shape[0]):
         query_rates(local[k[n]], weights[n], space, out[n])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _posterior(
     local: FloatArray,
     chain: FloatArray,
@@ -363,7 +363,7 @@ def _posterior(
         out[index[n]] = 0.5 * (both + both.T)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _state_jacobians(
     local: FloatArray, weights: FloatArray, space: int, G: FloatArray, to_local: FloatArray
 ) -> None:

@@ -58,7 +58,7 @@ LOCAL_DOF = 36
 KINEMATIC_DOF = 18
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def interval_local(
     C_0: FloatArray,
     r_0: FloatArray,
@@ -85,7 +85,7 @@ def interval_local(
         linear_local(C, r, varpi_1, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def interval_chain(
     C_0: FloatArray,
     r_0: FloatArray,
@@ -138,7 +138,7 @@ def interval_chain(
         linear_chain(C, r, varpi_0, varpi_1, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _write_pose_columns(d_eps_1: FloatArray, Ad_inv: FloatArray, block: int, out: FloatArray) -> None:
     """Rows of xi (block 0), xi_dot (1) or xi_ddot (2): columns of eps_{k+1} and of eps_k."""
     d_eps_0 = np.empty((6, 6))
@@ -149,7 +149,7 @@ def _write_pose_columns(d_eps_1: FloatArray, Ad_inv: FloatArray, block: int, out
             out[18 + 6 * block + i, j] = -d_eps_0[i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def weighted(local: FloatArray, weights: FloatArray, out: FloatArray) -> None:
     """One row of (20): `out` (6,) = sum_b weights[b] local[b], `weights` (5,), `local` (5,6)."""
     for i in range(6):
@@ -159,7 +159,7 @@ def weighted(local: FloatArray, weights: FloatArray, out: FloatArray) -> None:
         out[i] = s
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def query_pose(
     C_0: FloatArray,
     r_0: FloatArray,
@@ -179,7 +179,7 @@ def query_pose(
     se3_compose(C_0, r_0, C_d, r_d, C, r)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _step(xi: FloatArray, space: int, C_d: FloatArray, r_d: FloatArray) -> None:
     """The pose `(C_d, r_d)` from T_k with the local variable xi."""
     if space == SE3:
@@ -190,7 +190,7 @@ def _step(xi: FloatArray, space: int, C_d: FloatArray, r_d: FloatArray) -> None:
             r_d[i] = xi[3 + i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def query_pose_jacobian(
     local: FloatArray, weights: FloatArray, space: int, d_eps: FloatArray, d_xi: FloatArray
 ) -> None:
@@ -207,7 +207,7 @@ def query_pose_jacobian(
         d_xi[3:, 3:] = C_d.T
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def query_rates(local: FloatArray, weights: FloatArray, space: int, out: FloatArray) -> None:
     """Generalised velocity and acceleration at the query time: `out` (2,6), `weights` (3,5); (8),
     exact (71)."""
@@ -221,7 +221,7 @@ def query_rates(local: FloatArray, weights: FloatArray, space: int, out: FloatAr
         linear_rates(C_d, gamma, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def query_rates_jacobian(
     local: FloatArray, weights: FloatArray, space: int, varpi: FloatArray, jacobian: FloatArray
 ) -> None:

@@ -18,7 +18,7 @@ from asyneio.geometry.linalg import cross, matmul, matvec, matvec_t, skew
 from asyneio.types import FloatArray
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _inertial_acceleration(varpi: FloatArray, out: FloatArray) -> None:
     """`out = nu_dot + omega x nu` (3,), the acceleration in the body's axes (5); `varpi` (2,6)."""
     cross(varpi[0, :3], varpi[0, 3:], out)
@@ -26,7 +26,7 @@ def _inertial_acceleration(varpi: FloatArray, out: FloatArray) -> None:
         out[i] += varpi[1, 3 + i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def linear_local(C: FloatArray, r: FloatArray, varpi_1: FloatArray, out: FloatArray) -> None:
     """Position half of the end quantities `out` (5,6); row 1 holds varpi_dot_k on entry.
 
@@ -42,7 +42,7 @@ def linear_local(C: FloatArray, r: FloatArray, varpi_1: FloatArray, out: FloatAr
     matvec(C, a, out[4, 3:])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def linear_chain(
     C: FloatArray, r: FloatArray, varpi_0: FloatArray, varpi_1: FloatArray, out: FloatArray
 ) -> None:
@@ -82,7 +82,7 @@ def linear_chain(
     matmul(C, S, out[33:36, 18:21])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def linear_rates(C_d: FloatArray, gamma: FloatArray, out: FloatArray) -> None:
     """nu and nu_dot at a query time: `out[:, 3:]` from its omega, `gamma` (3,6) and `C_d = Exp(phi)`."""
     turning = np.empty(3)
@@ -93,7 +93,7 @@ def linear_rates(C_d: FloatArray, gamma: FloatArray, out: FloatArray) -> None:
         out[1, 3 + i] -= turning[i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def linear_rates_jacobian(C_d: FloatArray, J: FloatArray, varpi: FloatArray, jacobian: FloatArray) -> None:
     """Rows of nu (3..5) and nu_dot (9..11) of `jacobian` (12,18) = d [varpi, varpi_dot] / d gamma.
 

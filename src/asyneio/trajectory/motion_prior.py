@@ -23,7 +23,7 @@ from asyneio.types import FloatArray
 WEIGHT_SHAPE = (3, 5)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def transition(dt: float, prior: int, out: FloatArray) -> None:
     """`out = Phi(t + dt, t)` (3,3), dt in s (14)."""
     out[:] = 0.0
@@ -37,7 +37,7 @@ def transition(dt: float, prior: int, out: FloatArray) -> None:
     out[0, 2] = 0.5 * dt * dt
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def covariance(dt: float, prior: int, out: FloatArray) -> None:
     """`out = Q(dt)` (3,3) of unit density (15)."""
     d2 = dt * dt
@@ -60,7 +60,7 @@ def covariance(dt: float, prior: int, out: FloatArray) -> None:
     out[2, 2] = dt
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def information(dt: float, prior: int, out: FloatArray) -> None:
     """`out = Q(dt)^{-1}` (3,3) of unit density, in closed form."""
     i1 = 1.0 / dt
@@ -84,7 +84,7 @@ def information(dt: float, prior: int, out: FloatArray) -> None:
     out[2, 2] = 9.0 * i1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def information_root(dt: float, prior: int, out: FloatArray) -> None:
     """`out = R` (3,3) upper triangular with `R^T R = Q(dt)^{-1}` of unit density, in closed form."""
     root = np.sqrt(dt)
@@ -102,7 +102,7 @@ def information_root(dt: float, prior: int, out: FloatArray) -> None:
     out[2, 2] = 1.0 / root
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def interpolation_weights(tau: float, dt: float, prior: int, out: FloatArray) -> None:
     """Non-zero columns of Lambda and Psi (20) at `tau` seconds after t_k, `dt = t_{k+1} - t_k`: `out` (3,5).
 
@@ -116,7 +116,7 @@ def interpolation_weights(tau: float, dt: float, prior: int, out: FloatArray) ->
         _quintic_weights(tau / dt, dt, out)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _cubic_weights(s: float, dt: float, out: FloatArray) -> None:
     s2 = s * s
     s3 = s2 * s
@@ -132,7 +132,7 @@ def _cubic_weights(s: float, dt: float, out: FloatArray) -> None:
     out[2, 3] = (6.0 * s - 2.0) / dt
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _quintic_weights(s: float, dt: float, out: FloatArray) -> None:
     s2 = s * s
     s3 = s2 * s
@@ -156,7 +156,7 @@ def _quintic_weights(s: float, dt: float, out: FloatArray) -> None:
     out[2, 4] = 3.0 * s - 12.0 * s2 + 10.0 * s3
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def conditional_covariance(tau: float, dt: float, prior: int, out: FloatArray) -> None:
     """Covariance (3,3) of `gamma(tau)` given both ends, unit density: what interpolation cannot know.
 
@@ -178,7 +178,7 @@ def conditional_covariance(tau: float, dt: float, prior: int, out: FloatArray) -
             out[i, j] -= s
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def interpolation_weights_many(tau: FloatArray, dt: FloatArray, prior: int, out: FloatArray) -> None:
     """`interpolation_weights` for arrays `tau`, `dt` (N,): `out` (N,3,5)."""
     for i in range(tau.shape[0]):
