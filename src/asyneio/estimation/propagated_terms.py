@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.estimation.problem import Problem, States
+from asyneio.estimation.problem import Landmarks, Problem, States
 from asyneio.estimation.visual_sums import VisualSums
 from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
 from asyneio.factors.propagated_rates import propagated_velocity
@@ -62,7 +62,7 @@ def propagated_terms(
             j = visual.landmark[n]
             a = landmarks.anchor[j]
             pose_at(problem, problem.states, i, n, C, r)
-            seen = _landmark(problem, problem.states, j, r, rig)
+            seen = _landmark(landmarks, problem.states, j, r, rig)
             x_b, h = landmark_direction(seen, matrix_of(C), ORIGIN, rig)
             visible, e0, e1 = reprojection_residual(h, visual.xy, visual.root_information, n)
             squared[n] = e0 * e0 + e1 * e1 if visible else np.inf
@@ -75,7 +75,7 @@ def propagated_terms(
             residual[0], residual[1] = e0, e1
             if i < problem.frozen or a < problem.frozen:
                 pose_at(problem, problem.linearization, i, n, C, r)
-                seen = _landmark(problem, problem.linearization, j, r, rig)
+                seen = _landmark(landmarks, problem.linearization, j, r, rig)
                 x_b, h = landmark_direction(seen, matrix_of(C), ORIGIN, rig)
                 if not reprojection_residual(h, visual.xy, visual.root_information, n)[0]:
                     rejected += 1
@@ -100,9 +100,8 @@ def propagated_terms(
 
 
 @njit(cache=True, nogil=True)
-def _landmark(problem: Problem, states: States, j: int, origin: FloatArray, rig: Rig) -> Anchored:
+def _landmark(landmarks: Landmarks, states: States, j: int, origin: FloatArray, rig: Rig) -> Anchored:
     """Landmark j in the world, its origin moved to `origin` (3,)."""
-    landmarks = problem.landmarks
     a = landmarks.anchor[j]
     r = plus(vector_at(states.r, a), -1.0, (origin[0], origin[1], origin[2]))
     return anchored(matrix_at(states.C, a), r, rig, vector_at(landmarks.kappa, j), landmarks.rho[j])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.estimation.problem import Problem, States
+from asyneio.estimation.problem import Landmarks, Problem, States
 from asyneio.factors.reprojection import (
     Anchored,
     Rig,
@@ -54,17 +54,17 @@ def fill_rows(
     anchor_of, tangent, space = problem.landmarks.anchor, problem.landmarks.tangent, model.motion_model.space
     rig = rig_of(problem.camera.C_bc, model.r_bc)
     first, last = visual.start[i], visual.start[i + 1]
-    seen = lin = _landmark(problem, problem.states, i, landmark_of[first], rig)
+    seen = lin = _landmark(problem.landmarks, problem.states, i, landmark_of[first], rig)
     moved = False
     cost = 0.0
     rejected = 0
     for n in range(first, last):
         j = landmark_of[n]
         if n == first or j != landmark_of[n - 1]:
-            seen = lin = _landmark(problem, problem.states, i, j, rig)
+            seen = lin = _landmark(problem.landmarks, problem.states, i, j, rig)
             moved = i < problem.frozen or anchor_of[j] < problem.frozen
             if moved:
-                lin = _landmark(problem, problem.linearization, i, j, rig)
+                lin = _landmark(problem.landmarks, problem.linearization, i, j, rig)
         phi, rho = local_variable(local, weights, n, 0)
         C, r = step_pose(phi, rho, space)
         x_b, h = landmark_direction(seen, C, r, rig)
@@ -112,9 +112,8 @@ def fill_rows(
 
 
 @njit(cache=True, nogil=True)
-def _landmark(problem: Problem, states: States, i: int, j: int, rig: Rig) -> Anchored:
+def _landmark(landmarks: Landmarks, states: States, i: int, j: int, rig: Rig) -> Anchored:
     """Landmark j relative to the body at knot i."""
-    landmarks = problem.landmarks
     a = landmarks.anchor[j]
     C_i = matrix_at(states.C, i)
     way = plus(vector_at(states.r, a), -1.0, vector_at(states.r, i))

@@ -77,19 +77,26 @@ NO_SUMS = VisualSums(
 
 @njit(cache=True, nogil=True)
 def sum_knots(
-    problem: Problem, i: int, rows: FloatArray, H: FloatArray, b: FloatArray, sums: VisualSums
+    i: int,
+    seen: IntArray,
+    anchor: IntArray,
+    rows: FloatArray,
+    H: FloatArray,
+    b: FloatArray,
+    sums: VisualSums,
 ) -> None:
-    """The interval's local coordinates, anchor poses and the camera, against themselves and each other."""
-    visual, anchor = problem.visual, problem.landmarks.anchor
-    first, last = visual.start[i], visual.start[i + 1]
+    """Local coordinates of interval i, anchor poses and the camera, against themselves and each other.
+
+    `seen` (m,): the landmarks of the interval's observations; `anchor` (L,): those of all landmarks.
+    """
     camera = rows.shape[1] - CAMERA
-    begin = first
-    while begin < last:
-        a = anchor[visual.landmark[begin]]
+    begin = 0
+    while begin < seen.shape[0]:
+        a = anchor[seen[begin]]
         end = begin
-        while end < last and anchor[visual.landmark[end]] == a:
+        while end < seen.shape[0] and anchor[seen[end]] == a:
             end += 1
-        some = rows[2 * (begin - first) : 2 * (end - first)]
+        some = rows[2 * begin : 2 * end]
         square = np.dot(some.T, some)
         sums.touched[i, a] = True
         for p in range(36):
@@ -114,12 +121,19 @@ def sum_knots(
 
 
 @njit(cache=True, nogil=True)
-def sum_landmarks(problem: Problem, i: int, rows: FloatArray, chain: FloatArray, sums: VisualSums) -> None:
-    """Landmarks against themselves, their anchors, the camera and the two knots of the interval."""
-    landmark_of, anchor = problem.visual.landmark, problem.landmarks.anchor
-    first, last = problem.visual.start[i], problem.visual.start[i + 1]
+def sum_landmarks(
+    i: int,
+    seen: IntArray,
+    anchor: IntArray,
+    rows: FloatArray,
+    chain: FloatArray,
+    space: int,
+    sums: VisualSums,
+) -> None:
+    """Landmarks against themselves, their anchors, the camera and the two knots of interval i; `seen`,
+    `anchor` as in `sum_knots`."""
     values, dof = sums.W.values, sums.W_camera.shape[1]
-    own, owner = _landmark_rows(landmark_of[first:last], rows)
+    own, owner = _landmark_rows(seen, rows)
     moved = _moved_by_chain(own, chain)
     for o in range(dof * owner.shape[0]):
         g, d = o // dof, o % dof
@@ -139,7 +153,7 @@ def sum_landmarks(problem: Problem, i: int, rows: FloatArray, chain: FloatArray,
             values[at + k] += moved[3 * g + d, k]
         for k in range(18):
             values[at + 18 + k] += moved[3 * g + d, 6 + k]
-        if problem.model.motion_model.space != SE3:
+        if space != SE3:
             # The acceleration at the first knot depends on its varpi.
             for k in range(6, 12):
                 for m in range(15, 18):
@@ -147,15 +161,15 @@ def sum_landmarks(problem: Problem, i: int, rows: FloatArray, chain: FloatArray,
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def _landmark_rows(landmark_of: IntArray, rows: FloatArray) -> tuple[FloatArray, IntArray]:
+def _landmark_rows(seen: IntArray, rows: FloatArray) -> tuple[FloatArray, IntArray]:
     """Rows (3g,46+c) of the landmarks of the interval, each against all columns, and which those are (g,)."""
-    m = landmark_of.shape[0]
+    m = seen.shape[0]
     own, owner = np.zeros((3 * m, rows.shape[1])), np.empty(m, dtype=np.int64)
     g = -1
     for n in range(m):
-        if g < 0 or owner[g] != landmark_of[n]:
+        if g < 0 or owner[g] != seen[n]:
             g += 1
-            owner[g] = landmark_of[n]
+            owner[g] = seen[n]
         o = 2 * n
         u0, u1, u2 = rows[o, LANDMARK], rows[o, LANDMARK + 1], rows[o, LANDMARK + 2]
         v0, v1, v2 = rows[o + 1, LANDMARK], rows[o + 1, LANDMARK + 1], rows[o + 1, LANDMARK + 2]

@@ -32,6 +32,7 @@ def visual_terms(
     `squared` (M,): as in `fill_rows`.
     """
     start = problem.visual.start
+    space = problem.model.motion_model.space
     columns = CAMERA + len(problem.camera.columns)
     cost = 0.0
     rejected = 0
@@ -44,6 +45,7 @@ def visual_terms(
         cost += part
         rejected += without
         if with_jacobian:
-            sum_knots(problem, i, rows, H[i], b[i], sums)
-            sum_landmarks(problem, i, rows, chain[i], sums)
+            seen = problem.visual.landmark[first:last]
+            sum_knots(i, seen, problem.landmarks.anchor, rows, H[i], b[i], sums)
+            sum_landmarks(i, seen, problem.landmarks.anchor, rows, chain[i], space, sums)
     return cost, rejected
