@@ -144,7 +144,7 @@ class OptimizerConfig(_Section):
     max_iterations: int = Field(4, ge=1, description="per knot while tracking")
     initial_max_iterations: int = Field(12, ge=1, description="for the joint optimisation at the start")
     relative_decrease: float = Field(
-        1e-3, gt=0.0, description="stop when the cost falls by less than this, or just as the model foretold"
+        1e-2, gt=0.0, description="stop when the cost falls by less than this, or just as the model foretold"
     )
     initial_relative_decrease: float = Field(1e-5, gt=0.0, description="the same, at the start")
     initial_damping: float = Field(

@@ -26,7 +26,7 @@ def test_one_thread_within_and_the_number_before_after(monkeypatch: pytest.Monke
     with threadpool_limits(limits=2, user_api="blas"):
         before = blas_threads()
         with pytest.raises(RuntimeError):
-            Odometry(Config(), simulated().calibration).process(empty(1))
+            Odometry(Config(), simulated().recording.calibration).process(empty(1))
         assert blas_threads() == before
     assert set(before) == {2}
     assert within

@@ -23,6 +23,7 @@ from numba import njit
 
 from asyneio.estimation.problem import Camera, Prior, Propagated, Visual
 from asyneio.estimation.propagated_queries import shifted
+from asyneio.geometry.linalg import set_block
 from asyneio.geometry.so3 import so3_exp, so3_log
 from asyneio.trajectory.motion_prior import interpolation_weights
 from asyneio.types import FloatArray, IntArray
@@ -126,4 +127,4 @@ def _reweigh(visual: Visual, offset: float, dt: FloatArray, prior: int, out: Flo
     for i in range(len(visual.start) - 1):
         for n in range(visual.start[i], visual.start[i + 1]):
             interpolation_weights(visual.tau[n] + offset, dt[i], prior, weights)
-            out[n] = weights[:2]
+            set_block(out[n], 0, 0, 1.0, weights[:2])

@@ -10,6 +10,7 @@ from asyneio.estimation.camera_calibration import at_offset, moved_camera
 from asyneio.estimation.elimination import landmark_steps
 from asyneio.estimation.linear_system import LinearSystem
 from asyneio.estimation.problem import Landmarks, Problem, States
+from asyneio.geometry.linalg import set_block
 from asyneio.geometry.se3 import se3_between, se3_compose, se3_exp, se3_log
 from asyneio.types import FloatArray
 
@@ -63,11 +64,13 @@ def _retract(
             states.varpi[k, 0, c] += step[k, 6 + c]
             states.varpi[k, 1, c] += step[k, 12 + c]
             states.bias[k, c] += step[k, 18 + c]
-        linearization.varpi[k] = states.varpi[k]
-        linearization.bias[k] = states.bias[k]
+        set_block(linearization.varpi[k], 0, 0, 1.0, states.varpi[k])
+        for c in range(6):
+            linearization.bias[k, c] = states.bias[k, c]
         if k >= frozen:
-            linearization.C[k] = states.C[k]
-            linearization.r[k] = states.r[k]
+            set_block(linearization.C[k], 0, 0, 1.0, states.C[k])
+            for c in range(3):
+                linearization.r[k, c] = states.r[k, c]
     for j in range(landmarks.rho.shape[0]):
         landmarks.rho[j] += landmark_step[j, 0]
         norm = 0.0

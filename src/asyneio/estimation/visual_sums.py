@@ -13,6 +13,7 @@ from numba import njit
 from asyneio.estimation.couplings import Couplings, empty_couplings
 from asyneio.estimation.problem import Problem
 from asyneio.estimation.visual_rows import ANCHOR, CAMERA, LANDMARK, LOCAL, RESIDUAL
+from asyneio.geometry.linalg import set_block
 from asyneio.trajectory.model import SE3
 from asyneio.types import BoolArray, FloatArray, IntArray
 
@@ -185,5 +186,6 @@ def _landmark_rows(seen: IntArray, rows: FloatArray) -> tuple[FloatArray, IntArr
 def _moved_by_chain(own: FloatArray, chain: FloatArray) -> FloatArray:
     """(n,24): the last 18 local coordinates of rows (n,46+c), moved to eps_k and to knot k + 1."""
     full = np.empty((18, 24))
-    full[:, :6], full[:, 6:] = chain[18:36, :6], chain[18:36, 24:42]
+    set_block(full, 0, 0, 1.0, chain[18:36, :6])
+    set_block(full, 0, 6, 1.0, chain[18:36, 24:42])
     return np.dot(np.ascontiguousarray(own[:, LOCAL + 18 : LOCAL + 36]), full)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.geometry.linalg import matmul, matmul_tn, matvec, matvec_t, skew
+from asyneio.geometry.linalg import matmul, matmul_tn, matvec, matvec_t, set_block, skew
 from asyneio.geometry.so3 import so3_exp, so3_log, so3_right_jacobian, so3_right_jacobian_inverse
 from asyneio.types import FloatArray
 
@@ -123,17 +123,17 @@ def preintegration_jacobian(
     matvec_t(C_0, r_1 - r_0, way)
     jacobian[:] = 0.0
     matmul(J_inv, C_01.T, product)
-    jacobian[:3, :3] = -product
-    jacobian[:3, 24:27] = J_inv
+    set_block(jacobian, 0, 0, -1.0, product)
+    set_block(jacobian, 0, 24, 1.0, J_inv)
     skew(speed - dt * fall, hat)
-    jacobian[3:6, :3] = hat
+    set_block(jacobian, 3, 0, 1.0, hat)
     skew(way - 0.5 * dt * dt * fall, hat)
-    jacobian[6:9, :3] = hat
+    set_block(jacobian, 6, 0, 1.0, hat)
     skew(nu_1, hat)
     matmul(C_01, hat, product)
-    jacobian[3:6, 24:27] = -product
-    jacobian[3:6, 33:36] = C_01
-    jacobian[6:9, 27:30] = C_01
+    set_block(jacobian, 3, 24, -1.0, product)
+    set_block(jacobian, 3, 33, 1.0, C_01)
+    set_block(jacobian, 6, 27, 1.0, C_01)
     for i in range(3):
         jacobian[3 + i, 9 + i] = -1.0
         jacobian[6 + i, 3 + i] = -1.0

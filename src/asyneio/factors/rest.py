@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.geometry.linalg import matmul, matmul_tn, matvec_t, skew
+from asyneio.geometry.linalg import matmul, matmul_tn, matvec_t, set_block, skew
 from asyneio.geometry.so3 import so3_log, so3_right_jacobian_inverse
 from asyneio.types import FloatArray
 
@@ -60,10 +60,10 @@ def rest_jacobian(
     matvec_t(C_0, r_1 - r_0, way)
     skew(way, hat)
     jacobian[:] = 0.0
-    jacobian[:3, :3] = -product
-    jacobian[:3, 24:27] = J_inv
-    jacobian[3:6, :3] = hat
-    jacobian[3:6, 27:30] = C_01
+    set_block(jacobian, 0, 0, -1.0, product)
+    set_block(jacobian, 0, 24, 1.0, J_inv)
+    set_block(jacobian, 3, 0, 1.0, hat)
+    set_block(jacobian, 3, 27, 1.0, C_01)
     for i in range(3):
         jacobian[3 + i, 3 + i] = -1.0
     for i in range(6):

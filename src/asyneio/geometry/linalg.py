@@ -69,3 +69,20 @@ def matvec_t(A: FloatArray, x: FloatArray, out: FloatArray) -> None:
         for k in range(A.shape[0]):
             s += A[k, i] * x[k]
         out[i] = s
+
+
+@njit(cache=True, nogil=True)
+def set_block(out: FloatArray, row: int, column: int, s: float, A: FloatArray) -> None:
+    """`out[row:, column:] = s A`, of the size of `A`; a sliced assignment costs every user a second of
+    compilation for its error messages."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[row + i, column + j] = s * A[i, j]
+
+
+@njit(cache=True, nogil=True)
+def add_block(out: FloatArray, row: int, column: int, s: float, A: FloatArray) -> None:
+    """`out[row:, column:] += s A`, of the size of `A`."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[row + i, column + j] += s * A[i, j]

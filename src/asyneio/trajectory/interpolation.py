@@ -26,7 +26,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.geometry.linalg import matmul
+from asyneio.geometry.linalg import matmul, set_block
 from asyneio.geometry.se3 import (
     adjoint_inverse,
     local_from_varpi,
@@ -204,7 +204,7 @@ def query_pose_jacobian(
     right_jacobian(xi, d_xi)
     if space != SE3:
         d_xi[3:, :3] = 0.0
-        d_xi[3:, 3:] = C_d.T
+        set_block(d_xi, 3, 3, 1.0, C_d.T)
 
 
 @njit(cache=True, nogil=True)

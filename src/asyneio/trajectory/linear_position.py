@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.geometry.linalg import cross, matmul, matvec, matvec_t, skew
+from asyneio.geometry.linalg import add_block, cross, matmul, matvec, matvec_t, set_block, skew
 from asyneio.types import FloatArray
 
 
@@ -52,31 +52,31 @@ def linear_chain(
     _inertial_acceleration(varpi_1, a)
     # Row 1: nu_dot + omega x nu at the first knot.
     skew(varpi_0[0, 3:], S)
-    out[15:18, 6:9] = -S
+    set_block(out, 15, 6, -1.0, S)
     skew(varpi_0[0, :3], S)
-    out[15:18, 9:12] = S
+    set_block(out, 15, 9, 1.0, S)
     for block in range(3):
         out[21 + 6 * block : 24 + 6 * block] = 0.0
     skew(r, S)
-    out[21:24, :3] = S
+    set_block(out, 21, 0, 1.0, S)
     for i in range(3):
         out[21 + i, 3 + i] = -1.0
-    out[21:24, 21:24] = C
+    set_block(out, 21, 21, 1.0, C)
     matvec(C, varpi_1[0, 3:], x)
     skew(x, S)
-    out[27:30, :3] = S
-    out[27:30, 27:30] = C
+    set_block(out, 27, 0, 1.0, S)
+    set_block(out, 27, 27, 1.0, C)
     matvec(C, a, x)
     skew(x, S)
-    out[33:36, :3] = S
-    out[33:36, 33:36] = C
+    set_block(out, 33, 0, 1.0, S)
+    set_block(out, 33, 33, 1.0, C)
     skew(varpi_1[0, :3], S)
     matmul(C, S, out[33:36, 27:30])
     # - C nu^ and - C a^: of the second knot's rotation, and of omega in omega x nu.
     skew(varpi_1[0, 3:], S)
     S *= -1.0
     matmul(C, S, out[27:30, 18:21])
-    out[33:36, 24:27] = out[27:30, 18:21]
+    set_block(out, 33, 24, 1.0, out[27:30, 18:21])
     skew(a, S)
     S *= -1.0
     matmul(C, S, out[33:36, 18:21])
@@ -110,15 +110,15 @@ def linear_rates_jacobian(C_d: FloatArray, J: FloatArray, varpi: FloatArray, jac
     jacobian[9:12] = 0.0
     # A turn e of C_d turns C_d^T x by x_b^ e; e = J d phi.
     matmul(N, J, turned)
-    jacobian[3:6, :3] = turned
-    jacobian[3:6, 9:12] = C_d.T
+    set_block(jacobian, 3, 0, 1.0, turned)
+    set_block(jacobian, 3, 9, 1.0, C_d.T)
     # d nu_dot = d (C_d^T rho_ddot) - omega^ d nu + nu^ d omega.
     matmul(A, J, jacobian[9:12, :3])
     matmul(W, turned, work)
-    jacobian[9:12, :3] -= work
+    add_block(jacobian, 9, 0, -1.0, work)
     matmul(N, jacobian[:3, :3], work)
-    jacobian[9:12, :3] += work
-    jacobian[9:12, 6:9] = turned
+    add_block(jacobian, 9, 0, 1.0, work)
+    set_block(jacobian, 9, 6, 1.0, turned)
     matmul(W, jacobian[3:6, 9:12], work)
-    jacobian[9:12, 9:12] = -work
-    jacobian[9:12, 15:18] = C_d.T
+    set_block(jacobian, 9, 9, -1.0, work)
+    set_block(jacobian, 9, 15, 1.0, C_d.T)
