@@ -123,6 +123,8 @@ class Intake:
         return float(np.mean(np.isin(different, self._refused))) if len(different) else 0.0
 
     def _drop(self, ids: IntArray) -> None:
+        if len(ids) == 0:
+            return
         self._refused = np.concatenate([self._refused, ids])[-_REFUSED:]
         o = self.observations
         keep = ~np.isin(o.track, ids)
