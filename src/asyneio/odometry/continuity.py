@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.spatial.transform import Rotation
 
+from asyneio.geometry.so3 import rotation
 from asyneio.types import (
     INERTIAL_DTYPE,
     NS_PER_S,
@@ -71,7 +71,7 @@ class Continuity:
         """
         horizon_ns = round(_HORIZON_S * NS_PER_S)
         self._turns = [(t, turn) for t, turn in self._turns if t > t_ns - horizon_ns]
-        self._turns.append((t_ns, Rotation.from_rotvec(turn_c).as_matrix()))
+        self._turns.append((t_ns, rotation(turn_c)))
         self._note_pause(stamps)
         now = self._note_tracks(stamps, track)
         old = self._first <= t_ns - horizon_ns
