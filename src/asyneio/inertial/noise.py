@@ -79,6 +79,8 @@ class SensorNoise:
 
     def density_of_mean(self, seconds: float) -> float:
         """Density of the white noise that leaves a mean over `seconds` as uncertain as this noise does."""
+        if len(self.power) == 0:
+            return float(self.density)
         n = max(round(seconds * self.rate_hz), 1)
         half = np.pi * self.frequency_hz / self.rate_hz
         # Of n equidistant samples of a wave; where it repeats with the samples the mean keeps all of it.

@@ -44,8 +44,8 @@ class Projected:
 @cache
 def _nodes(n: int) -> tuple[FloatArray, FloatArray]:
     """Gauss-Legendre nodes (n,), and the first n Legendre polynomials at them (n,n)."""
-    nodes = np.polynomial.legendre.leggauss(n)[0]
-    return nodes, np.polynomial.legendre.legvander(nodes, n - 1)
+    nodes: FloatArray = np.polynomial.legendre.leggauss(n)[0]
+    return nodes, np.asarray(np.polynomial.legendre.legvander(nodes, n - 1), dtype=np.float64)
 
 
 def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
@@ -76,8 +76,9 @@ def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
     excess = float(np.sum((white - Q[:, :n] @ coefficients) ** 2)) / max(freedom, 1)
     scale = np.sqrt(excess) if freedom >= _LEAST_FREEDOM and excess > _SUDDEN else 1.0
     nodes, at_nodes = _nodes(n)
-    to_nodes = np.linalg.solve(R[:n, :n].T, at_nodes.T).T
-    # Coefficients are white with unit variance: the values' covariance is to_nodes to_nodes^T.
-    _, upper = np.linalg.qr(to_nodes.T)
-    root = np.linalg.inv(upper.T) / scale
-    return Projected(middle + half * nodes, to_nodes @ coefficients, root)
+    fitted = at_nodes @ np.linalg.solve(R[:n, :n], coefficients)
+    # R at_nodes^{-1} turns values into coefficients, which are white with unit variance. Of such a matrix with
+    # its columns in reverse the triangular factor is, reversed again, a lower triangular one that whitens.
+    whiten = R[:n, :n] @ np.linalg.inv(at_nodes)
+    root = np.linalg.qr(whiten[:, ::-1], mode="r")[::-1, ::-1] / scale
+    return Projected(middle + half * nodes, fitted, root)

@@ -141,7 +141,7 @@ class RenewedPackets:
 
 def _judged(lengths: IntArray, before: _Hold) -> _Hold:
     """How long values are held, by the lengths (N,) of the last runs of equal readings."""
-    if lengths.size < _ENOUGH:
+    if lengths.size < _ENOUGH or (before == _NOT_HELD and lengths.max() == 1):
         return before
     # The shortest length that is no exception.
     shortest = int(np.sort(lengths)[int(_EXCEPTIONS * lengths.size)])

@@ -71,7 +71,7 @@ class RangeEnds:
                 x = xyz[len(xyz) - len(same) :, k]
                 same[:, k] &= (x < high) & (-x < low)
             habits = self._habits[k]
-            habits.see(float(least_step[k]), same[:, k])
+            habits.see(float(least_step[k]), same[:, k] if repeats[k] else None)
             for end, sign, extreme in ((top, 1.0, largest[k]), (bottom, -1.0, -smallest[k])):
                 if extreme < end.extreme:
                     continue
@@ -90,12 +90,12 @@ class _Habits:
         self.longest = self._running = 1
         self.step = np.inf
 
-    def see(self, step: float, same: BoolArray) -> None:
+    def see(self, step: float, same: BoolArray | None) -> None:
         """Take in the smallest step between the next readings that is not zero, and which of them (N,) are
-        equal to the one before away from the ends."""
+        equal to the one before away from the ends; None where no reading is equal to the one before."""
         self.step = min(self.step, step)
-        if not same.any():
-            self._running = 1 if same.size else self._running
+        if same is None or not same.any():
+            self._running = 1
             return
         breaks = np.flatnonzero(~same)
         if breaks.size == 0:

@@ -133,7 +133,7 @@ class AttitudeFilter:
 
     def _correct(self, force: FloatArray, dt: float) -> None:
         """By the mean specific force (3,) of a step, in the axes of its end."""
-        length = float(np.linalg.norm(force))
+        length = float(np.sqrt(force @ force))
         self._recent += min(dt / _PUSH_S, 1.0) * (length - self._recent)
         self._magnitude += dt / _MAGNITUDE_S * (length - self._magnitude)
         excess = abs(self._recent - self._magnitude)

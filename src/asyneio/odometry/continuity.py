@@ -76,8 +76,8 @@ class Continuity:
         now = self._note_tracks(stamps, track)
         old = self._first <= t_ns - horizon_ns
         known_now = bool(old[now].any())
-        known_before = np.count_nonzero(old)
-        followed = np.count_nonzero(now)
+        known_before = int(np.count_nonzero(old))
+        followed = int(np.count_nonzero(now))
         # What has not been seen for two horizons is over.
         lately = self._last >= t_ns - 2 * horizon_ns
         self._track, self._first, self._last = self._track[lately], self._first[lately], self._last[lately]

@@ -80,8 +80,8 @@ def _tracks_near(place: FloatArray, track: IntArray, wanted: BoolArray, middle: 
         return np.zeros(0, dtype=np.int64)
     chosen = wanted[track]
     place, track = place[chosen], track[chosen]
-    found = cKDTree(place).query_ball_point(middle, 1.0)
-    near = np.repeat(np.arange(len(middle)), [len(f) for f in found])
+    found: list[list[int]] = cKDTree(place).query_ball_point(middle, 1.0).tolist()
     seen = np.zeros((len(middle), len(wanted)), dtype=np.bool_)
-    seen[near, track[np.concatenate(found).astype(np.int64)]] = True
+    for row, near in zip(seen, found, strict=True):
+        row[track[near]] = True
     return np.count_nonzero(seen, axis=1)
