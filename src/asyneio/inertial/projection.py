@@ -77,8 +77,9 @@ def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
     scale = np.sqrt(excess) if freedom >= _LEAST_FREEDOM and excess > _SUDDEN else 1.0
     nodes, at_nodes = _nodes(n)
     fitted = at_nodes @ np.linalg.solve(R[:n, :n], coefficients)
-    # R at_nodes^{-1} turns values into coefficients, which are white with unit variance. Of such a matrix with
-    # its columns in reverse the triangular factor is, reversed again, a lower triangular one that whitens.
+    # Coefficients are white with unit variance, and R at_nodes^{-1} makes them of the values. The triangular
+    # factor of this matrix with its columns reversed, reversed again, whitens too and is lower triangular.
     whiten = R[:n, :n] @ np.linalg.inv(at_nodes)
-    root = np.linalg.qr(whiten[:, ::-1], mode="r")[::-1, ::-1] / scale
+    upper = np.linalg.qr(whiten[:, ::-1])[1]
+    root = upper[::-1, ::-1] / scale
     return Projected(middle + half * nodes, fitted, root)

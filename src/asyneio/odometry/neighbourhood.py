@@ -80,7 +80,7 @@ def _tracks_near(place: FloatArray, track: IntArray, wanted: BoolArray, middle: 
         return np.zeros(0, dtype=np.int64)
     chosen = wanted[track]
     place, track = place[chosen], track[chosen]
-    found: list[list[int]] = cKDTree(place).query_ball_point(middle, 1.0).tolist()
+    found = cKDTree(place).query_ball_point(middle, 1.0)
     seen = np.zeros((len(middle), len(wanted)), dtype=np.bool_)
     for row, near in zip(seen, found, strict=True):
         row[track[near]] = True
