@@ -32,6 +32,13 @@ def test_covariance_is_that_of_draws() -> None:
     assert np.abs(found - NOISE.covariance(t)).max() < 0.05 * NOISE.sample_sigma**2
 
 
+@pytest.mark.parametrize("noise", [NOISE, SensorNoise(0.02, 200.0)])
+def test_whitened_draws_have_unit_covariance(noise: SensorNoise) -> None:
+    t = np.sort(np.random.default_rng(3).uniform(0.0, 0.1, 12))
+    root = noise.whitened(t, np.eye(12))
+    assert np.allclose(root @ noise.covariance(t) @ root.T, np.eye(12), atol=1e-9)
+
+
 def test_sizes_of_the_parts() -> None:
     assert NOISE.white_sigma == pytest.approx(0.02 * np.sqrt(200.0))
     assert NOISE.vibration == pytest.approx(np.sqrt(2.6))

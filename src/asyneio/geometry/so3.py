@@ -42,6 +42,13 @@ def so3_exp(phi: FloatArray, out: FloatArray) -> None:
     so3_polynomial(phi, a1, a2, out)
 
 
+def rotation(phi: FloatArray) -> FloatArray:
+    """Rotation matrix (3,3) of the rotation vector `phi` (3,), for use outside kernels."""
+    out = np.empty((3, 3))
+    so3_exp(np.ascontiguousarray(phi), out)
+    return out
+
+
 @njit(cache=True, nogil=True)
 def so3_log(C: FloatArray, out: FloatArray) -> None:
     """Rotation vector `out` (3,), angle in [0, pi], of the rotation matrix `C` (3,3).

@@ -128,6 +128,8 @@ def _isolated(rows: FloatArray, sigma: float) -> BoolArray:
         left = left[~worst]
     spike = np.ones(len(rows), dtype=np.bool_)
     spike[left] = False
+    if len(left) == len(rows):
+        return spike
     change = np.diff(np.concatenate([[0], spike.astype(np.int8), [0]]))
     for begin, end in zip(np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True):
         if end - begin >= _RUN:
@@ -138,6 +140,9 @@ def _isolated(rows: FloatArray, sigma: float) -> BoolArray:
 def _suspects(rows: FloatArray, sigma: float) -> BoolArray:
     """Which samples (N,) are further from all three lines than a good one can be."""
     distance = _distances(rows[:, 0], rows[:, 1:])
+    # Most often the noise alone explains all of them, and nobody need ask what is usual.
+    if not (distance > _NOISE_SIGMAS * sigma).any():
+        return np.zeros(len(rows), dtype=np.bool_)
     usual = np.median(distance, axis=0)
     for k in np.flatnonzero(usual == 0.0).tolist():
         off = distance[distance[:, k] > 0.0, k]

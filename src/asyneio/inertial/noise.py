@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from asyneio.errors import InertialError
 from asyneio.inertial.increments import SampleNoise
@@ -69,8 +70,17 @@ class SensorNoise:
             out += waves @ waves.T
         return out
 
+    def whitened(self, t: FloatArray, columns: FloatArray) -> FloatArray:
+        """Columns (N,k) of values at `t` (N,) [s] times the inverse of the covariance's Cholesky factor."""
+        if len(self.power) == 0:
+            return columns / self.white_sigma
+        factor = np.linalg.cholesky(self.covariance(t))
+        return np.asarray(solve_triangular(factor, columns, lower=True, check_finite=False))
+
     def density_of_mean(self, seconds: float) -> float:
         """Density of the white noise that leaves a mean over `seconds` as uncertain as this noise does."""
+        if len(self.power) == 0:
+            return float(self.density)
         n = max(round(seconds * self.rate_hz), 1)
         half = np.pi * self.frequency_hz / self.rate_hz
         # Of n equidistant samples of a wave; where it repeats with the samples the mean keeps all of it.

@@ -13,6 +13,8 @@ real sensor are off by amounts that change with the motion, and none of this sho
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from asyneio.inertial.noise import SensorNoise
@@ -53,9 +55,12 @@ class NoiseLearner:
         self._blocks = 0
         self._frequency_hz: FloatArray = np.empty(0)
         self._power: FloatArray = np.empty(0)
+        #: Answers since the last samples, by the least density asked for.
+        self._known: dict[float, SensorNoise] = {}
 
     def append(self, samples: RecordArray) -> None:
         """Take over samples (INERTIAL_DTYPE), ascending in time; after a step back they begin anew."""
+        self._known.clear()
         held, samples = self._held, samples[possible(samples["xyz"])]
         if len(held) and len(samples) and samples["t_ns"][0] <= held["t_ns"][-1]:
             held = held[:0]
@@ -71,6 +76,11 @@ class NoiseLearner:
     def noise(self, least_density: float) -> SensorNoise:
         """The noise of the samples, as far as it is known; its white part has at least this density
         [unit/sqrt(Hz)], which is assumed until more is known."""
+        if least_density not in self._known:
+            self._known[least_density] = self._noise(least_density)
+        return self._known[least_density]
+
+    def _noise(self, least_density: float) -> SensorNoise:
         rate_hz = self._rate_hz
         above = self._frequency_hz > self._band_hz
         if self._blocks == 0 or np.count_nonzero(above) < _LEAST_VALUES:
@@ -108,9 +118,15 @@ class NoiseLearner:
 def _spectrum(value: FloatArray, seconds: float) -> tuple[FloatArray, FloatArray]:
     """Frequencies (F,) [Hz] and the variance around each (F,), mean of the axes of `value` (N,3)."""
     n = len(value)
-    slow = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), _DEGREE)
-    value = value - slow @ np.linalg.lstsq(slow, value, rcond=None)[0]
-    window = np.hanning(n + 1)[:-1]
+    slow, window = _slow_and_window(n)
+    value = value - slow @ (slow.T @ value)
     square = np.abs(np.fft.rfft(window[:, None] * value, axis=0)) ** 2
     power = 2.0 * square.mean(axis=1) / (n * np.sum(window**2))
     return np.arange(len(power)) / seconds, power
+
+
+@lru_cache(maxsize=4)
+def _slow_and_window(n: int) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal polynomials (n,_DEGREE+1) of slow motion in a block of n samples, and its window (n,)."""
+    slow = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), _DEGREE)
+    return np.linalg.qr(slow)[0], np.hanning(n + 1)[:-1]

@@ -13,6 +13,7 @@ frequencies takes no part in it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -40,6 +41,13 @@ class Projected:
     root: FloatArray
 
 
+@cache
+def _nodes(n: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss-Legendre nodes (n,), and the first n Legendre polynomials at them (n,n)."""
+    nodes: FloatArray = np.polynomial.legendre.leggauss(n)[0]
+    return nodes, np.asarray(np.polynomial.legendre.legvander(nodes, n - 1), dtype=np.float64)
+
+
 def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
     """Project samples.
 
@@ -53,23 +61,25 @@ def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
     """
     if len(t) == 0:
         return Projected(t, value, np.empty((0, 0)))
-    whiten = np.linalg.inv(np.linalg.cholesky(noise.covariance(t)))
     if len(t) <= NODES:
-        return Projected(t, value, whiten)
+        return Projected(t, value, noise.whitened(t, np.eye(len(t))))
     middle, half = 0.5 * (t[0] + t[-1]), 0.5 * (t[-1] - t[0])
     basis = np.polynomial.legendre.legvander((t - middle) / half, NODES - 1)
-    Q, R = np.linalg.qr(whiten @ basis)
+    whitened = noise.whitened(t, np.hstack([basis, value]))
+    white = whitened[:, NODES:]
+    Q, R = np.linalg.qr(whitened[:, :NODES])
     size = np.abs(np.diag(R))
     weak = np.flatnonzero(size < _CONDITION * size[0])
     n = int(weak[0]) if len(weak) else NODES
-    white = whiten @ value
     coefficients = Q[:, :n].T @ white
     freedom = 3 * (len(t) - n)
     excess = float(np.sum((white - Q[:, :n] @ coefficients) ** 2)) / max(freedom, 1)
     scale = np.sqrt(excess) if freedom >= _LEAST_FREEDOM and excess > _SUDDEN else 1.0
-    nodes = np.polynomial.legendre.leggauss(n)[0]
-    to_nodes = np.linalg.solve(R[:n, :n].T, np.polynomial.legendre.legvander(nodes, n - 1).T).T
-    # Coefficients are white with unit variance: the values' covariance is to_nodes to_nodes^T.
-    _, upper = np.linalg.qr(to_nodes.T)
-    root = np.linalg.inv(upper.T) / scale
-    return Projected(middle + half * nodes, to_nodes @ coefficients, root)
+    nodes, at_nodes = _nodes(n)
+    fitted = at_nodes @ np.linalg.solve(R[:n, :n], coefficients)
+    # Coefficients are white with unit variance, and R at_nodes^{-1} makes them of the values. The triangular
+    # factor of this matrix with its columns reversed, reversed again, whitens too and is lower triangular.
+    whiten = R[:n, :n] @ np.linalg.inv(at_nodes)
+    upper = np.linalg.qr(whiten[:, ::-1])[1]
+    root = upper[::-1, ::-1] / scale
+    return Projected(middle + half * nodes, fitted, root)

@@ -85,6 +85,9 @@ class Renewals:
         self._steps_ns = np.concatenate([self._steps_ns, steps_ns[steps_ns > 0]])[-_MEMORY:]
         self._count(same)
         self._hold = _judged(self._lengths, self._hold)
+        if not self.held:
+            self._kept_ns = int(samples["t_ns"][-1])
+            return samples
         return samples[self._renewed(samples["t_ns"], same)]
 
     def _count(self, same: BoolArray) -> None:
@@ -102,11 +105,9 @@ class Renewals:
         self._lengths = np.concatenate([self._lengths, ended])[-_MEMORY:]
 
     def _renewed(self, t_ns: IntArray, same: BoolArray) -> BoolArray:
-        """Which samples to keep: new values, and old ones that have lasted for longer than they are held."""
+        """Which samples of a sensor that holds its values to keep: new values, and old ones that have lasted
+        for longer than they are held."""
         keep = ~same
-        if not self.held:
-            self._kept_ns = int(t_ns[-1])
-            return np.ones_like(keep)
         hold_ns = (self._hold.longest - 0.5) * float(np.median(self._steps_ns))
         kept_ns = self._kept_ns
         for i, t in enumerate(t_ns.tolist()):
@@ -131,16 +132,16 @@ class RenewedPackets:
 
     def passed(self, packet: Packet) -> Packet:
         """The packet without samples that repeat a held value."""
-        return replace(
-            packet,
-            gyroscope=self._gyroscope.passed(packet.gyroscope),
-            accelerometer=self._accelerometer.passed(packet.accelerometer),
-        )
+        gyroscope = self._gyroscope.passed(packet.gyroscope)
+        accelerometer = self._accelerometer.passed(packet.accelerometer)
+        if gyroscope is packet.gyroscope and accelerometer is packet.accelerometer:
+            return packet
+        return replace(packet, gyroscope=gyroscope, accelerometer=accelerometer)
 
 
 def _judged(lengths: IntArray, before: _Hold) -> _Hold:
     """How long values are held, by the lengths (N,) of the last runs of equal readings."""
-    if lengths.size < _ENOUGH:
+    if lengths.size < _ENOUGH or (before == _NOT_HELD and lengths.max() == 1):
         return before
     # The shortest length that is no exception.
     shortest = int(np.sort(lengths)[int(_EXCEPTIONS * lengths.size)])

@@ -54,20 +54,28 @@ class RangeEnds:
     def reached(self, xyz: FloatArray, least: float) -> BoolArray:
         """Which of the next samples (N,3) have an axis that is at an end of its range, which is `least` or
         more."""
+        out = np.zeros(len(xyz), dtype=np.bool_)
+        if len(xyz) == 0:
+            return out
         rows = np.concatenate([self._tail, xyz])
         first = len(self._tail)
         self._tail = rows[-_TAIL:]
-        out = np.zeros(len(xyz), dtype=np.bool_)
+        largest, smallest = xyz.max(axis=0), xyz.min(axis=0)
         step = np.abs(np.diff(rows[max(first - 1, 0) :], axis=0))
         same = step == 0.0
+        least_step = step.min(axis=0, where=~same, initial=np.inf)
+        repeats = same.any(axis=0)
         for k, (top, bottom) in enumerate(self._ends):
-            if same[:, k].any():
+            if repeats[k]:
                 high, low = max(top.extreme, least), max(bottom.extreme, least)
                 x = xyz[len(xyz) - len(same) :, k]
                 same[:, k] &= (x < high) & (-x < low)
             habits = self._habits[k]
-            habits.see(step[:, k], same[:, k])
-            for end, column in ((top, rows[:, k]), (bottom, -rows[:, k])):
+            habits.see(float(least_step[k]), same[:, k] if repeats[k] else None)
+            for end, sign, extreme in ((top, 1.0, largest[k]), (bottom, -1.0, -smallest[k])):
+                if extreme < end.extreme:
+                    continue
+                column = sign * rows[:, k]
                 for i in np.flatnonzero(column[first:] >= end.extreme).tolist():
                     out[i] |= end.reached(column[: first + i + 1], least, habits)
                 # Those that led to the discovery, as far as they came with it.
@@ -82,12 +90,12 @@ class _Habits:
         self.longest = self._running = 1
         self.step = np.inf
 
-    def see(self, step: FloatArray, same: BoolArray) -> None:
-        """Take in by how much each of the next readings (N,) differs from the one before, and whether it is
-        equal to it away from the ends."""
-        self.step = float(step.min(where=step > 0.0, initial=self.step))
-        if not same.any():
-            self._running = 1 if same.size else self._running
+    def see(self, step: float, same: BoolArray | None) -> None:
+        """Take in the smallest step between the next readings that is not zero, and which of them (N,) are
+        equal to the one before away from the ends; None where no reading is equal to the one before."""
+        self.step = min(self.step, step)
+        if same is None or not same.any():
+            self._running = 1
             return
         breaks = np.flatnonzero(~same)
         if breaks.size == 0:

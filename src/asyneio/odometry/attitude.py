@@ -16,10 +16,10 @@ result's variance.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from asyneio.config import InertialConfig
 from asyneio.geometry.gravity import upright
+from asyneio.geometry.so3 import rotation
 from asyneio.inertial.dead_reckoning import interpolate_samples
 from asyneio.inertial.noise import InertialNoise
 from asyneio.inertial.stillness import possible
@@ -121,18 +121,19 @@ class AttitudeFilter:
 
     def _predict(self, turn: FloatArray, rate: FloatArray, used: FloatArray, dt: float, seen: bool) -> None:
         """Turn by what the gyroscope saw, integrated with the bias `used`."""
-        correction = Rotation.from_rotvec((used - self._bias) * dt).as_matrix()
-        self._C = self._C @ turn @ correction
+        self._C = self._C @ turn @ rotation((used - self._bias) * dt)
         F = np.eye(6)
-        F[:3, :3] = Rotation.from_rotvec(-rate * dt).as_matrix()
-        F[:3, 3:] = -dt * np.eye(3)
+        F[:3, :3] = rotation(-rate * dt)
+        F[0, 3] = F[1, 4] = F[2, 5] = -dt
         unseen = 0.0 if seen else (_UNSEEN_RATE * dt) ** 2
-        noise = np.repeat([self._turn_density**2 * dt + unseen, self._walk**2 * dt], 3)
-        self._P = F @ self._P @ F.T + np.diag(noise)
+        self._P = F @ self._P @ F.T
+        variance = self._P.reshape(-1)[::7]
+        variance[:3] += self._turn_density**2 * dt + unseen
+        variance[3:] += self._walk**2 * dt
 
     def _correct(self, force: FloatArray, dt: float) -> None:
         """By the mean specific force (3,) of a step, in the axes of its end."""
-        length = float(np.linalg.norm(force))
+        length = float(np.sqrt(force @ force))
         self._recent += min(dt / _PUSH_S, 1.0) * (length - self._recent)
         self._magnitude += dt / _MAGNITUDE_S * (length - self._magnitude)
         excess = abs(self._recent - self._magnitude)
@@ -140,16 +141,19 @@ class AttitudeFilter:
         shock = (length - self._recent) ** 2
         variance = (self._force_density**2 + push * _PUSH_S) / dt + shock
         up = self._C[2] * self._gravity
-        # (C Exp(eps))^T e_z g = up + up x eps.
-        H = np.zeros((3, 6))
-        H[:, :3] = [[0.0, -up[2], up[1]], [up[2], 0.0, -up[0]], [-up[1], up[0], 0.0]]
-        S = H @ self._P @ H.T + variance * np.eye(3)
-        gain = np.linalg.solve(S, H @ self._P).T
+        # (C Exp(eps))^T e_z g = up + up x eps; the bias has no part in it.
+        x, y, z = up.tolist()
+        H = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        seen = H @ self._P[:3]
+        S = seen[:, :3] @ H.T
+        S.reshape(-1)[::4] += variance
+        gain = np.linalg.solve(S, seen).T
         # Only the direction tells anything; a wrong magnitude has no share along `up` in H.
         step = gain @ (force - up)
-        self._C = self._C @ Rotation.from_rotvec(step[:3]).as_matrix()
+        self._C = self._C @ rotation(step[:3])
         self._bias = self._bias + step[3:]
-        keep = np.eye(6) - gain @ H
+        keep = np.eye(6)
+        keep[:, :3] -= gain @ H
         self._P = keep @ self._P @ keep.T + variance * gain @ gain.T
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.spatial.transform import Rotation
 
+from asyneio.geometry.so3 import rotation
 from asyneio.types import (
     INERTIAL_DTYPE,
     NS_PER_S,
@@ -54,8 +54,8 @@ class Continuity:
 
     def __init__(self, field_of_view_rad: float) -> None:
         self._max_turn = _TURN_SHARE * field_of_view_rad
-        self._first: dict[int, int] = {}
-        self._last: dict[int, int] = {}
+        #: Tracks seen in the last two horizons, by id, and when first and last [ns].
+        self._track = self._first = self._last = np.empty(0, dtype=np.int64)
         #: Turns (3,3) of the intervals of the last horizon, with their ends [ns].
         self._turns: list[tuple[int, FloatArray]] = []
         self._pause_ns: int | None = None
@@ -71,23 +71,37 @@ class Continuity:
         """
         horizon_ns = round(_HORIZON_S * NS_PER_S)
         self._turns = [(t, turn) for t, turn in self._turns if t > t_ns - horizon_ns]
-        self._turns.append((t_ns, Rotation.from_rotvec(turn_c).as_matrix()))
+        self._turns.append((t_ns, rotation(turn_c)))
         self._note_pause(stamps)
-        for stamp, identity in zip(stamps.tolist(), track.tolist(), strict=True):
-            self._first.setdefault(identity, stamp)
-            self._last[identity] = stamp
-        old_ns = t_ns - horizon_ns
-        now = np.unique(track)
-        known_now = any(self._first[identity] <= old_ns for identity in now.tolist())
-        known_before = sum(first <= old_ns for first in self._first.values())
+        now = self._note_tracks(stamps, track)
+        old = self._first <= t_ns - horizon_ns
+        known_now = bool(old[now].any())
+        known_before = int(np.count_nonzero(old))
+        followed = int(np.count_nonzero(now))
         # What has not been seen for two horizons is over.
-        gone = [identity for identity, last in self._last.items() if last < t_ns - 2 * horizon_ns]
-        for identity in gone:
-            del self._first[identity], self._last[identity]
+        lately = self._last >= t_ns - 2 * horizon_ns
+        self._track, self._first, self._last = self._track[lately], self._first[lately], self._last[lately]
         turned_away = self._axis_turned() > self._max_turn
         paused = self._pause_ns is not None and self._pause_ns > t_ns - 2 * horizon_ns
         explained = turned_away or paused
-        return not explained and not known_now and now.size >= _ENOUGH and known_before >= _ENOUGH
+        return not explained and not known_now and followed >= _ENOUGH and known_before >= _ENOUGH
+
+    def _note_tracks(self, stamps: IntArray, track: IntArray) -> BoolArray:
+        """Remember when the tracks of these observations were first and last seen; which of all that are
+        remembered they are."""
+        known = len(self._track)
+        before_first = np.concatenate([self._first, stamps])
+        before_last = np.concatenate([self._last, stamps])
+        self._track, first, at = np.unique(
+            np.concatenate([self._track, track]), return_index=True, return_inverse=True
+        )
+        self._first = before_first[first]
+        # Of several stamps of a track the last one written, which is the latest, remains.
+        self._last = np.empty_like(self._first)
+        self._last[at] = before_last
+        now = np.zeros(len(self._track), dtype=np.bool_)
+        now[at[known:]] = True
+        return now
 
     def _axis_turned(self) -> float:
         """Largest angle [rad] between the optical axis now and earlier within the horizon.
@@ -129,7 +143,7 @@ class Jumps:
             self._tails[k] = held[-2 * _AROUND - 1 :]
             if len(held) <= 2 * _AROUND:
                 continue
-            jumped = _jumps(held["xyz"], _LEAST_JUMPS[k])[_AROUND : len(held) - 1 - _AROUND]
+            jumped = _jumps(held["xyz"], _LEAST_JUMPS[k])
             for at in np.flatnonzero(jumped)[-1:]:
                 found_ns = int(held["t_ns"][_AROUND + at + 1])
                 self._last_ns = max(found_ns, self._last_ns or found_ns)
@@ -140,20 +154,20 @@ class Jumps:
 
 
 def _jumps(value: FloatArray, least: float) -> BoolArray:
-    """Which steps (N-1,) from sample to sample of `value` (N,3) stand out."""
-    steps = np.linalg.norm(np.diff(value, axis=0), axis=1)
-    usual = _usual_size(steps)
-    return np.asarray((steps > _JUMP * usual) & (steps > least))
+    """Which steps (N-1-2*_AROUND,) from sample to sample of `value` (N,3), without the first and the last
+    `_AROUND`, stand out.
 
-
-def _usual_size(steps: FloatArray) -> FloatArray:
-    """Median (N,) of the steps (N,) around each, of those that are not zero.
-
-    Held samples and those of a coarse sensor at rest make many steps of zero. Where nearly all are zero, so
-    is the usual one.
+    The usual step is the median of those around that are not zero: held samples and those of a coarse sensor
+    at rest make many steps of zero. Where nearly all are zero, so is the usual one.
     """
-    around = np.sort(sliding_window_view(np.pad(steps, _AROUND, mode="reflect"), 2 * _AROUND + 1), axis=1)
-    changes = np.count_nonzero(around, axis=1)
-    middle = around.shape[1] - 1 - changes // 2
-    median = np.take_along_axis(around, np.minimum(middle, around.shape[1] - 1)[:, None], axis=1)[:, 0]
-    return np.where(changes < _ENOUGH_CHANGES, 0.0, median)
+    steps = np.linalg.norm(np.diff(value, axis=0), axis=1)
+    out = steps[_AROUND : len(steps) - _AROUND] > least
+    large = np.flatnonzero(out)
+    if len(large):
+        around = sliding_window_view(steps, 2 * _AROUND + 1)[large]
+        changes = np.count_nonzero(around, axis=1)
+        # A step is larger than a multiple of the median if it is so for more than half; zeros come first.
+        exceeded = np.count_nonzero(_JUMP * around < steps[large + _AROUND, None], axis=1)
+        most = around.shape[1] - changes // 2
+        out[large] = (changes < _ENOUGH_CHANGES) | (exceeded >= most)
+    return out

@@ -123,6 +123,8 @@ class Intake:
         return float(np.mean(np.isin(different, self._refused))) if len(different) else 0.0
 
     def _drop(self, ids: IntArray) -> None:
+        if len(ids) == 0:
+            return
         self._refused = np.concatenate([self._refused, ids])[-_REFUSED:]
         o = self.observations
         keep = ~np.isin(o.track, ids)
@@ -137,9 +139,17 @@ class Intake:
         share.
         """
         uu, uv, vv = covariance_uv.astype(np.float64).T
-        noise = np.stack([uu, uv, uv, vv], axis=1).reshape(-1, 2, 2) + self._pixel_sigma**2 * np.eye(2)
-        root = np.linalg.inv(np.linalg.cholesky(noise))
-        return np.asarray(root @ np.linalg.inv(d_xy_d_uv))
+        # Cholesky factor [[a, 0], [b, c]] of the noise; L^{-1} J^{-1} written out, for there are many.
+        a = np.sqrt(uu + self._pixel_sigma**2)
+        b = uv / a
+        c = np.sqrt(vv + self._pixel_sigma**2 - b * b)
+        J = d_xy_d_uv
+        det = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
+        out = np.empty_like(J)
+        for k, (u, v) in enumerate(((J[:, 1, 1], -J[:, 1, 0]), (-J[:, 0, 1], J[:, 0, 0]))):
+            out[:, 0, k] = u / (det * a)
+            out[:, 1, k] = (v / det - b * out[:, 0, k]) / c
+        return out
 
     def drop_until(self, t_ns: int) -> None:
         """Forget what the window has taken; a few earlier inertial samples stay for the next interval."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from asyneio.types import NS_PER_S, FloatArray, IntArray
+from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
 #: A neighbour was seen within this of the middle of a track: of its ray (tangent; a hand, an arm) and time.
 _NEAR = 0.15
@@ -39,10 +39,13 @@ class Neighbourhood:
         """Nobody will ask for what happened before `t_ns` any more."""
         old = int(np.searchsorted(self._t_ns, t_ns - _MEMORY_NS))
         self._t_ns, self._track, self._xy = self._t_ns[old:], self._track[old:], self._xy[old:]
-        self._condemned = self._condemned[np.isin(self._condemned, self._track)]
+        if len(self._condemned):
+            self._condemned = self._condemned[np.isin(self._condemned, self._track)]
 
     def condemn(self, ids: IntArray) -> None:
         """These tracks contradicted the motion."""
+        if len(ids) == 0:
+            return
         self._condemned = np.union1d(self._condemned, ids)
 
     def doubtful(self, among: IntArray, t_ns: int) -> IntArray:
@@ -62,7 +65,23 @@ class Neighbourhood:
         order = np.argsort(track, kind="stable")
         middle = order[(np.cumsum(count) - count + count // 2)[asked]]
         place = np.column_stack([xy / _NEAR, (stamps - t_ns) / (_NEAR_S * NS_PER_S)])
-        found = cKDTree(place).query_ball_point(place[middle], 1.0)
-        votes = np.where(condemned, 1, np.where(proven, -1, 0))
-        verdict = [votes[np.unique(track[near])].sum() > 0 for near in found]
-        return ids[asked[np.array(verdict, dtype=np.bool_)]]
+        guilty = _tracks_near(place, track, condemned, place[middle])
+        accused = guilty > 0
+        asked, middle, guilty = asked[accused], middle[accused], guilty[accused]
+        return ids[asked[guilty > _tracks_near(place, track, proven, place[middle])]]
+
+
+def _tracks_near(place: FloatArray, track: IntArray, wanted: BoolArray, middle: FloatArray) -> IntArray:
+    """How many different tracks of the `wanted` (T,) were seen within 1 of each of `middle` (M,3): (M,).
+
+    `place` (N,3) and index of the track (N,) of all observations.
+    """
+    if len(middle) == 0:
+        return np.zeros(0, dtype=np.int64)
+    chosen = wanted[track]
+    place, track = place[chosen], track[chosen]
+    found = cKDTree(place).query_ball_point(middle, 1.0)
+    seen = np.zeros((len(middle), len(wanted)), dtype=np.bool_)
+    for row, near in zip(seen, found, strict=True):
+        row[track[near]] = True
+    return np.count_nonzero(seen, axis=1)

@@ -134,16 +134,13 @@ class RestDetector:
         since_ns = self.rest.since_ns if self.rest is not None and self.still else None
         begin_ns = self._begin_of_span(start_ns, end_ns, since_ns, known)
         found = [measure_stillness(s["t_ns"], s["xyz"], begin_ns, end_ns) for s in self._streams]
-        image = self._image(begin_ns, end_ns, strict=known is None)
         quiet = [f for f in found if f is not None]
-        goes_on = len(quiet) == 2 and not self._any_shakes(quiet, image)
-        if goes_on and (since_ns is None or begin_ns == since_ns):
-            # As long as the whole rest is judged, its reading is only being learned.
-            goes_on = self._begins(quiet, image, known)
+        # As long as the whole rest is judged, its reading is only being learned.
+        learning = since_ns is None or begin_ns == since_ns
+        if learning:
             self._reading = [f.mean for f in quiet]
-        elif goes_on:
-            limit = _LEAVE_WITH_TRACKS if image is _Image.MOVING else _LEAVE
-            goes_on = self._strays(quiet, self._reading) <= limit
+        goes_on = len(quiet) == 2 and self._goes_on(quiet, learning, (begin_ns, end_ns), known)
+        if goes_on and not learning:
             share = min((end_ns - start_ns) * 1e-9 / _MEMORY_S, 1.0)
             self._reading = [r + share * (f.mean - r) for r, f in zip(self._reading, quiet, strict=True)]
         if goes_on:
@@ -152,6 +149,21 @@ class RestDetector:
             self.rest = replace(self.rest, over=True)
         self._forget(end_ns - _SPAN_NS)
         return self.still
+
+    def _goes_on(
+        self, quiet: list[Stillness], learning: bool, span_ns: tuple[int, int], known: Estimate | None
+    ) -> bool:
+        """Whether a rest goes on, or, while its reading is being learned, whether it may have begun."""
+        strays = self._strays(quiet)
+        if strays > (_ENTER if learning else _LEAVE):
+            # Most of the time; nobody need look at the image then.
+            return False
+        image = self._image(*span_ns, strict=known is None)
+        if self._any_shakes(quiet, image):
+            return False
+        if learning:
+            return self._begins(quiet, image, known)
+        return image is not _Image.MOVING or strays <= _LEAVE_WITH_TRACKS
 
     def _begin_of_span(self, start_ns: int, end_ns: int, since_ns: int | None, known: Estimate | None) -> int:
         """Begin of the span to judge, which is not before that of a rest that goes on."""
@@ -170,10 +182,10 @@ class RestDetector:
         sensors = zip(found, densities, LEAST_DENSITY, LEAST_SCATTER, strict=True)
         return any(shakes(f, max(density, least), scatter) for f, density, least, scatter in sensors)
 
-    def _strays(self, found: list[Stillness], reading: list[FloatArray]) -> float:
-        """How far the means are from a reading, in standard deviations; the larger of both sensors."""
+    def _strays(self, found: list[Stillness]) -> float:
+        """How far the means are from the reading, in standard deviations; the larger of both sensors."""
         densities = [n.density_of_mean(BIN_NS / NS_PER_S) for n in self._noise]
-        sensors = zip(found, reading, densities, LEAST_DENSITY, self._walks, strict=True)
+        sensors = zip(found, self._reading, densities, LEAST_DENSITY, self._walks, strict=True)
         return max(
             deviation(f, r, max(density, least), walk * np.sqrt(_MEMORY_S))
             for f, r, density, least, walk in sensors
@@ -182,8 +194,6 @@ class RestDetector:
     def _begins(self, found: list[Stillness], image: _Image, known: Estimate | None) -> bool:
         """Whether a rest has begun."""
         if image is _Image.MOVING or (image is _Image.BUSY and known is None):
-            return False
-        if self._strays(found, [f.mean for f in found]) > _ENTER:
             return False
         turn, force = found[0].mean, found[1].mean
         if known is None:
