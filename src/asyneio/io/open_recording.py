@@ -102,7 +102,7 @@ def find_format(path: Path) -> tuple[Path, Format]:
         return path, format
     if path.is_dir():
         return _only_event_file(path)
-    raise RecordingError(f"{path} is {_describe(path)}; expected {_understood()}")
+    raise RecordingError(f"{path} is {described(path)}; expected {_understood()}")
 
 
 def _refuse_part(path: Path) -> NoReturn:
@@ -134,7 +134,7 @@ def _only_event_file(folder: Path) -> tuple[Path, Format]:
             f"{folder} holds inertial samples ({inertial.relative_to(folder)}) but no events; expected "
             f"{_understood()}"
         )
-    content = _listed([f"{file.name} ({_describe(file)})" for file in files]) if files else "no file"
+    content = _listed([f"{file.name} ({described(file)})" for file in files]) if files else "no file"
     raise RecordingError(f"{folder} holds {content}; expected {_understood()}")
 
 
@@ -142,7 +142,13 @@ def _understood() -> str:
     return ", ".join([f"a tracks folder ({TRACKS_FILE})", *(format.title for format in FORMATS)])
 
 
-def _describe(path: Path) -> str:
+def format_of_file(path: Path) -> Format | None:
+    """The format of a file; None where it is unknown. Raises RecordingError: unreadable."""
+    return format_of(path, _head(path))
+
+
+def described(path: Path) -> str:
+    """What a file of no format that is read is, in words. Raises RecordingError: unreadable."""
     head = _head(path)
     if head.startswith(HDF5_MAGIC):
         return f"HDF5 of no known layout, which is not read; it {contents_of(path)}"
