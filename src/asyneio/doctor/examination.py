@@ -129,7 +129,8 @@ def _what_it_is(evidence: Evidence) -> Verdict:
     parts += [f"{t.size} samples of the {name}" for name, t, _ in streams_of(evidence)]
     if evidence.truth is not None:
         parts.append(f"{evidence.truth.t_ns.size} true poses")
-    if evidence.sees:
+    # Where the reader gave up, its refusal says all.
+    if evidence.sees or any(refusal.part == "events" for refusal in evidence.refusals):
         return ok("recording", ", ".join(parts), kind=evidence.kind)
     return Verdict(
         "recording",

@@ -16,8 +16,8 @@ from asyneio.io.open_recording import described, format_of_file
 
 #: Endings of files that hold data of sensors, or pack some.
 _DATA = {
-    ".raw", ".dat", ".aedat", ".aedat4", ".h5", ".hdf5", ".bag", ".db3", ".mcap", ".npz", ".npy", ".es", ".mat",
-    ".zip", ".gz", ".zst", ".bz2", ".xz", ".7z", ".tar", ".csv", ".tum", ".bin",
+    ".raw", ".dat", ".aedat", ".aedat4", ".h5", ".hdf5", ".bag", ".db3", ".mcap", ".npz", ".npy", ".es",
+    ".mat", ".zip", ".gz", ".zst", ".bz2", ".xz", ".7z", ".tar", ".csv", ".tum", ".bin",
 }  # fmt: skip
 _TABLES = {".txt", ".csv"}
 _LENS = "calib.txt"

@@ -122,7 +122,7 @@ class EventChecker:
         raise RecordingError(
             f"{self._what}: time jumps backwards by {int(self._state[_JUMP]) / NS_PER_S:.3f} s before event "
             f"{index} (after {int(self._state[_LATEST]) / NS_PER_S:.6f} s): a sensor reset, or two "
-            "recordings in one file: split the file there; or its rows are in another order than that of time: "
+            "recordings in one file: split the file there; or rows in another order than that of time. "
             f"{_sorting(self._what)}"
         )
 

@@ -1,9 +1,9 @@
 """Event Stream (`.es`), version 2: events of one byte for the time and four for the pixel.
 
 Layout: github.com/neuromorphic-paris/event_stream. Byte 15 tells the kind of stream; width and height follow.
-An event begins with the time since the last one [us] and its polarity; bytes that no event begins with prolong
-the time (overflow) or tell nothing (reset). Read are streams of a DVS (kind 1) and of an ATIS (kind 2), of which
-the measurements of exposure are left out.
+An event begins with the time since the last one [us] and its polarity; bytes that no event begins with
+prolong the time (overflow) or tell nothing (reset). Read are streams of a DVS (kind 1) and of an ATIS (kind
+2), of which the measurements of exposure are left out.
 """
 
 from __future__ import annotations

@@ -88,9 +88,9 @@ class Evt21Decoder:
         unknown = int(self._state[_UNKNOWN])
         if unknown > _MOST_UNKNOWN * self._words:
             raise RecordingError(
-                f"{unknown} of {self._words} words are of no kind that EVT 2.1 knows, in either order of their "
-                "halves: is it another encoding, or damaged? Record in EVT 3.0, or convert the file with "
-                "Metavision (metavision_file_to_dat)"
+                f"{unknown} of {self._words} words are of no kind that EVT 2.1 knows, in either order of "
+                "their halves: is it another encoding, or damaged? Record in EVT 3.0, or convert the file "
+                "with Metavision (metavision_file_to_dat)"
             )
 
 

@@ -37,10 +37,10 @@ def parse_columns(
     y: np.ndarray,
     p: np.ndarray,
     met: np.ndarray,
-) -> tuple[int, int]:
+) -> tuple[np.int64, np.int64]:
     """As `parse_lines`, for columns in any order (`roles`, one for each), parted by blank, tab, comma or
     semicolon, and for time in any unit."""
-    line, count = start, 0
+    line, count = np.int64(start), np.int64(0)
     while line < data.size:
         i, column, good = line, 0, True
         time = polarity = across = down = 0
@@ -48,14 +48,13 @@ def parse_columns(
             negative = bool(data[i] == _MINUS)
             i += 1 if negative else 0
             first = i
-            end, value = _digits(data, np.uint64(i))
-            i = int(end)
+            i, value = _signed_digits(data, i)
             role = roles[column]
             good = bool(i > first and i - first <= _MOST_DIGITS and value >= 0)
             if data[i] == _POINT and good:
-                end, fraction = _digits(data, np.uint64(i + 1))
-                decimals = int(end) - i - 1
-                i = int(end)
+                point = i + 1
+                i, fraction = _signed_digits(data, point)
+                decimals = i - point
                 good = role == IGNORED or (role == TIME and decimals <= 9)
                 if role == TIME and good:
                     time = fraction * unit_ns // _SCALE[9 - decimals]
@@ -166,3 +165,10 @@ def _digits(data: np.ndarray, i: np.uint64) -> tuple[np.uint64, np.int64]:
         i += np.uint64(1)
         digit = np.uint8(data[i] - np.uint8(_ZERO))
     return i, value
+
+
+@njit(cache=True)
+def _signed_digits(data: np.ndarray, i: np.int64) -> tuple[np.int64, np.int64]:
+    """As `_digits`, with signed positions."""
+    end, value = _digits(data, np.uint64(i))
+    return np.int64(end), value
