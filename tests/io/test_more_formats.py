@@ -1,4 +1,4 @@
-"""Formats of other people: EVT 2.1, Event Stream, NumPy, csv in any order and unit, gzip, HDF5 of v2e and E2VID.
+"""Formats of others: EVT 2.1, Event Stream, NumPy, csv in any order and unit, gzip, HDF5 of v2e and E2VID.
 
 Inputs are made here after the published layouts, not by the readers' own code.
 """
@@ -120,12 +120,12 @@ def npz(path: Path, events: np.ndarray) -> None:
 
 
 def npz_of_one_array(path: Path, events: np.ndarray) -> None:
-    np.savez(path, events=events[:, [1, 2, 3, 0]] + [0, 0, 0, T0_US])
+    np.savez(path, events=events[:, [1, 2, 3, 0]] + np.array([0, 0, 0, T0_US]))
 
 
 def npy(path: Path, events: np.ndarray) -> None:
     with path.open("wb") as stream:
-        np.save(stream, (events + [T0_US, 0, 0, 0]).astype(np.float64))
+        np.save(stream, (events + np.array([T0_US, 0, 0, 0])).astype(np.float64))
 
 
 def npy_of_fields(path: Path, events: np.ndarray) -> None:

@@ -62,7 +62,7 @@ class TextEvents:
                 size = max(self._size(), 1)
                 rest, head = b"", without_bom(stream.read(HEAD_BYTES))
                 self._understand(head)
-                while block := head + stream.read(CHUNK_BYTES - len(head)):
+                while block := head + stream.read(max(CHUNK_BYTES - len(head), 1)):
                     head = b""
                     text = rest + block
                     end = text.rfind(b"\n") + 1
