@@ -50,7 +50,7 @@ class LoneStamps:
     def finish(self) -> RecordArray:
         """What waited, after the last piece; isolated events at the end are dropped."""
         events, self._waiting = self._waiting, np.empty(0, dtype=EVENT_DTYPE)
-        if not self._begun and events.size > MAX_RUN:
+        if not self._begun and events.size >= MAX_RUN + _WITNESSES:
             events = self._without_first(events)
         return self._checked(events, last=True)
 
@@ -86,7 +86,7 @@ class LoneStamps:
             stop, dropped = events.size, 0
         else:
             limit = int(_MOST + _MOST_SHARE * (self._taken + events.size)) - self._dropped
-            stop, dropped = map(int, _find(events["t_ns"], before, keep, last, limit))
+            stop, dropped = map(int, _find(events["t_ns"], before, keep, last, limit, self._taken))
         if dropped < 0:
             self._off = True
             stop, dropped = events.size, 0
@@ -101,7 +101,9 @@ class LoneStamps:
 
 
 @njit(cache=True)
-def _find(t_ns: IntArray, before: int, keep: np.ndarray, last: bool, limit: int) -> tuple[int, int]:
+def _find(
+    t_ns: IntArray, before: int, keep: np.ndarray, last: bool, limit: int, judged: int
+) -> tuple[int, int]:
     """Marks isolated events; returns how many events are judged, and how many are isolated (-1: too many)."""
     dropped, k, size = 0, 0, t_ns.size
     while k < size:
@@ -122,7 +124,7 @@ def _find(t_ns: IntArray, before: int, keep: np.ndarray, last: bool, limit: int)
             if run == 0 and k + MAX_RUN >= size:
                 if not last:
                     return k, dropped
-                if step > LONG_JUMP_NS or step < -LONG_JUMP_NS:
+                if judged + k >= _WITNESSES and (step > LONG_JUMP_NS or step < -LONG_JUMP_NS):
                     run = size - k
         for m in range(run):
             keep[k + m] = False
