@@ -9,7 +9,7 @@ JOBS ?= 2
 # Small matrices: more BLAS threads only wait for each other on a busy machine.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint type bench docs clean
+.PHONY: demo test lint type bench cases docs clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.report
@@ -28,6 +28,9 @@ type: $(VENV)/.test
 
 bench: $(VENV)/.test
 	$(BIN)/python benchmarks/run.py
+
+cases: $(VENV)/.test
+	$(BIN)/python benchmarks/cases.py $(CASES)
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

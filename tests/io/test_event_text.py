@@ -78,7 +78,7 @@ def test_lines(tmp_path: Path, line: str, event: tuple[int, int, int, int]) -> N
 def test_bad_line_is_skipped_and_named(tmp_path: Path, line: str) -> None:
     events, notes = parse(tmp_path, f"1.0 2 3 1\n# x\n{line}\n2.0 2 3 1\n")
     assert events["t_ns"].tolist() == [1_000_000_000, 2_000_000_000]
-    assert notes == ("events.txt: skipped 1 unreadable line(s), number 3",)
+    assert notes == ("events.txt: skipped 1 unreadable line(s), number 3 (25% of the lines)",)
 
 
 def test_too_many_bad_lines(tmp_path: Path) -> None:

@@ -194,8 +194,6 @@ def test_evt3(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("header", "message"),
     [
-        (b"% evt 2.1\n% end\n", "EVT 2.1"),
-        (b"% format EVT21;endianness=legacy;height=720;width=1280\n% end\n", "EVT 2.1"),
         (b"% format EVT4;height=720;width=1280\n% end\n", "EVT 4.0"),
         (b"% evt 4.0\n", "EVT 4.0"),
         (b"% format HISTO3D;height=320;width=320\n% end\n", "histograms"),

@@ -64,6 +64,7 @@ def _show(diagnosis: Diagnosis) -> None:
     from rich.text import Text
 
     console = Console(highlight=False)
+    console.print(Text(diagnosis.headline, style="bold"))
     for verdict in diagnosis.verdicts:
         name = verdict.severity.name
         line = Text.assemble((f"{name:8}", _STYLES[name]), (f"{verdict.check}: ", "bold"), verdict.measured)

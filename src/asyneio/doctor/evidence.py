@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from asyneio.doctor.alignment import Alignment
 from asyneio.doctor.camera_rates import CameraRates
@@ -14,6 +15,9 @@ from asyneio.doctor.verdict import Severity, Verdict
 from asyneio.io.contents import Samples
 from asyneio.io.inertial_files import InertialStreams
 from asyneio.types import Calibration, CameraIntrinsics, PoseTrajectory, RecordArray
+
+if TYPE_CHECKING:
+    from asyneio.doctor.folder_files import FolderFiles
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,7 @@ class Evidence:
         truth: true poses.
         rates: angular velocity of the camera, from events or tracks.
         alignment: of these with the gyroscope.
+        files: of the folder, used or not.
         refusals: what could not be read.
         notes: what a run would tell of repairs and assumptions.
     """
@@ -60,6 +65,7 @@ class Evidence:
     truth: PoseTrajectory | None = None
     rates: CameraRates | None = None
     alignment: Alignment | None = None
+    files: FolderFiles | None = None
     refusals: tuple[Refusal, ...] = ()
     notes: tuple[str, ...] = field(default=())
 

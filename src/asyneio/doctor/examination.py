@@ -16,6 +16,7 @@ from asyneio.doctor.event_time import (
 )
 from asyneio.doctor.evidence import Evidence, fail, ok
 from asyneio.doctor.extrinsics import check_extrinsics, check_time_offset
+from asyneio.doctor.folder_files import check_files
 from asyneio.doctor.gathering import gather
 from asyneio.doctor.imu_time import (
     check_duration,
@@ -42,6 +43,7 @@ from asyneio.io.contents import ReadOptions
 
 #: One after the other; None: there is nothing that this check could look at.
 CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
+    check_files,
     check_duration,
     check_event_rate,
     check_event_clock,
@@ -72,6 +74,12 @@ CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
 )
 
 
+#: Checks that look at the events that were read.
+_OF_EVENTS = {
+    "duration", "event rate", "event clock", "event order", "event pauses", "repeated events", "resolution",
+    "polarity", "hot pixels", "flicker", "clocks",
+}  # fmt: skip
+
 #: What to do with files that are no recordings.
 CURES = {
     MATLAB: "this is a MATLAB file: write its events as text (events.txt), t[s] x y p a line",
@@ -95,7 +103,11 @@ def examine(
     verdicts = [_what_it_is(evidence)] if evidence.examinable else []
     cure = CURES.get(evidence.kind, "")
     verdicts += [fail(refusal.part, refusal.message, "", cure) for refusal in evidence.refusals]
-    verdicts += [verdict for check in CHECKS if (verdict := check(evidence)) is not None]
+    found = [verdict for check in CHECKS if (verdict := check(evidence)) is not None]
+    if any(refusal.part == "events" for refusal in evidence.refusals):
+        # What the reader gave up on is not judged a second time.
+        found = [verdict for verdict in found if verdict.check not in _OF_EVENTS or not verdict.cure]
+    verdicts += found
     return Diagnosis(
         recording=str(path),
         verdicts=tuple(verdicts),
@@ -117,7 +129,8 @@ def _what_it_is(evidence: Evidence) -> Verdict:
     parts += [f"{t.size} samples of the {name}" for name, t, _ in streams_of(evidence)]
     if evidence.truth is not None:
         parts.append(f"{evidence.truth.t_ns.size} true poses")
-    if evidence.sees:
+    # Where the reader gave up, its refusal says all.
+    if evidence.sees or any(refusal.part == "events" for refusal in evidence.refusals):
         return ok("recording", ", ".join(parts), kind=evidence.kind)
     return Verdict(
         "recording",

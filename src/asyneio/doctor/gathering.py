@@ -14,6 +14,7 @@ from asyneio.doctor.alignment import align
 from asyneio.doctor.camera_rates import rates_from_events, rates_from_tracks
 from asyneio.doctor.event_scan import EventFigures
 from asyneio.doctor.evidence import Evidence, Refusal
+from asyneio.doctor.folder_files import files_of
 from asyneio.doctor.other_kinds import gather_other, gather_tracks
 from asyneio.doctor.reading import read_events
 from asyneio.doctor.views import is_beside, is_calibration, view_without
@@ -48,7 +49,7 @@ def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -
     with ExitStack() as stack:
         opened = _open(path, options, stack)
         if opened.contents is None:
-            return gather_other(path, opened.refusals), 0.0
+            return gather_other(path, opened.refusals, recognised=bool(opened.kind)), 0.0
         started = time.perf_counter()
         evidence, excerpts = _look_at(path, options, opened, _part(progress, 0.0, _READING))
         seconds = time.perf_counter() - started
@@ -62,6 +63,7 @@ class _Opened:
     contents: Contents | None
     kind: str
     refusals: tuple[Refusal, ...]
+    source: Path | None = None
 
 
 def _open(path: Path, options: ReadOptions, stack: ExitStack) -> _Opened:
@@ -73,7 +75,7 @@ def _open(path: Path, options: ReadOptions, stack: ExitStack) -> _Opened:
     refusals: list[Refusal] = []
     for attempt, given in _attempts(source, options, stack):
         try:
-            return _Opened(open_contents(attempt, given), format.title, tuple(refusals))
+            return _Opened(open_contents(attempt, given), format.title, tuple(refusals), source)
         except AsyneioError as error:
             part = "calibration" if isinstance(error, CalibrationError) else "files"
             if not refusals:
@@ -119,6 +121,7 @@ def _look_at(
         size_guessed=declared is None,
         calibration=rig.calibration,
         truth=contents.truth,
+        files=files_of(path, opened.source, contents, options) if opened.source else None,
         refusals=tuple(refusals),
         notes=rig.notes + read.notes + (streams.notes if streams else ()) + contents.notes,
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.doctor.evidence import Evidence, Refusal
+from asyneio.doctor.folder_files import files_in, may_be_data
 from asyneio.doctor.views import is_calibration
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
 from asyneio.io.beside import SAMPLE_FILES, TRUTH_FILES
@@ -17,6 +18,7 @@ from asyneio.io.csv_table import read_csv
 from asyneio.io.event_assembly import prepare_samples
 from asyneio.io.inertial_files import InertialStreams, read_inertial
 from asyneio.io.inertial_text import read_inertial_file
+from asyneio.io.open_recording import described
 from asyneio.io.stamps import median_rate_hz
 from asyneio.io.tracks_folder import read_tracks_folder
 from asyneio.io.truth_text import read_truth_file
@@ -79,11 +81,19 @@ def gather_tracks(path: Path, options: ReadOptions) -> Evidence:
     )
 
 
-def gather_other(path: Path, refusals: tuple[Refusal, ...]) -> Evidence:
-    """Inertial samples or a calibration alone; else the refusal of the readers of events."""
+def gather_other(path: Path, refusals: tuple[Refusal, ...], recognised: bool) -> Evidence:
+    """Inertial samples or a calibration alone; else the refusal of the readers of events.
+
+    Args:
+        path: what was named.
+        refusals: what the readers of events said.
+        recognised: whether there is a recording of events, which could not be read: that stays a refusal,
+            whatever else is there.
+    """
     samples = _inertial_alone(path)
     if samples is not None:
-        return _inertial_evidence(path, samples)
+        kept = refusals if recognised else _unread(path)
+        return _inertial_evidence(path, samples, kept)
     camera = _calibration_alone(path)
     if camera is not None:
         return Evidence(path=path, kind="a calibration alone", camera=camera)
@@ -115,13 +125,30 @@ def _kind_of(file: Path) -> str:
     return POSES
 
 
-def _inertial_evidence(path: Path, samples: Samples) -> Evidence:
-    refusals: tuple[Refusal, ...] = ()
+def _unread(path: Path) -> tuple[Refusal, ...]:
+    """A refusal for each file of a folder that may hold events, but is of no format that is read."""
+    refusals = []
+    for file in files_in(path) if path.is_dir() else []:
+        if not may_be_data(file) or _is_known(path, file):
+            continue
+        try:
+            refusals.append(Refusal("events", f"{file.name} is {described(file)}"))
+        except AsyneioError as error:
+            refusals.append(Refusal("events", str(error)))
+    return tuple(refusals)
+
+
+def _is_known(folder: Path, file: Path) -> bool:
+    """Whether a file is one of samples or poses, by its name."""
+    return file in _found(folder, _INERTIAL_PLACES) or file in _found(folder, _TRUTH_PLACES)
+
+
+def _inertial_evidence(path: Path, samples: Samples, refusals: tuple[Refusal, ...]) -> Evidence:
     streams: InertialStreams | None = None
     try:
         streams = prepare_samples(samples, None)
     except RecordingError as error:
-        refusals = (Refusal("inertial samples", str(error)),)
+        refusals += (Refusal("inertial samples", str(error)),)
     return Evidence(
         path=path,
         kind="inertial samples alone",

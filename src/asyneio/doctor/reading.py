@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from asyneio.doctor.event_scan import EventFigures, EventScan
@@ -11,7 +11,8 @@ from asyneio.doctor.excerpts import Excerpts
 from asyneio.errors import RecordingError
 from asyneio.io.contents import Contents, Samples, split_samples
 from asyneio.io.event_checks import EventChecker, SensorSizeError, check_span
-from asyneio.io.event_source import FAR_OUTSIDE
+from asyneio.io.event_source import FAR_OUTSIDE, EventSource
+from asyneio.io.lone_stamps import LoneStamps
 from asyneio.types import RecordArray
 
 Progress = Callable[[float], None]
@@ -37,8 +38,9 @@ def read_events(contents: Contents, size: tuple[int, int] | None, progress: Prog
     checker: EventChecker | None = EventChecker(source.path.name, *(size or (FAR_OUTSIDE, FAR_OUTSIDE)))
     refusals: list[Refusal] = []
     notes: tuple[str, ...] = ()
+    lone = LoneStamps(source.path.name)
     try:
-        for events, share in source.chunks():
+        for events, share in _without_lone(source, lone):
             scan.feed(events)
             if checker is not None:
                 try:
@@ -63,4 +65,12 @@ def read_events(contents: Contents, size: tuple[int, int] | None, progress: Prog
             refusals.append(Refusal("event times", str(error)))
         notes = checker.notes()
     samples = split_samples(source.samples(), f"the IMU of {contents.name}")
-    return EventReading(figures, excerpts.all(), samples, tuple(refusals), source.notes() + notes)
+    return EventReading(
+        figures, excerpts.all(), samples, tuple(refusals), source.notes() + lone.notes() + notes
+    )
+
+
+def _without_lone(source: EventSource, lone: LoneStamps) -> Iterator[tuple[RecordArray, float]]:
+    for events, share in source.chunks():
+        yield lone.feed(events), share
+    yield lone.finish(), 1.0

@@ -91,6 +91,19 @@ class Diagnosis:
         return tuple(command for command in self.commands if command not in prevented)
 
     @property
+    def headline(self) -> str:
+        """One line: usable or not, and the first cause."""
+        first = max(self.verdicts, key=lambda verdict: verdict.severity, default=None)
+        if first is not None and first.severity is Severity.FAIL:
+            return f"not usable as it is; first cause: {first.check}: {first.measured}"
+        if not self.usable_for:
+            return "neither odometry nor tracking is possible with what is there"
+        usable = f"usable for {' and '.join(f'asyneio {command}' for command in self.usable_for)}"
+        if first is None or first.severity is not Severity.WARNING:
+            return usable
+        return f"{usable}; first to look at: {first.check}: {first.measured}"
+
+    @property
     def summary(self) -> str:
         """One line: what it can be used for, and how many verdicts are bad."""
         counts = ", ".join(
@@ -111,6 +124,7 @@ class Diagnosis:
             "worst": self.worst.name,
             "usable_for": list(self.usable_for),
             "summary": self.summary,
+            "headline": self.headline,
             "verdicts": [verdict.to_dict() for verdict in self.verdicts],
             "repairs": list(self.repairs),
             "events": self.events,

@@ -23,10 +23,11 @@ from asyneio.errors import RecordingError
 from asyneio.io.atomic import atomic_file, make_folder, write_text
 from asyneio.io.event_checks import EventChecker, SensorSizeError, check_span
 from asyneio.io.event_source import SAMPLE_DTYPE, EventSource, Progress, join_events
+from asyneio.io.lone_stamps import LoneStamps
 from asyneio.types import EVENT_DTYPE, RecordArray
 
 #: Counts up whenever a decoder or a check changes what comes out.
-READER_VERSION = 1
+READER_VERSION = 2
 #: Smaller sources are converted in less time than a user notices.
 CACHE_FROM_BYTES = 32 * 2**20
 #: A conversion is at most this many times as large as its source (text of eight bytes a line gives two).
@@ -98,29 +99,43 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "asyneio"
 
 
-def _checked(source: EventSource, checker: EventChecker, progress: Progress | None) -> Iterator[RecordArray]:
-    for chunk, fraction in source.chunks():
-        yield from checker.feed(chunk)
-        if progress is not None:
-            progress(fraction)
-    yield checker.finish()
+class _Checks:
+    """What events go through: isolated wrong stamps first, then everything else."""
+
+    def __init__(self, source: EventSource, width: int, height: int) -> None:
+        self._source = source
+        self._lone = LoneStamps(source.path.name)
+        self._checker = EventChecker(source.path.name, width, height)
+
+    def events(self, progress: Progress | None) -> Iterator[RecordArray]:
+        """Checked events in pieces."""
+        for chunk, fraction in self._source.chunks():
+            yield from self._checker.feed(self._lone.feed(chunk))
+            if progress is not None:
+                progress(fraction)
+        yield from self._checker.feed(self._lone.finish())
+        yield self._checker.finish()
+
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on all that was skipped, dropped and sorted."""
+        return self._source.notes() + self._lone.notes() + self._checker.notes()
 
 
 def _in_memory(source: EventSource, width: int, height: int, progress: Progress | None) -> EventTable:
-    checker = EventChecker(source.path.name, width, height)
-    events = join_events(list(_checked(source, checker, progress)))
+    checks = _Checks(source, width, height)
+    events = join_events(list(checks.events(progress)))
     check_span(int(events["t_ns"][0]), int(events["t_ns"][-1]), source.path.name)
-    return EventTable(events, source.samples(), source.notes() + checker.notes())
+    return EventTable(events, source.samples(), checks.notes())
 
 
 def _convert(
     source: EventSource, width: int, height: int, progress: Progress | None, stem: Path
 ) -> EventTable:
-    checker = EventChecker(source.path.name, width, height)
+    checks = _Checks(source, width, height)
     with atomic_file(_events_file(stem)) as stream:
         _write_header(stream, 0)
         start, count, first_ns, last_ns = stream.tell(), 0, 0, 0
-        for events in _checked(source, checker, progress):
+        for events in checks.events(progress):
             if events.size:
                 first_ns = first_ns if count else int(events["t_ns"][0])
                 last_ns = int(events["t_ns"][-1])
@@ -133,7 +148,7 @@ def _convert(
             raise RecordingError(f"cannot cache {source.path}: the header of {count} events has another size")
     with atomic_file(_samples_file(stem)) as stream:
         np.save(stream, source.samples(), allow_pickle=False)
-    notes = source.notes() + checker.notes()
+    notes = checks.notes()
     write_text(_notes_file(stem), json.dumps({"events": count, "notes": notes}))
     table = _reopen(stem)
     if table is None:

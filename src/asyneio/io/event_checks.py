@@ -93,8 +93,9 @@ class EventChecker:
             )
         if late > MAX_BAD_SHARE * self._taken:
             raise RecordingError(
-                f"{self._what}: {late} of {self._taken} events come more than "
-                f"{MAX_DISORDER_NS / 1e6:.0f} ms too late; several streams in one file?"
+                f"{self._what} is not in the order of time: {late} of {self._taken} events come more than "
+                f"{MAX_DISORDER_NS / 1e6:.0f} ms after a later one (less is sorted while reading). "
+                f"{_sorting(self._what)}"
             )
         self._given += self._held.size
         if self._given == 0:
@@ -121,8 +122,16 @@ class EventChecker:
         raise RecordingError(
             f"{self._what}: time jumps backwards by {int(self._state[_JUMP]) / NS_PER_S:.3f} s before event "
             f"{index} (after {int(self._state[_LATEST]) / NS_PER_S:.6f} s): a sensor reset, or two "
-            "recordings in one file; split the file there"
+            "recordings in one file: split the file there; or rows in another order than that of time. "
+            f"{_sorting(self._what)}"
         )
+
+
+def _sorting(name: str) -> str:
+    """How to sort a file by time."""
+    if name.lower().endswith(".txt"):
+        return f"Sort it: sort -s -g {name} > sorted.txt"
+    return "Sort it by the column of time, or export it again in the order of time"
 
 
 def check_span(first_ns: int, last_ns: int, what: str) -> None:

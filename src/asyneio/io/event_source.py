@@ -43,9 +43,27 @@ class EventSource(Protocol):
         """Sentences on what was skipped or salvaged; complete when `chunks` has ended."""
 
 
-def skipped_notes(name: str, counts: Mapping[str, int]) -> tuple[str, ...]:
-    """A sentence for each kind of thing that was skipped in `name`, with how many there were."""
-    return tuple(f"{name}: skipped {count} {what}" for what, count in counts.items() if count)
+def skipped_notes(name: str, counts: Mapping[str, int], total: int = 0, of: str = "") -> tuple[str, ...]:
+    """A sentence for each kind of thing that was skipped in `name`, with how many there were.
+
+    Args:
+        name: the file.
+        counts: how many there were of each kind.
+        total: how many things of all kinds there were; 0: not known.
+        of: what these are, in the plural.
+    """
+    sentences = []
+    for what, count in counts.items():
+        if count:
+            share = f" ({share_text(count, total)} of the {of})" if total else ""
+            first, colon, rest = what.partition(":")
+            sentences.append(f"{name}: skipped {count} {first}{share}{colon}{rest}")
+    return tuple(sentences)
+
+
+def share_text(count: int, total: int) -> str:
+    """A share as a percentage of two digits."""
+    return f"{100.0 * count / max(total, 1):.2g}%"
 
 
 def join_events(pieces: Sequence[RecordArray]) -> RecordArray:

@@ -36,6 +36,7 @@ class Evt2Decoder:
     def __init__(self) -> None:
         self._state = np.zeros(5, dtype=np.int64)
         self._state[_HIGH] = -1
+        self._words = 0
         self._waiting = np.empty(0, dtype=np.uint32)
 
     def feed(self, words: np.ndarray, last: bool = False) -> RecordArray:
@@ -43,6 +44,7 @@ class Evt2Decoder:
 
         Words after a doubtful high time wait for the next call, unless this is the `last`.
         """
+        self._words += words.size
         if self._waiting.size:
             words = np.concatenate([self._waiting, words])
         words = np.ascontiguousarray(words, dtype=np.uint32)
@@ -60,7 +62,8 @@ class Evt2Decoder:
             "event(s) before the first time": _EARLY,
             "word(s) of no known kind: is the file damaged?": _UNKNOWN,
         }
-        return skipped_notes(name, {what: int(self._state[index]) for what, index in kinds.items()})
+        counts = {what: int(self._state[index]) for what, index in kinds.items()}
+        return skipped_notes(name, counts, self._words, "words")
 
 
 @njit(cache=True)

@@ -10,6 +10,7 @@ The four high bits say what a word is, the twelve low ones what it brings:
 | 6, 8 | time [us], low and high 12 bits |
 | 10 | external trigger |
 | 7, 14, 15 | other data and its continuation, skipped |
+| 9 | padding of some cameras (0x9999 of a Lucid Triton2 EVS), skipped and counted |
 
 Time is 24 bits and turns over every 16.777 s. Cameras are known to send a high time with a wrong bit now
 and then, and some step back a little without a turn. A high time that neither stays nor goes on by one is
@@ -30,7 +31,7 @@ TURN_NS = 4096 * HIGH_NS
 
 # State of `_decode_words`: high time (unwrapped) and low time, -1 before the first; row; first column and
 # polarity of vectors; counters.
-_HIGH, _LOW, _ROW, _COLUMN, _POLARITY, _TRIGGERS, _WRONG_HIGH, _EARLY, _UNKNOWN = range(9)
+_HIGH, _LOW, _ROW, _COLUMN, _POLARITY, _TRIGGERS, _WRONG_HIGH, _EARLY, _UNKNOWN, _PADDING = range(10)
 
 #: Without another high time within so many words, a doubtful one is not believed.
 _SEARCH_WORDS = 2**16
@@ -43,8 +44,9 @@ class Evt3Decoder:
     """Decodes words in pieces of any length; the state goes on from one piece to the next."""
 
     def __init__(self) -> None:
-        self._state = np.zeros(9, dtype=np.int64)
+        self._state = np.zeros(10, dtype=np.int64)
         self._state[[_HIGH, _LOW]] = -1
+        self._words = 0
         self._waiting = np.empty(0, dtype=np.uint16)
 
     def feed(self, words: np.ndarray, last: bool = False) -> RecordArray:
@@ -53,6 +55,7 @@ class Evt3Decoder:
         Time is in nanoseconds since the high time was 0 for the first time. Words after a doubtful high time
         wait for the next call, unless this is the `last`.
         """
+        self._words += words.size
         if self._waiting.size:
             words = np.concatenate([self._waiting, words])
         words = np.ascontiguousarray(words, dtype=np.uint16)
@@ -72,9 +75,11 @@ class Evt3Decoder:
             "external trigger(s)": _TRIGGERS,
             "high time(s) that contradict their neighbours": _WRONG_HIGH,
             "event(s) before the first time": _EARLY,
+            "word(s) of padding (code 9)": _PADDING,
             "word(s) of no known kind: is the file damaged?": _UNKNOWN,
         }
-        return skipped_notes(name, {what: int(self._state[index]) for what, index in kinds.items()})
+        counts = {what: int(self._state[index]) for what, index in kinds.items()}
+        return skipped_notes(name, counts, self._words, "words")
 
 
 @njit(cache=True)
@@ -158,6 +163,8 @@ def _decode_words(
             column, polarity = word & 0x7FF, word >> 11 & 1
         elif code == 10:
             state[_TRIGGERS] += 1
+        elif code == 9:
+            state[_PADDING] += 1
         elif code != 7 and code != 14 and code != 15:
             state[_UNKNOWN] += 1
     state[_HIGH], state[_LOW], state[_ROW] = high, low, row

@@ -13,18 +13,25 @@ from asyneio.io.aedat4 import read_aedat4
 from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_hdf5 import MAGIC as HDF5_MAGIC
 from asyneio.io.event_hdf5 import is_asyneio_hdf5, read_events_hdf5
-from asyneio.io.event_text import is_event_text
+from asyneio.io.event_numpy import MAGIC as NUMPY_MAGIC
+from asyneio.io.event_numpy import is_npz, read_numpy
+from asyneio.io.event_stream import MAGIC as EVENT_STREAM_MAGIC
+from asyneio.io.event_stream import read_event_stream
+from asyneio.io.gzip_file import MAGIC as GZIP_MAGIC
+from asyneio.io.gzip_file import unpacked_head
 from asyneio.io.hdf5_dsec import is_event_columns, is_sides_folder, read_event_columns, read_sides_folder
 from asyneio.io.hdf5_m3ed import is_m3ed, read_m3ed
 from asyneio.io.hdf5_mvsec import is_mvsec, read_mvsec
 from asyneio.io.hdf5_prophesee import is_prophesee_hdf5, read_prophesee_hdf5
+from asyneio.io.hdf5_table import is_event_table, read_event_table
 from asyneio.io.mcap import MAGIC as MCAP_MAGIC
 from asyneio.io.prophesee import read_prophesee
 from asyneio.io.prophesee_header import MAGIC as PROPHESEE_MAGIC
 from asyneio.io.ros_recording import read_rosbag1, read_rosbag2
 from asyneio.io.rosbag1 import MAGIC as ROSBAG_MAGIC
 from asyneio.io.rosbag2 import is_rosbag2_folder, is_rosbag2_sqlite
-from asyneio.io.uzh_folder import EVENTS_FILE, read_uzh_folder
+from asyneio.io.text_layout import HEAD_BYTES, is_event_text
+from asyneio.io.uzh_folder import EVENTS_FILE, read_gzip_text, read_uzh_folder
 from asyneio.io.uzh_zip import read_uzh_zip
 from asyneio.io.zip_member import MAGIC as ZIP_MAGIC
 
@@ -78,22 +85,56 @@ FORMATS = (
     _hdf5("mvsec", "MVSEC's HDF5", is_mvsec, read_mvsec, "events"),
     _hdf5("m3ed", "M3ED's HDF5", is_m3ed, read_m3ed, "events"),
     _hdf5("prophesee-hdf5", "Prophesee's HDF5", is_prophesee_hdf5, read_prophesee_hdf5, "samples"),
-    _hdf5("columns", "HDF5 as of DSEC (events/x, y, t, p)", is_event_columns, read_event_columns, "samples"),
+    _hdf5(
+        "columns",
+        "HDF5 as of DSEC or E2VID (events/x, y, t, p)",
+        is_event_columns,
+        read_event_columns,
+        "samples",
+    ),
+    _hdf5("table", "HDF5 as of v2e (events, four columns)", is_event_table, read_event_table, "samples"),
     Format(
         "prophesee",
-        "Prophesee's RAW (EVT 2.0, 3.0) or DAT",
+        "Prophesee's RAW (EVT 2.0, 2.1, 3.0) or DAT",
         lambda _, head: head.startswith(PROPHESEE_MAGIC),
         read_prophesee,
         ("samples",),
     ),
     Format("aedat2", "AEDAT-2.0 of a DAVIS240", lambda _, head: head.startswith(AEDAT2_MAGIC), read_aedat2),
     Format("aedat4", "AEDAT4", lambda _, head: head.startswith(AEDAT4_MAGIC), read_aedat4),
+    Format(
+        "numpy",
+        "NumPy's .npy or .npz with columns of events",
+        lambda path, head: (
+            head.startswith(NUMPY_MAGIC) or (head.startswith(ZIP_MAGIC) and path.is_file() and is_npz(path))
+        ),
+        read_numpy,
+        ("samples",),
+    ),
     Format("zip", "a UZH zip", lambda _, head: head.startswith(ZIP_MAGIC), read_uzh_zip, ("events",)),
     Format("rosbag1", "a ROS 1 bag", lambda _, head: head.startswith(ROSBAG_MAGIC), read_rosbag1, _TOPICS),
     Format("rosbag2", "a ROS 2 bag (folder)", lambda path, _: is_rosbag2_folder(path), read_rosbag2, _TOPICS),
     Format("mcap", "MCAP", lambda _, head: head.startswith(MCAP_MAGIC), read_rosbag2, _TOPICS),
     Format("sqlite", "SQLite of ROS 2", lambda _, head: is_rosbag2_sqlite(head), read_rosbag2, _TOPICS),
-    Format("text", "events as text (t[s] x y p)", lambda _, head: is_event_text(head), read_uzh_folder),
+    Format(
+        "event-stream",
+        "Event Stream (.es)",
+        lambda _, head: head.startswith(EVENT_STREAM_MAGIC),
+        read_event_stream,
+        ("samples",),
+    ),
+    Format(
+        "text",
+        "events as text (t[s] x y p, or a camera's csv)",
+        lambda _, head: is_event_text(head),
+        read_uzh_folder,
+    ),
+    Format(
+        "gzip-text",
+        "events as text, packed with gzip",
+        lambda _, head: head.startswith(GZIP_MAGIC) and is_event_text(unpacked_head(head, HEAD_BYTES)),
+        read_gzip_text,
+    ),
 )
 
 

@@ -7,21 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.column_meaning import columns_by_name
 from asyneio.io.event_checks import MAX_STAMP_NS
 from asyneio.io.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
 from asyneio.io.safe_hdf5 import check_columns, dataset, group_at, holds, open_hdf5
 from asyneio.io.tracks_checks import MAX_BAD_SHARE
-from asyneio.types import RecordArray
+from asyneio.types import IntArray, RecordArray
 
 BLOCK_EVENTS = 2**17
 NAMES = ("t", "x", "y", "p")
+#: How -1 stands where a polarity is an unsigned number.
+_MINUS_ONE = {"u1": 255, "u2": 65_535, "u4": 4_294_967_295}
 
+#: A group with more members holds no columns.
+_MOST_MEMBERS = 64
 _SAMPLED_BLOCKS, _SAMPLED_ROWS = 32, 4096
 
 
@@ -29,14 +35,15 @@ _SAMPLED_BLOCKS, _SAMPLED_ROWS = 32, 4096
 class ColumnLayout:
     """Where the columns are and what their time means: `t_ns = t * unit_ns + offset_ns`.
 
-    `group` is the path of a group of whole numbers t, x, y, p; "" is the root. `table` is the name of a data
-    set in it whose fields they are, "" where they are data sets themselves.
+    `group` is the path of a group with the columns; "" is the root. `table` is the name of a data set in it
+    whose fields they are, "" where they are data sets themselves. `names` are those of t, x, y and p.
     """
 
     group: str
     unit_ns: int
     offset_ns: int = 0
     table: str = ""
+    names: tuple[str, str, str, str] = NAMES
 
 
 class ColumnEvents:
@@ -64,7 +71,7 @@ class ColumnEvents:
         return ()
 
     def _columns(self, file: h5py.File) -> Iterator[tuple[RecordArray, float]]:
-        columns = event_columns(file, self._layout.group, self.path)
+        columns = event_columns(file, self._layout.group, self.path, self._layout.names)
         for rows, share in blocks(columns[0].shape[0]):
             yield self._pack(*(column[rows] for column in columns)), share
 
@@ -75,13 +82,34 @@ class ColumnEvents:
             yield self._pack(*(piece[name] for name in NAMES)), share
 
     def _pack(self, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> RecordArray:
+        p = signed(p)
         self._polarity.feed(p)
-        if t.dtype.itemsize == 8:
-            # Absurd stamps must not wrap around: the checks refuse what lies at the limit.
-            limit = MAX_STAMP_NS // self._layout.unit_ns + 1
-            t = np.clip(t, 0 if t.dtype.kind == "u" else -limit, limit)
-        t_ns = t.astype(np.int64) * self._layout.unit_ns + self._layout.offset_ns
+        t_ns = nanoseconds(t, self._layout.unit_ns) + self._layout.offset_ns
         return pack_events(t_ns, pixels(x), pixels(y), p == 1)
+
+
+def nanoseconds(t: np.ndarray, unit_ns: int) -> IntArray:
+    """Times (N,), whole or not, as nanoseconds; absurd ones end at the limit that the checks refuse."""
+    limit = MAX_STAMP_NS // unit_ns + 1
+    if t.dtype.kind == "f":
+        # Whole seconds apart: a float holds both parts exactly, but not their sum in nanoseconds.
+        t = np.clip(np.nan_to_num(t.astype(np.float64), nan=limit), -limit, limit)
+        whole = np.floor(t)
+        return np.asarray(whole.astype(np.int64) * unit_ns + np.rint((t - whole) * unit_ns).astype(np.int64))
+    if t.dtype.itemsize == 8:
+        t = np.clip(t, 0 if t.dtype.kind == "u" else -limit, limit)
+    return np.asarray(t.astype(np.int64) * unit_ns)
+
+
+def signed(p: np.ndarray) -> np.ndarray:
+    """Polarities (N,) whose -1 may stand as the largest unsigned number, with -1."""
+    largest = _MINUS_ONE.get(p.dtype.str[1:])
+    if largest is None or not (p == largest).any():
+        return p
+    # More than eight bits: other values must stay what they are, so that they are refused.
+    wide = p.astype(np.int64)
+    wide[p == largest] = -1
+    return wide
 
 
 class PolarityCheck:
@@ -114,13 +142,17 @@ def pixels(values: np.ndarray) -> np.ndarray:
     """Whole numbers as uint16; what does not fit lies outside every sensor."""
     if values.dtype == np.uint16:
         return values
+    if values.dtype.kind == "f":
+        values = np.where(np.isfinite(values) & (values == np.round(values)), values, -1.0)
     return np.where((values < 0) | (values > FAR_OUTSIDE), FAR_OUTSIDE, values).astype(np.uint16)
 
 
-def event_columns(file: h5py.File, where: str, path: Path) -> list[h5py.Dataset]:
-    """The columns t, x, y, p of a group. Raises RecordingError: absent, hostile, or no whole numbers."""
+def event_columns(
+    file: h5py.File, where: str, path: Path, names: tuple[str, str, str, str] = NAMES
+) -> list[h5py.Dataset]:
+    """The columns t, x, y, p of a group. Raises RecordingError: absent, hostile, or no numbers."""
     parent = group_at(file, where, path)
-    columns = [dataset(parent, name, path, "iub" if name == "p" else "iu", 1) for name in NAMES]
+    columns = [dataset(parent, name, path, "iufb" if name == names[3] else "iuf", 1) for name in names]
     check_columns(columns, path)
     return columns
 
@@ -135,16 +167,25 @@ def event_table(file: h5py.File, layout: ColumnLayout, path: Path) -> h5py.Datas
     return table
 
 
-def has_event_columns(file: h5py.File, where: str) -> bool:
-    """True when a group of this path has members named t, x, y and p; links are not followed."""
+def names_of_columns(file: h5py.File, where: str) -> tuple[str, str, str, str] | None:
+    """Names of t, x, y and p in the group of a path; None where one is not there. Links are not followed."""
     parent: object = file
     for name in filter(None, where.split("/")):
         if not isinstance(parent, h5py.Group) or not isinstance(
             parent.get(name, getlink=True), h5py.HardLink
         ):
-            return False
+            return None
         parent = parent[name]
-    return isinstance(parent, h5py.Group) and all(holds(parent, name) for name in NAMES)
+    if not isinstance(parent, h5py.Group):
+        return None
+    if all(holds(parent, name) for name in NAMES):
+        return NAMES
+    members = list(islice(map(str, parent), _MOST_MEMBERS))
+    found = columns_by_name(members)
+    if found is None:
+        return None
+    t, x, y, p = (members[found[0][letter]] for letter in NAMES)
+    return t, x, y, p
 
 
 def likely_size(x: h5py.Dataset, y: h5py.Dataset, sizes: Sequence[tuple[int, int]]) -> tuple[int, int] | None:

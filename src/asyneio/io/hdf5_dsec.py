@@ -19,19 +19,31 @@ from functools import partial
 from pathlib import Path
 
 import h5py
+import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.beside import samples_beside, truth_beside
 from asyneio.io.calibration import find_rig
+from asyneio.io.column_meaning import UNIT_WORDS, UNITS_NS, unit_of_time
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples
 from asyneio.io.event_assembly import USUAL_SIZES
 from asyneio.io.event_checks import MAX_STAMP_NS
-from asyneio.io.hdf5_columns import ColumnEvents, ColumnLayout, event_columns, has_event_columns, likely_size
+from asyneio.io.event_source import FAR_OUTSIDE
+from asyneio.io.hdf5_columns import (
+    NAMES,
+    ColumnEvents,
+    ColumnLayout,
+    event_columns,
+    likely_size,
+    names_of_columns,
+)
 from asyneio.io.safe_hdf5 import holds, open_hdf5, whole_number
 from asyneio.io.sides import LEFT, RIGHT, choose_side
 from asyneio.types import PoseTrajectory
 
 _US = 1000
+#: So many times at either end tell the unit.
+_SAMPLE = 4096
 #: Where the columns are looked for.
 _GROUPS = ("events", "")
 _VGA, _HD = (640, 480), (1280, 720)
@@ -43,7 +55,7 @@ _DSEC_FILES = ("events/{side}/events.h5", "{side}/events.h5")
 def is_event_columns(path: Path) -> bool:
     """True when a file of HDF5 holds x, y, t and p as DSEC does."""
     with open_hdf5(path) as file:
-        return any(has_event_columns(file, where) for where in _GROUPS)
+        return any(names_of_columns(file, where) for where in _GROUPS)
 
 
 def is_sides_folder(path: Path) -> bool:
@@ -77,15 +89,23 @@ def read_event_columns(path: Path, options: ReadOptions) -> Contents:
         CalibrationError: a calibration file is malformed or impossible.
     """
     with open_hdf5(path) as file:
-        where = next((where for where in _GROUPS if has_event_columns(file, where)), _GROUPS[0])
-        columns = event_columns(file, where, path)
-        layout = ColumnLayout(where, _US, _offset_ns(file, path))
+        where = next((where for where in _GROUPS if names_of_columns(file, where)), _GROUPS[0])
+        names = names_of_columns(file, where) or NAMES
+        columns = event_columns(file, where, path, names)
+        offset_ns = _offset_ns(file, path)
+        # With an offset it is DSEC's layout, whose times are in microseconds.
+        unit, told_by = ("us", "as of DSEC") if offset_ns else _unit(columns[0])
+        layout = ColumnLayout(where, UNITS_NS[unit], offset_ns, names=names)
+        declared = _declared_size(file)
         guessed = likely_size(columns[1], columns[2], USUAL_SIZES)
     known = _beside(path, options)
     notes = known.notes
+    if known.size is None:
+        said = f"time in {UNIT_WORDS[unit]} ({told_by})"
+        notes += (f"{path.name}: events in HDF5, columns {' '.join(names)}; {said}",)
     if layout.offset_ns:
         notes += (f"{path.name}: t_offset of {layout.offset_ns // _US} us added to every event",)
-    size = known.size
+    size = known.size or declared
     if size is None and known.rig.size is None and guessed is not None:
         size = guessed
         notes += (
@@ -93,6 +113,23 @@ def read_event_columns(path: Path, options: ReadOptions) -> Contents:
         )
     decode = partial(ColumnEvents, path, layout)
     return Contents(known.name, decode, size, known.rig, known.samples, truth=known.truth, notes=notes)
+
+
+def _unit(times: h5py.Dataset) -> tuple[str, str]:
+    """The unit of a column of times, and what tells it."""
+    count = times.shape[0]
+    sample = np.concatenate([np.asarray(times[:_SAMPLE]), np.asarray(times[max(count - _SAMPLE, 0) :])])
+    return unit_of_time(sample.astype(np.float64), "us", "DSEC")
+
+
+def _declared_size(file: h5py.File) -> tuple[int, int] | None:
+    """Width and height as the attribute `sensor_resolution` (height, width) of E2VID's writers tells."""
+    if "sensor_resolution" not in file.attrs or file.attrs.get_id("sensor_resolution").dtype.kind not in "iu":
+        return None
+    told = np.asarray(file.attrs["sensor_resolution"]).reshape(-1).tolist()
+    if len(told) != 2 or not all(0 < length < FAR_OUTSIDE for length in told):
+        return None
+    return int(told[1]), int(told[0])
 
 
 def _offset_ns(file: h5py.File, path: Path) -> int:
@@ -166,7 +203,6 @@ def _dsec(path: Path, options: ReadOptions) -> _Known:
 def _unknown(path: Path, options: ReadOptions) -> _Known:
     folder = path.parent
     truth, notes = truth_beside(folder)
-    notes += (f"{path.name}: events in HDF5, x y t p; t taken to be in microseconds",)
     rig = find_rig(folder, options.calibration, options.imu)
     samples = samples_beside(folder, options)
     return _Known(path.resolve().stem, None, rig, samples, truth, notes)

@@ -29,7 +29,7 @@ from asyneio.io.calibration.rigid import inverse_rigid
 from asyneio.io.camera_poses import truth_of_camera
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples, no_samples
 from asyneio.io.event_checks import MAX_STAMP_NS
-from asyneio.io.hdf5_columns import ColumnEvents, ColumnLayout, event_columns, has_event_columns
+from asyneio.io.hdf5_columns import NAMES, ColumnEvents, ColumnLayout, event_columns, names_of_columns
 from asyneio.io.safe_hdf5 import check_columns, dataset, group_at, holds, open_hdf5, table, text
 from asyneio.io.sides import LEFT, RIGHT, choose_side
 from asyneio.types import INERTIAL_DTYPE, FloatArray, PoseTrajectory
@@ -73,7 +73,7 @@ def read_m3ed(path: Path, options: ReadOptions) -> Contents:
 
 
 def _sides(file: h5py.File) -> list[str]:
-    return [side for side in (LEFT, RIGHT) if has_event_columns(file, f"prophesee/{side}")]
+    return [side for side in (LEFT, RIGHT) if names_of_columns(file, f"prophesee/{side}") == NAMES]
 
 
 def _rig(file: h5py.File, side: str, path: Path, options: ReadOptions) -> Rig:

@@ -10,10 +10,13 @@ from asyneio.errors import RecordingError
 from asyneio.io.beside import SAMPLE_FILES, first_file
 from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_assembly import assemble
+from asyneio.io.event_hdf5 import MAGIC as HDF5_MAGIC
 from asyneio.io.event_source import Progress
 from asyneio.io.formats import FORMATS, Format, format_of
+from asyneio.io.hdf5_table import contents_of
 from asyneio.io.inertial_text import read_inertial_file
 from asyneio.io.resumable import PART_SUFFIX
+from asyneio.io.table_hints import refuse_decimal_commas
 from asyneio.io.tracks_folder import read_tracks_folder
 from asyneio.types import EventRecording, Recording
 
@@ -26,7 +29,6 @@ _NOT_READ = {
     b"\x28\xb5\x2f\xfd": "packed with zstd (unpack it: zstd -d FILE)",
     b"\x1f\x8b": "packed with gzip (unpack it first)",
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
-    b"\x89HDF\r\n\x1a\n": "HDF5 of no known layout",
 }
 _SNIFF_BYTES = 4096
 _MAX_LISTED = 8
@@ -86,7 +88,13 @@ def open_contents(path: Path, options: ReadOptions) -> Contents:
 def find_format(path: Path) -> tuple[Path, Format]:
     """The file or folder with the events, and its format. Raises RecordingError, as `open_contents`."""
     if not path.exists():
-        raise RecordingError(f"{path} does not exist; expected {_understood()}")
+        nearest = next((parent for parent in path.resolve().parents if parent.exists()), path)
+        raise RecordingError(f"{path} does not exist; {nearest} is there: check what comes after it")
+    if not path.is_dir() and not path.is_file():
+        raise RecordingError(
+            f"{path} is a pipe or a device, which cannot be read twice; write it to a file first "
+            "(cat PIPE > events.txt) and name that"
+        )
     if path.name.endswith(PART_SUFFIX):
         _refuse_part(path)
     format = format_of(path, b"" if path.is_dir() else _head(path))
@@ -94,7 +102,7 @@ def find_format(path: Path) -> tuple[Path, Format]:
         return path, format
     if path.is_dir():
         return _only_event_file(path)
-    raise RecordingError(f"{path} is {_describe(path)}; expected {_understood()}")
+    raise RecordingError(f"{path} is {described(path)}; expected {_understood()}")
 
 
 def _refuse_part(path: Path) -> NoReturn:
@@ -126,7 +134,7 @@ def _only_event_file(folder: Path) -> tuple[Path, Format]:
             f"{folder} holds inertial samples ({inertial.relative_to(folder)}) but no events; expected "
             f"{_understood()}"
         )
-    content = _listed([f"{file.name} ({_describe(file)})" for file in files]) if files else "no file"
+    content = _listed([f"{file.name} ({described(file)})" for file in files]) if files else "no file"
     raise RecordingError(f"{folder} holds {content}; expected {_understood()}")
 
 
@@ -134,8 +142,21 @@ def _understood() -> str:
     return ", ".join([f"a tracks folder ({TRACKS_FILE})", *(format.title for format in FORMATS)])
 
 
-def _describe(path: Path) -> str:
+def format_of_file(path: Path) -> Format | None:
+    """The format of a file; None where it is unknown. Raises RecordingError: unreadable."""
+    return format_of(path, _head(path))
+
+
+def described(path: Path) -> str:
+    """What a file of no format that is read is, in words. Raises RecordingError: unreadable."""
     head = _head(path)
+    if head.startswith(HDF5_MAGIC):
+        return f"HDF5 of no known layout, which is not read; it {contents_of(path)}"
+    line = head.split(b"\n", 1)[0]
+    try:
+        refuse_decimal_commas(path.name, 1, line.decode("utf-8", errors="replace"))
+    except RecordingError as error:
+        return f"not read ({error})"
     for magic, text in _NOT_READ.items():
         if head.startswith(magic):
             return f"{text}, which is not read"

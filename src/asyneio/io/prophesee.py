@@ -1,4 +1,4 @@
-"""Prophesee's files: RAW in the encodings EVT 2.0 and EVT 3.0, and DAT. They hold events alone."""
+"""Prophesee's files: RAW in the encodings EVT 2.0, 2.1 and 3.0, and DAT. They hold events alone."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_source import SAMPLE_DTYPE
 from asyneio.io.evt2 import Evt2Decoder
 from asyneio.io.evt3 import Evt3Decoder
+from asyneio.io.evt21 import Evt21Decoder
 from asyneio.io.prophesee_dat import CD_KINDS, RECORD_BYTES, VERSION, DatDecoder
 from asyneio.io.prophesee_header import Header, read_header, size_of
 from asyneio.types import RecordArray
@@ -45,10 +46,11 @@ class _Encoding:
 
 
 _RAW = {"EVT2": _Encoding(Evt2Decoder, "u4", 4), "EVT3": _Encoding(Evt3Decoder, "u2", 2)}
+#: By the order of the halves of a word as the header tells it; None: the words themselves tell.
+_EVT21 = {swapped: _Encoding(partial(Evt21Decoder, swapped), "u8", 8) for swapped in (None, False, True)}
 _DAT = _Encoding(DatDecoder, "u4", RECORD_BYTES)
 #: What is known of other encodings, for the refusal.
 _NOT_READ = {
-    "EVT21": "EVT 2.1 (vectors of 64-bit words)",
     "EVT4": "EVT 4.0",
     "HISTO3D": "frames of histograms, not events",
     "DIFF3D": "frames of differences, not events",
@@ -79,7 +81,11 @@ class PropheseeEvents:
                     yield decoder.feed(np.frombuffer(data[:whole], self._dtype)), stream.tell() / size
         except OSError as error:
             raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from error
-        yield decoder.feed(np.empty(0, self._dtype), last=True), 1.0
+        try:
+            end = decoder.feed(np.empty(0, self._dtype), last=True)
+        except RecordingError as error:
+            raise RecordingError(f"{self.path}: {error}") from error
+        yield end, 1.0
         self._notes = decoder.notes(self.path.name)
         if rest:
             self._notes += (f"{self.path.name}: {len(rest)} byte(s) at the end are no whole event: cut off?",)
@@ -119,6 +125,8 @@ def _raw(path: Path, header: Header) -> _Encoding:
     name = header.encoding
     if name in _RAW:
         return _RAW[name]
+    if name == "EVT21":
+        return _EVT21[header.high_half_first]
     if not name:
         found = ", ".join(header.fields)[:200] or "none"
         raise RecordingError(
@@ -127,7 +135,7 @@ def _raw(path: Path, header: Header) -> _Encoding:
         )
     raise RecordingError(
         f"{path} is a Prophesee RAW file in {_NOT_READ.get(name, name[:40])}, which is not read; convert it "
-        "with Metavision (metavision_file_to_dat) or record in EVT 2.0 or EVT 3.0"
+        "with Metavision (metavision_file_to_dat) or record in EVT 2.0, 2.1 or 3.0"
     )
 
 

@@ -63,6 +63,14 @@ class Header:
             self.fields.get("endianness", "").strip().lower() == "big"
         )
 
+    @property
+    def high_half_first(self) -> bool | None:
+        """Whether a word of 64 bits begins with its high half; None where the header tells no byte order."""
+        told = f"{self.fields.get('format', '')};endianness={self.fields.get('endianness', '')}".lower()
+        if "endianness=legacy" in told.replace(" ", ""):
+            return True
+        return False if re.search(r"endianness=(little|big)", told.replace(" ", "")) else None
+
 
 def parse_header(start: bytes, path: Path) -> Header:
     """The header in the first bytes of a file. Raises RecordingError: it does not begin with one."""

@@ -17,6 +17,7 @@ import numpy as np
 from asyneio.errors import RecordingError
 from asyneio.io.csv_table import MAX_BAD_LINES
 from asyneio.io.seconds_table import parse_seconds
+from asyneio.io.table_hints import refuse_decimal_commas
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
 #: Decimals between a unit of time and a nanosecond.
@@ -104,6 +105,7 @@ def read_text_rows(path: Path, least: int, expected: str) -> TextRows:
 def _collect(path: Path, lines: Iterator[tuple[int, str]], expected: str) -> TextRows:
     header, start = "", []
     for number, text in lines:
+        refuse_decimal_commas(path, number, text)
         if not _is_comment(text) and _is_number(_split(text)[0]):
             start = [(number, text), *islice(lines, _FIRST)]
             break

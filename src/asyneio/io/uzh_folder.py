@@ -10,17 +10,20 @@ camchain-imucam.yaml, imu.yaml                  optional; Kalibr's layout: extri
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from asyneio.errors import CalibrationError
+from asyneio.io.beside import samples_beside
 from asyneio.io.calibration import find_rig
 from asyneio.io.calibration.lens import make_lens
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples, no_samples, split_samples
 from asyneio.io.csv_table import TextFile, bad_lines_note, read_text
 from asyneio.io.event_source import SAMPLE_DTYPE, EventSource
 from asyneio.io.event_text import TextEvents
+from asyneio.io.gzip_file import GzipFile
 from asyneio.io.seconds_table import read_rows
 from asyneio.io.tum import read_tum
 from asyneio.types import CameraIntrinsics, Distortion, PoseTrajectory
@@ -40,10 +43,23 @@ def read_uzh_folder(path: Path, options: ReadOptions) -> Contents:
         CalibrationError: a calibration file is malformed or impossible.
     """
     events_path = path / EVENTS_FILE if path.is_dir() else path
+    return _beside_text(events_path, lambda: TextEvents(events_path), options)
+
+
+def read_gzip_text(path: Path, options: ReadOptions) -> Contents:
+    """As `read_uzh_folder`, of a file of events packed with gzip."""
+    return _beside_text(path, lambda: TextEvents(path, GzipFile(path)), options)
+
+
+def _beside_text(events_path: Path, decode: Callable[[], EventSource], options: ReadOptions) -> Contents:
     folder = events_path.parent
     rig = find_rig(folder, options.calibration, options.imu)
-    name = folder.resolve().name if events_path.name == EVENTS_FILE else events_path.stem
-    return uzh_contents(name, lambda: TextEvents(events_path), rig, lambda file: folder / file)
+    usual = events_path.name.removesuffix(".gz") == EVENTS_FILE
+    name = folder.resolve().name if usual else Path(events_path.name.removesuffix(".gz")).stem
+    contents = uzh_contents(name, decode, rig, lambda file: folder / file)
+    if options.samples is None and not (folder / SAMPLES_FILE).is_file():
+        contents = replace(contents, samples=samples_beside(folder, options))
+    return contents
 
 
 def uzh_contents(

@@ -1,0 +1,107 @@
+"""Event files and folders: kinds A, B, E (events), M (files) and N."""
+
+from __future__ import annotations
+
+from case_expectations.step import Expectations, Step
+
+_READ = (r"\d{5} events", r"0 FAIL")
+#: Advice that does not fit a file whose columns are read.
+_GUESSES = (r"record again", r"several streams", r"split the file")
+
+CASES: Expectations = {
+    "R03": (
+        Step(
+            "asyneio doctor data",
+            status=(1,),
+            says=(r"not usable", r"rec\.raw", r"EVT 2\.1|before the first time"),
+        ),
+    ),
+    "E07": (
+        Step("asyneio doctor data", says=(*_READ, r"columns t x y p \(by their names\)", r"microseconds")),
+        Step("asyneio track data/events.csv -o out", files=("out/*",)),
+    ),
+    "E09": (
+        Step("asyneio doctor data", says=(*_READ, r"events\.txt\.gz")),
+        Step("asyneio run data -o out", files=("out/*",)),
+    ),
+    "H01": (
+        Step(
+            "asyneio doctor data",
+            status=(1,),
+            says=(r"events\.h5", r"columns t x y p", r"not overlap|clocks"),
+        ),
+        Step("asyneio track data/events.h5 -o out", status=(1,), says=(r"overlap",)),
+    ),
+    "H02": (
+        Step("asyneio doctor data", status=(1,), says=(r"rec\.h5", r"ts xs ys ps", r"clocks")),
+        Step("asyneio track data/rec.h5 -o out", status=(1,), says=(r"overlap",)),
+    ),
+    "I30": (
+        Step("asyneio doctor data", says=(*_READ, r"imu\.csv \(inertial samples\)")),
+        Step("asyneio run data -o out", files=("out/*",)),
+    ),
+    "E01a": (
+        Step("asyneio track data/events.csv -o out", says=(r"x y p t", r"microseconds"), files=("out/*",)),
+    ),
+    "E02": (
+        Step("asyneio doctor data", says=(*_READ, r"columns x y p t, time in microseconds"), silent=_GUESSES),
+    ),
+    "E04": (
+        Step(
+            "asyneio track data -o out",
+            status=(1,),
+            says=(r"not in the order of time", r"sort -s -g events\.txt"),
+        ),
+        Step(
+            "cd data && sort -s -g events.txt > sorted.txt && mv sorted.txt events.txt && asyneio doctor .",
+            says=(*_READ, r"event order: ascending"),
+            own=True,
+        ),
+    ),
+    "E06": (Step("asyneio doctor data", says=(*_READ, r"time in microseconds"), silent=_GUESSES),),
+    "E13": (Step("asyneio doctor data", says=(*_READ, r"time in nanoseconds"), silent=_GUESSES),),
+    "H05": (
+        Step("asyneio doctor data", says=(*_READ, r"nanoseconds \(stamps since 1970\)"), silent=_GUESSES),
+    ),
+    "E08": (
+        Step(
+            "asyneio doctor data",
+            status=(1,),
+            says=(r"decimal commas", r"'1600000000,\d+;\d+;\d+;[01]'", r"sed -i"),
+            silent=(r"record again",),
+        ),
+        Step("cd data && sed -i 's/,/./g; s/;/ /g' events.txt && asyneio doctor .", says=_READ, own=True),
+    ),
+    "H03": (
+        Step("asyneio track data -o out", says=(r"time in seconds",), files=("out/*",)),
+        Step("asyneio doctor data", says=(*_READ, r"time in seconds"), silent=(r"kind 'iu'",)),
+    ),
+    "H08": (
+        Step("asyneio track data -o out", files=("out/*",)),
+        Step("asyneio doctor data", says=(*_READ, r"microseconds"), silent=(r"kind 'iu'",)),
+    ),
+    "I05": (
+        Step(
+            "asyneio doctor data --samples data/imu.csv",
+            status=(1,),
+            says=(r"decimal commas", r"sed -i"),
+            silent=(r"give it a header line", r"e\+1[56]"),
+        ),
+        Step(
+            "sed -i 's/,/./g; s/;/ /g' data/imu.csv && asyneio doctor data --samples data/imu.csv",
+            says=(r"0 FAIL",),
+            own=True,
+        ),
+    ),
+    "E18": (
+        Step("asyneio track data -o out", says=(r"dropped 1 isolated event",), files=("out/*",)),
+        Step("asyneio doctor data", says=(*_READ, r"dropped 1 isolated event"), silent=(r"factor 1000000",)),
+    ),
+    "P04": (
+        Step(
+            "python -c \"from asyneio.io import open_recording; print(open_recording('data').name)\"",
+            says=(r"^data$",),
+        ),
+    ),
+    "E07b": (Step("asyneio doctor data", says=_READ, silent=(r"unreadable", r"skipped")),),
+}

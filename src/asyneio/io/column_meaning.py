@@ -1,0 +1,151 @@
+"""What four columns of numbers mean: time, column, row and polarity, in whatever order and unit they come.
+
+A name tells what a column is. Without names the values do: a polarity takes two values, a pixel is a whole
+number below 65 535, and time goes on. The unit of time is told by a name as `t[us]`, by the size of stamps
+since 1970, or by decimals, which only seconds have; otherwise whole numbers are in the layout's own unit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.types import FloatArray
+
+#: Nanoseconds in a unit of time.
+UNITS_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+UNIT_WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+#: Names of the four columns; what follows may be a unit.
+_NAMES = {
+    "t": re.compile(r"t|ts|time|times|timestamps?|stamps?|time_?stamps?"),
+    "x": re.compile(r"xs?|col(umn)?|x_?coord(inate)?s?"),
+    "y": re.compile(r"ys?|row|y_?coord(inate)?s?"),
+    "p": re.compile(r"ps?|pol|pols|polarity|polarities|on|is_?on"),
+}
+_UNIT = re.compile(r"(.*?)[ _]*[\[(_ ](s|sec|seconds|ms|us|µs|usec|microseconds|ns|nsec|nanoseconds)[\])]?")
+_SPELLINGS = {
+    "sec": "s", "seconds": "s", "µs": "us", "usec": "us", "microseconds": "us", "nsec": "ns",
+    "nanoseconds": "ns",
+}  # fmt: skip
+#: Orders of columns without names, in this order of preference; the first is UZH's, the second Metavision's.
+_ORDERS = ("txyp", "xypt", "xytp", "tpxy")
+#: Stamps since 1970, from 2001 to 2096, in seconds.
+_EPOCH_S = (1e9, 4e9)
+_MOST_PIXELS = 65_535
+#: A column of time may step back for so much of its rows.
+_BACK_SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """Which of `count` columns is what, and the unit of time.
+
+    Attributes:
+        columns: positions of t, x, y, p.
+        count: of all columns.
+        unit: of time, a key of UNITS_NS.
+        told_by: what tells the unit, in words.
+        named: whether names tell the columns.
+    """
+
+    columns: tuple[int, int, int, int]
+    count: int
+    unit: str
+    told_by: str
+    named: bool = False
+
+    @property
+    def unit_ns(self) -> int:
+        """Nanoseconds in the unit of time."""
+        return UNITS_NS[self.unit]
+
+    @property
+    def order(self) -> str:
+        """The columns in the order in which they stand, as "x y p t"."""
+        return " ".join(letter for _, letter in sorted(zip(self.columns, "txyp", strict=True)))
+
+    @property
+    def usual(self) -> bool:
+        """True for the layout of UZH: t x y p, seconds."""
+        return self.columns == (0, 1, 2, 3) and self.count == 4 and self.unit == "s"
+
+    def sentence(self, name: str) -> str:
+        """How the columns were read."""
+        by = " (by their names)" if self.named else ""
+        return f"{name}: columns {self.order}{by}, time in {UNIT_WORDS[self.unit]} ({self.told_by})"
+
+
+def columns_by_name(names: Sequence[str]) -> tuple[dict[str, int], str] | None:
+    """Positions of t, x, y, p among names, and the unit of time that a name tells ("" where none does).
+
+    None where a column is missing or there twice.
+    """
+    found: dict[str, int] = {}
+    unit = ""
+    for position, name in enumerate(names):
+        plain, told = name_and_unit(name)
+        letter = next((letter for letter, names_of in _NAMES.items() if names_of.fullmatch(plain)), None)
+        if letter is None:
+            continue
+        if letter in found:
+            return None
+        found[letter] = position
+        if letter == "t":
+            unit = told
+    return (found, unit) if len(found) == 4 else None
+
+
+def name_and_unit(name: str) -> tuple[str, str]:
+    """A column's name in lower case without its unit, and the unit, "" where there is none."""
+    plain = name.strip().strip("\"'").lower()
+    match = _UNIT.fullmatch(plain)
+    if match is None or not match.group(1):
+        return plain, ""
+    return match.group(1).strip(), _SPELLINGS.get(match.group(2), match.group(2))
+
+
+def columns_by_values(rows: FloatArray) -> dict[str, int] | None:
+    """Positions of t, x, y, p in rows (N,4) without names; None where no order fits."""
+    if rows.ndim != 2 or rows.shape[1] != 4 or rows.shape[0] == 0 or not np.isfinite(rows).all():
+        return None
+    fitting = []
+    for preference, order in enumerate(_ORDERS):
+        place = {letter: order.index(letter) for letter in "txyp"}
+        if not is_polarity(rows[:, place["p"]]) or not all(
+            _are_pixels(rows[:, place[axis]]) for axis in "xy"
+        ):
+            continue
+        back = float(np.mean(np.diff(rows[:, place["t"]]) < 0.0)) if rows.shape[0] > 1 else 0.0
+        fitting.append((back > _BACK_SHARE, preference, place))
+    return min(fitting, key=lambda one: one[:2])[2] if fitting else None
+
+
+def unit_of_time(times: FloatArray, default_unit: str, layout: str) -> tuple[str, str]:
+    """The unit of time of stamps (N,) and what tells it.
+
+    Args:
+        times: a sample of them.
+        default_unit: of whole numbers that are no stamps since 1970.
+        layout: what has this unit by default, in words.
+    """
+    largest = float(np.max(np.abs(times), initial=0.0))
+    for unit, ns in UNITS_NS.items():
+        scale = 1e9 / ns
+        # Seconds since 1970 come with decimals or are caught by the default.
+        if unit != "s" and _EPOCH_S[0] * scale <= largest <= _EPOCH_S[1] * scale:
+            return unit, "stamps since 1970"
+    if (times != np.round(times)).any():
+        return "s", "they have decimals"
+    return default_unit, f"as of {layout}"
+
+
+def is_polarity(values: FloatArray) -> bool:
+    """True for -1, 0 and 1 alone; -1 may stand as an unsigned number of 8, 16 or 32 bits."""
+    return bool(np.isin(values, (-1.0, 0.0, 1.0, 255.0, 65_535.0, 4_294_967_295.0)).all())
+
+
+def _are_pixels(values: FloatArray) -> bool:
+    return bool(((values >= 0) & (values < _MOST_PIXELS) & (values == np.round(values))).all())

@@ -1,0 +1,176 @@
+"""Events in NumPy's files: `.npz` with named arrays, `.npy` with named fields, either with four columns.
+
+Names and orders are those of `column_meaning`; also EVIMO's, whose arrays are called `events`. Nothing that
+would have to be executed is read (pickled objects), and no more than the file can explain.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from asyneio.errors import RecordingError
+from asyneio.io.beside import samples_beside, truth_beside
+from asyneio.io.calibration import find_rig
+from asyneio.io.column_meaning import Meaning, columns_by_name, columns_by_values, unit_of_time
+from asyneio.io.contents import Contents, ReadOptions
+from asyneio.io.event_source import SAMPLE_DTYPE, pack_events
+from asyneio.io.hdf5_columns import PolarityCheck, blocks, nanoseconds, pixels, signed
+from asyneio.types import RecordArray
+
+MAGIC = b"\x93NUMPY"
+
+_EXPECTED = (
+    "arrays named t, x, y, p (or ts, xs, ys, ps; timestamp, x, y, polarity), or one array of four columns or "
+    "with these fields"
+)
+_SAMPLE = 4096
+#: An array that claims more than this times the bytes of its file is a bomb.
+_MAX_RATIO, _FREE_BYTES = 200, 2**24
+_DAMAGE = (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, MemoryError)
+
+
+class NumpyEvents:
+    """An EventSource on arrays of a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._meaning: Meaning | None = None
+
+    def chunks(self) -> Iterator[tuple[RecordArray, float]]:
+        """See EventSource. Raises RecordingError: unreadable, or no events."""
+        columns, self._meaning = read_columns(self.path)
+        polarity = PolarityCheck(self.path)
+        for rows, share in blocks(columns[0].shape[0]):
+            t, x, y, p = (column[rows] for column in columns)
+            p = signed(p)
+            polarity.feed(p)
+            yield pack_events(nanoseconds(t, self._meaning.unit_ns), pixels(x), pixels(y), p == 1), share
+
+    def samples(self) -> RecordArray:
+        """None: these files hold events alone."""
+        return np.empty(0, dtype=SAMPLE_DTYPE)
+
+    def notes(self) -> tuple[str, ...]:
+        """How the columns were read."""
+        return (self._meaning.sentence(self.path.name),) if self._meaning else ()
+
+
+def is_npz(path: Path) -> bool:
+    """True for a zip archive that holds nothing but arrays."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    except (OSError, *_DAMAGE):
+        return False
+    return bool(names) and all(name.endswith(".npy") for name in names)
+
+
+def read_numpy(path: Path, options: ReadOptions) -> Contents:
+    """A file of NumPy's, with the inertial samples and poses beside it.
+
+    Raises:
+        RecordingError: unreadable, or its arrays are no events.
+        CalibrationError: a calibration file is malformed or impossible.
+    """
+    read_columns(path)
+    truth, truth_notes = truth_beside(path.parent)
+    return Contents(
+        path.resolve().stem,
+        partial(NumpyEvents, path),
+        None,
+        find_rig(path.parent, options.calibration, options.imu),
+        samples_beside(path.parent, options),
+        truth=truth,
+        notes=truth_notes,
+    )
+
+
+def read_columns(path: Path) -> tuple[list[np.ndarray], Meaning]:
+    """Columns t, x, y, p, each (N,), and what they mean.
+
+    Raises:
+        RecordingError: unreadable, pickled, or no events.
+    """
+    try:
+        arrays = _load(path)
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+    except _DAMAGE as error:
+        raise RecordingError(
+            f"{path} cannot be read as NumPy's: {' '.join(str(error).split())[:200]}; expected {_EXPECTED}"
+        ) from error
+    named = {name: array for name, array in arrays.items() if array.ndim == 1 and array.dtype.kind in "iufb"}
+    found = columns_by_name(list(named))
+    if found is not None:
+        values = list(named.values())
+        return _settled(path, [values[found[0][letter]] for letter in "txyp"], found[1])
+    tables = [array for array in arrays.values() if _is_table(array)]
+    if len(tables) != 1:
+        _refuse(path, arrays)
+    table = tables[0]
+    if table.dtype.names:
+        found = columns_by_name(table.dtype.names)
+        if found is None:
+            _refuse(path, arrays)
+        fields = [table[table.dtype.names[found[0][letter]]] for letter in "txyp"]
+        return _settled(path, fields, found[1])
+    place = columns_by_values(np.asarray(table[:_SAMPLE], dtype=np.float64))
+    if place is None:
+        _refuse(path, arrays)
+    columns = [table[:, place[letter]] for letter in "txyp"]
+    return _settled(path, columns, "", (place["t"], place["x"], place["y"], place["p"]))
+
+
+def _settled(
+    path: Path, columns: list[np.ndarray], unit: str, places: tuple[int, int, int, int] | None = None
+) -> tuple[list[np.ndarray], Meaning]:
+    if len({column.shape for column in columns}) != 1:
+        raise RecordingError(f"{path}: columns of different lengths: {[c.shape[0] for c in columns]}")
+    told_by = "by its name"
+    if not unit:
+        ends = np.concatenate([columns[0][:_SAMPLE], columns[0][-_SAMPLE:]])
+        unit, told_by = unit_of_time(np.asarray(ends, dtype=np.float64), "us", "cameras' exports")
+    return columns, Meaning(places or (0, 1, 2, 3), 4, unit, told_by, places is None)
+
+
+def _load(path: Path) -> dict[str, np.ndarray]:
+    """Arrays by name; that of a `.npy` file has none. Raises what NumPy raises."""
+    size = path.stat().st_size
+    if not is_npz(path):
+        return {"": np.load(path, mmap_mode="r", allow_pickle=False)}
+    with zipfile.ZipFile(path) as archive:
+        claimed = sum(entry.file_size for entry in archive.infolist())
+    if claimed > _MAX_RATIO * size + _FREE_BYTES:
+        raise ValueError(f"its arrays claim {claimed} bytes, but the file has {size}")
+    arrays: dict[str, np.ndarray] = {}
+    with np.load(path, allow_pickle=False) as archive:
+        for name in archive.files:
+            try:
+                arrays[name] = archive[name]
+            except ValueError:
+                # Pickled objects: nothing of events.
+                continue
+    return arrays
+
+
+def _is_table(array: np.ndarray) -> bool:
+    if array.dtype.names:
+        return array.ndim == 1
+    return array.ndim == 2 and array.shape[1] == 4 and array.dtype.kind in "iuf"
+
+
+def _refuse(path: Path, arrays: dict[str, np.ndarray]) -> NoReturn:
+    listed = ", ".join(f"{name or 'one array'} {_shape(array)}" for name, array in list(arrays.items())[:10])
+    raise RecordingError(f"{path} holds {listed or 'no array of numbers'}; expected {_EXPECTED}")
+
+
+def _shape(array: np.ndarray) -> str:
+    kind: Any = array.dtype.names or array.dtype
+    return f"{array.shape} of {kind}"
