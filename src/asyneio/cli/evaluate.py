@@ -30,7 +30,7 @@ def evaluate(
     from asyneio.cli.figures import segment_figures
     from asyneio.evaluation import evaluate as score
     from asyneio.evaluation import protocol_named
-    from asyneio.io import read_estimates, read_tum, to_trajectory
+    from asyneio.io import read_estimates, read_trajectory, to_trajectory
     from asyneio.types import split_segments
 
     chosen = protocol_named(protocol)
@@ -39,13 +39,13 @@ def evaluate(
         segments = split_segments(read_estimates(estimate))
         estimated = {segment[0].segment: to_trajectory(segment) for segment in segments}
     else:
-        trajectory, notes = read_tum(estimate)
+        trajectory, notes = read_trajectory(estimate)
         estimated = {0: trajectory}
         if others := sorted(path.name for path in estimate.parent.glob("trajectory_*.tum")):
             notes += (f"beside it lie other segments ({', '.join(others)}); estimates.npz holds all",)
     if len(estimated) > 1:
         notes += (f"{len(estimated)} segments, each in a world of its own: each is aligned on its own",)
-    true, truth_notes = read_tum(truth)
+    true, truth_notes = read_trajectory(truth)
     for note in notes + truth_notes:
         console.say(f"note: {note}")
     results = {number: score(trajectory, true, chosen) for number, trajectory in estimated.items()}

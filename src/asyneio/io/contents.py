@@ -45,13 +45,15 @@ class ReadOptions:
 class Samples:
     """Inertial samples as they stand in a file, in whatever order and unit.
 
-    `gyroscope`, `accelerometer` INERTIAL_DTYPE; `name` says for messages where they come from.
+    `gyroscope`, `accelerometer` INERTIAL_DTYPE; `name` says for messages where they come from. `trouble` is why
+    a file of samples that is there could not be read: a run stops there, what needs no samples goes on.
     """
 
     gyroscope: RecordArray
     accelerometer: RecordArray
     name: str
     notes: tuple[str, ...] = ()
+    trouble: str = ""
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,9 @@ class Contents:
     notes: tuple[str, ...] = ()
 
 
-def no_samples(name: str) -> Samples:
-    """For a recording that has no IMU."""
-    return Samples(np.empty(0, INERTIAL_DTYPE), np.empty(0, INERTIAL_DTYPE), name)
+def no_samples(name: str, trouble: str = "") -> Samples:
+    """For a recording that has no IMU, or whose samples cannot be read."""
+    return Samples(np.empty(0, INERTIAL_DTYPE), np.empty(0, INERTIAL_DTYPE), name, trouble=trouble)
 
 
 def split_samples(rows: RecordArray, name: str, notes: tuple[str, ...] = ()) -> Samples:

@@ -88,6 +88,8 @@ def prepare_samples(samples: Samples, declared_hz: float | None) -> InertialStre
     Raises:
         RecordingError: time or units that cannot be explained.
     """
+    if samples.trouble:
+        raise RecordingError(samples.trouble)
     gyroscope, accelerometer, name = samples.gyroscope, samples.accelerometer, samples.name
     notes = samples.notes
     if min(gyroscope.size, accelerometer.size) < 2:

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import NoReturn
 
 from asyneio.errors import RecordingError
-from asyneio.io.beside import SAMPLE_FILES, first_file
+from asyneio.io.beside import SAMPLE_FILES, first_file, samples_of
 from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_assembly import assemble
 from asyneio.io.event_source import Progress
 from asyneio.io.formats import FORMATS, Format, format_of
-from asyneio.io.inertial_text import read_inertial_file
 from asyneio.io.resumable import PART_SUFFIX
 from asyneio.io.tracks_folder import read_tracks_folder
 from asyneio.types import EventRecording, Recording
@@ -80,7 +79,7 @@ def open_contents(path: Path, options: ReadOptions) -> Contents:
     contents = format.read(source, options)
     if named is None or not named.is_file() or (contents.samples and contents.samples.name == named.name):
         return contents
-    return replace(contents, samples=read_inertial_file(named))
+    return replace(contents, samples=samples_of(named))
 
 
 def find_format(path: Path) -> tuple[Path, Format]:
