@@ -66,12 +66,11 @@ def test_tum_skips_sorts_and_normalises(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.t_ns, [1_001_000_000, 1_002_000_000])
     np.testing.assert_array_equal(found.position[:, 0], [1.0, 0.0])
     np.testing.assert_allclose(np.linalg.norm(found.quaternion, axis=1), 1.0, atol=1e-15)
-    assert [note.split(": ")[1][:7] for note in notes] == ["skipped", "sorted ", "dropped"]
+    starts = [note.split(": ")[1][:8] for note in notes]
+    assert starts == ["skipped ", "left out", "sorted b", "dropped "]
 
 
-@pytest.mark.parametrize(
-    "text", ["", "# only a comment\n", "1 2 3\n" * 30, "5 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n"]
-)
+@pytest.mark.parametrize("text", ["", "# only a comment\n", "1 2 3\n" * 30])
 def test_useless_tum_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "t.tum").write_text(text)
     with pytest.raises(RecordingError, match=r"t\.tum"):

@@ -26,6 +26,7 @@ class ReadOptions:
             them where the events come without.
         camera: which camera of the calibration, by name or topic, where it holds several.
         preset: model of the camera, whose published figures fill in what no file tells.
+        samples_needed: false where the inertial samples may be missing: trouble with them is then a note.
     """
 
     calibration: Path | None = None
@@ -34,6 +35,7 @@ class ReadOptions:
     samples: str | None = None
     camera: str | None = None
     preset: str | None = None
+    samples_needed: bool = True
 
     @property
     def wanted(self) -> Wanted:

@@ -71,9 +71,7 @@ def _columns(axes: tuple[str, ...]) -> dict[str, str]:
     return {"t_ns": "<i8"} | dict.fromkeys(axes, "<f8")
 
 
-def _in_order(
-    table: CsvTable, name: str, declared_hz: float | None
-) -> tuple[RecordArray, tuple[str, ...]]:
+def _in_order(table: CsvTable, name: str, declared_hz: float | None) -> tuple[RecordArray, tuple[str, ...]]:
     rows, sorted_note = sort_in_time(table.rows, name)
     rows, dropped_note = drop_equal_stamps(rows, name)
     rate_note = check_rate(rows["t_ns"], declared_hz, name)

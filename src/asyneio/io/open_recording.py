@@ -57,7 +57,8 @@ def open_recording(
         return read_tracks_folder(path, options, max_track_seconds)
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} holds events, not tracks; a longest track cannot be set for it")
-    return assemble(open_contents(path, options), progress, cache_from, options.wanted)
+    contents = open_contents(path, options)
+    return assemble(contents, progress, cache_from, options.wanted, options.samples_needed)
 
 
 def open_contents(path: Path, options: ReadOptions) -> Contents:

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 
 #: Stems of the names of axes, written without blanks, dots and underscores.
 GYROSCOPE = frozenset(
-    "g w gyro gyr gyroscope omega angularvelocity angvel angularrate rotationrate wrss".split()
+    ["g", "w", "gyro", "gyr", "gyroscope", "omega", "angularvelocity", "angvel", "angularrate", "rotationrate", "wrss"]
 )
 ACCELEROMETER = frozenset(
-    "a acc accel accelerometer acceleration linearacceleration linearacc linacc specificforce arss".split()
+    ["a", "acc", "accel", "accelerometer", "acceleration", "linearacceleration", "linearacc", "linacc", "specificforce", "arss"]
 )
-POSITION = frozenset("p t pos position translation prsr prss posemsgposition".split())
-QUATERNION = frozenset("q quat quaternion orientation rotation rot qrs".split())
+POSITION = frozenset(["p", "t", "pos", "position", "translation", "prsr", "prss", "posemsgposition"])
+QUATERNION = frozenset(["q", "quat", "quaternion", "orientation", "rotation", "rot", "qrs"])
 
 #: Words in the names of what is no reading: b_w_RS_S_x is a bias.
-_OTHER = frozenset("b bias cov covariance std sigma mag var variance".split())
+_OTHER = frozenset(["b", "bias", "cov", "covariance", "std", "sigma", "mag", "var", "variance"])
 _UNITS_OF_TIME = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
     "ms": "ms", "msec": "ms", "milliseconds": "ms",
@@ -32,7 +32,7 @@ _UNIT_WORDS = {
     "dps": "deg/s", "degs": "deg/s", "degps": "deg/s", "rads": "rad/s", "radps": "rad/s",
     "ms2": "m/s^2", "mps2": "m/s^2", "mss": "m/s^2", "g": "g", "mg": "mg",
 }  # fmt: skip
-_TIMES = frozenset("t ts time times stamp stamps timestamp timestamps rosbagtimestamp".split())
+_TIMES = frozenset(["t", "ts", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "rosbagtimestamp"])
 _BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 _WORD = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])|[0-9]+")
 

@@ -159,9 +159,7 @@ def read_text_rows(
     return rows
 
 
-def _collect(
-    path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected: str, given: str
-) -> TextRows:
+def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected: str, given: str) -> TextRows:
     header, start = _head(path, lines, expected)
     texts = [text.split("#", 1)[0] for _, text in start if not is_comment(text)]
     dialect = dialect_of(texts[:50])
