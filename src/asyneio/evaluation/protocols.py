@@ -35,10 +35,14 @@ RELATIVE_DISTANCES_M = (1.0, 5.0, 10.0)
 
 @dataclass(frozen=True)
 class Protocol:
-    """What is fitted, and over which seconds of the run (`None`: all of it). Errors are always over all."""
+    """What is fitted, and over which seconds of the run (`None`: all of it). Errors are always over all.
+
+    `about` says it in a line.
+    """
 
     name: str
     kind: AlignmentKind
+    about: str
     window_s: tuple[float, float] | None = None
 
 
@@ -46,13 +50,17 @@ class Protocol:
 PROTOCOLS: dict[str, Protocol] = {
     protocol.name: protocol
     for protocol in (
-        Protocol("posyaw", AlignmentKind.POSYAW),
-        Protocol("se3", AlignmentKind.SE3),
-        Protocol("sim3", AlignmentKind.SIM3),
-        Protocol("hku", AlignmentKind.SE3, (0.0, 5.0)),
-        Protocol("uslam", AlignmentKind.SE3, (3.0, 8.0)),
-        Protocol("origin", AlignmentKind.ORIGIN),
-        Protocol("none", AlignmentKind.NONE),
+        Protocol("posyaw", AlignmentKind.POSYAW, "position and yaw over the whole run, as for any VIO"),
+        Protocol("se3", AlignmentKind.SE3, "position and rotation over the whole run, as evo_ape -a"),
+        Protocol(
+            "sim3", AlignmentKind.SIM3, "position, rotation and scale over the whole run, as evo_ape -as"
+        ),
+        Protocol("hku", AlignmentKind.SE3, "position and rotation over the first 5 s (PL-EVIO)", (0.0, 5.0)),
+        Protocol(
+            "uslam", AlignmentKind.SE3, "position and rotation over 3 to 8 s (Ultimate SLAM)", (3.0, 8.0)
+        ),
+        Protocol("origin", AlignmentKind.ORIGIN, "the first pose alone"),
+        Protocol("none", AlignmentKind.NONE, "nothing: both are in one world already"),
     )
 }
 

@@ -11,10 +11,33 @@ from dataclasses import dataclass
 
 #: Stems of the names of axes, written without blanks, dots and underscores.
 GYROSCOPE = frozenset(
-    ["g", "w", "gyro", "gyr", "gyroscope", "omega", "angularvelocity", "angvel", "angularrate", "rotationrate", "wrss"]
+    [
+        "g",
+        "w",
+        "gyro",
+        "gyr",
+        "gyroscope",
+        "omega",
+        "angularvelocity",
+        "angvel",
+        "angularrate",
+        "rotationrate",
+        "wrss",
+    ]
 )
 ACCELEROMETER = frozenset(
-    ["a", "acc", "accel", "accelerometer", "acceleration", "linearacceleration", "linearacc", "linacc", "specificforce", "arss"]
+    [
+        "a",
+        "acc",
+        "accel",
+        "accelerometer",
+        "acceleration",
+        "linearacceleration",
+        "linearacc",
+        "linacc",
+        "specificforce",
+        "arss",
+    ]
 )
 POSITION = frozenset(["p", "t", "pos", "position", "translation", "prsr", "prss", "posemsgposition"])
 QUATERNION = frozenset(["q", "quat", "quaternion", "orientation", "rotation", "rot", "qrs"])
@@ -32,7 +55,9 @@ _UNIT_WORDS = {
     "dps": "deg/s", "degs": "deg/s", "degps": "deg/s", "rads": "rad/s", "radps": "rad/s",
     "ms2": "m/s^2", "mps2": "m/s^2", "mss": "m/s^2", "g": "g", "mg": "mg",
 }  # fmt: skip
-_TIMES = frozenset(["t", "ts", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "rosbagtimestamp"])
+_TIMES = frozenset(
+    ["t", "ts", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "rosbagtimestamp"]
+)
 _BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 _WORD = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])|[0-9]+")
 
