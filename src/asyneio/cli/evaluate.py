@@ -33,7 +33,8 @@ def evaluate(
         str, typer.Option("--truth-columns", help=_COLUMNS_HELP.format("truth"), show_default=False)
     ] = "",
     max_gap: Annotated[
-        float, typer.Option("--max-gap", help="Truth is not interpolated across gaps of more seconds.", min=0.0)
+        float,
+        typer.Option("--max-gap", help="Truth is not interpolated across gaps of more seconds.", min=0.0),
     ] = 0.05,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
