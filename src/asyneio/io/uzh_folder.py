@@ -67,7 +67,7 @@ def uzh_contents(
         samples: inertial samples.
         variant: tells apart recordings in one archive.
     """
-    truth, truth_notes = truth_of([file(name) for name in (TRUTH_FILE, *TRUTH_FILES)])
+    truth, truth_notes = truth_of([file(name) for name in dict.fromkeys((TRUTH_FILE, *TRUTH_FILES))])
     lens = file(LENS_FILE)
     return Contents(
         name=name,
