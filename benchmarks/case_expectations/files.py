@@ -20,13 +20,16 @@ _FIX_SHIFT = f"sed -i 's/timeshift_cam_imu: 2.4/timeshift_cam_imu: 0.0024/' {_CH
 _INDENT = "sed -i 's/^[a-z]/  &/; s/^  cam0/cam0/' data/flat.yaml; "
 _NOISE = (
     r"printf 'gyroscope_noise_density: 4.7e-4\naccelerometer_noise_density: 4.7e-3\n"
-    r"gyroscope_random_walk: 4.8e-5\naccelerometer_random_walk: 5.1e-4\nupdate_rate: 1000\n' > data/noise.yaml; "
+    r"gyroscope_random_walk: 4.8e-5\naccelerometer_random_walk: 5.1e-4\nupdate_rate: 1000\n' > "
+    r"data/noise.yaml; "
 )
 
 _TRUTH: Expectations = {
     "T01": (
         Step(_TRACK, files=_TRACKS, says=(r"left out 80 line\(s\) without a pose",)),
-        Step(_DOCTOR, says=(r"160 true poses", _USABLE), silent=(r"no inertial samples", r"calibration: none")),
+        Step(
+            _DOCTOR, says=(r"160 true poses", _USABLE), silent=(r"no inertial samples", r"calibration: none")
+        ),
     ),
     "T04": (
         Step(_TRACK, files=_TRACKS, says=(r"3 further column",)),
@@ -62,7 +65,10 @@ _TRAJECTORIES: Expectations = {
     ),
     "V13": (
         Step("asyneio evaluate data/est.tum data/gt_1hz.tum", status=(1,), says=(r"--max-gap 1\.1",)),
-        Step("asyneio evaluate data/est.tum data/gt_1hz.tum --max-gap 1.1", own=True, says=(r"ATE\) . \d\.",)),
+        Step(
+            "asyneio evaluate data/est.tum data/gt_1hz.tum --max-gap 1.1",
+            own=True, says=(r"ATE\) . \d\.",),
+        ),
     ),
     "V16": (
         Step("asyneio evaluate data/est.tum data/gt_mm.tum", says=(r"1000 times as large.*millimetres\?",)),
@@ -71,7 +77,9 @@ _TRAJECTORIES: Expectations = {
 }  # fmt: skip
 
 _SAMPLE_FILES: Expectations = {
-    "I02": (Step(_SAMPLES, says=(r"in g: multiplied", r"as a gyroscope in deg/s says"), silent=(r": check\b",)),),
+    "I02": (
+        Step(_SAMPLES, says=(r"in g: multiplied", r"as a gyroscope in deg/s says"), silent=(r": check\b",)),
+    ),
     "I03": (Step(_SAMPLES, says=(r"as the header says; time in ns", _USABLE)),),
     "I05": (Step(_SAMPLES, says=(r"commas were read as decimal points", _USABLE)),),
     "I18": (
@@ -101,7 +109,7 @@ _BAGS: Expectations = {
     ),
     "B10b": (Step(_DOCTOR, says=(r"30 true poses", r"poses of /gt_path were taken as truth")),),
     "B15": (
-        Step(_DOCTOR, says=(r"94992 events, 1200 samples", r"rec_0\.bag, rec_1\.bag follow each other", _USABLE)),
+        Step(_DOCTOR, says=(r"94992 events, 1200 samples", r"rec_0\.bag, rec_1\.bag follow each", _USABLE)),
     ),
     "C01": (
         Step(_DOCTOR, says=(r"94992 events", r"0 FAIL")),

@@ -179,7 +179,7 @@ def test_truth(tmp_path: Path, text: str, w_first: bool, unit: str) -> None:
 
 
 def test_truth_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="hold unit quaternions; the first line is .1403715273"):
+    with pytest.raises(RecordingError, match=r"hold unit quaternions; the first line is .1403715273"):
         read_trajectory(write(tmp_path, lines(SECONDS, *range(7))))
 
 

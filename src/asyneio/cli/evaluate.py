@@ -111,7 +111,8 @@ def _with_times(
     if counts[0] != counts[1] or len(estimate.segments) > 1:
         path = truth_path if estimate.timed else estimate_path
         raise RecordingError(
-            f"{path} has poses without times, {counts[0]} of the estimate and {counts[1]} of the truth; expected as "
+            f"{path} has poses without times, {counts[0]} of the estimate and {counts[1]} of the truth; "
+            "expected as "
             "many of both, row by row, or times.txt (seconds, one a line) beside it"
         )
     if estimate.timed:

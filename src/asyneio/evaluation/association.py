@@ -56,7 +56,8 @@ def associate(estimate: PoseTrajectory, truth: PoseTrajectory, max_gap_s: float 
         raise EvaluationError(
             f"none of {t_ns.size} estimates lies between truth samples at most {max_gap_s} s apart; the gaps "
             f"around them are {usual_s:.3f} s (median): interpolate across them (max_gap_s, in the command "
-            f"--max-gap {1.1 * usual_s:.2g}), which is only as good as the motion between them is straight, or use "
+            f"--max-gap {1.1 * usual_s:.2g}), which is only as good as the motion between them is "
+            "straight, or use "
             "denser truth"
         )
     return Association(

@@ -1,6 +1,6 @@
 """What a large error may come from: a unit, another body frame, a world that is turned.
 
-An evaluation compares what it is given; these sentences say where one mistake would explain most of the error.
+An evaluation compares what it is given; these sentences say where one mistake would explain the error.
 
 | symbol | name | shape | frame |
 |---|---|---|---|
@@ -34,7 +34,7 @@ def explain(matched: Association, alignment: Similarity, order_told: bool = True
     Args:
         matched: both at common times.
         alignment: of the estimate, as fitted.
-        order_told: false where w may stand first in one of the quaternions, as no header says where it stands.
+        order_told: false where w may stand first in one of the quaternions, as no header tells.
     """
     if matched.t_ns.size < 3:
         return ()
@@ -50,7 +50,8 @@ def _of_scale(matched: Association) -> tuple[str, ...]:
     for factor, unit in _FACTORS.items():
         if factor / _NEAR < ratio < factor * _NEAR:
             return (
-                f"the path of the {larger} is {ratio:.4g} times as large as the other: is the {larger} in {unit}? "
+                f"the path of the {larger} is {ratio:.4g} times as large as the other: is the {larger} "
+                f"in {unit}? "
                 "Both are taken to be in metres",
             )
     return ()
@@ -72,8 +73,10 @@ def _of_rotation(matched: Association, alignment: Similarity) -> tuple[str, ...]
     if spread_b < _STEADY * angle:
         axis = ", ".join(f"{value:.1f}" for value in in_body.as_rotvec(degrees=True))
         return (
-            f"all orientations differ by a constant rotation of {angle:.1f} deg in the body frame, rotation vector "
-            f"({axis}) deg: is one of them that of the camera, or of markers, instead of the IMU? The orientation "
+            f"all orientations differ by a constant rotation of {angle:.1f} deg in the body frame, "
+            "rotation vector "
+            f"({axis}) deg: is one of them that of the camera, or of markers, instead of the IMU? The "
+            "orientation "
             "errors are those of the frames",
         )
     return ()
@@ -88,7 +91,8 @@ def _of_order(matched: Association, alignment: Similarity) -> tuple[str, ...]:
     for what, C_e, C_w in (("estimate", _reordered(estimate), truth), ("truth", estimate, _reordered(truth))):
         if _common((R @ C_e).transpose(0, 2, 1) @ C_w)[1] < told / _BETTER:
             return (
-                f"the orientations agree if w stands first in the quaternions of the {what}, which no header tells: "
+                f"the orientations agree if w stands first in the quaternions of the {what}, which no "
+                "header tells: "
                 f"name its columns ({'--columns' if what == 'estimate' else '--truth-columns'} "
                 "t,px,py,pz,qw,qx,qy,qz)",
             )

@@ -43,7 +43,8 @@ class JoinedBag(SplitBag):
         if not -_LATE_S <= break_s <= _LONGEST_BREAK_S:
             raise RecordingError(
                 f"{self.path.parent} holds {len(self._names)} recordings ({', '.join(self._names)}): "
-                f"{self._names[number]} begins {break_s:+.1f} s from the end of {self._names[number - 1]}; name one "
+                f"{self._names[number]} begins {break_s:+.1f} s from the end of "
+                f"{self._names[number - 1]}; name one "
                 "of them"
             )
 

@@ -75,7 +75,7 @@ def _of_two_files(gyroscope: Path, accelerometer: Path) -> Samples:
 def truth_beside(
     folder: Path, names: Sequence[str] = TRUTH_FILES
 ) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
-    """True poses of the first of `names` in the folder that can be read, how they were read, and what was not."""
+    """True poses of the first of `names` that can be read, how they were read, and what could not be."""
     return truth_of([folder / name for name in names])
 
 

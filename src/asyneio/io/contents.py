@@ -47,8 +47,8 @@ class ReadOptions:
 class Samples:
     """Inertial samples as they stand in a file, in whatever order and unit.
 
-    `gyroscope`, `accelerometer` INERTIAL_DTYPE; `name` says for messages where they come from. `trouble` is why
-    a file of samples that is there could not be read: a run stops there, what needs no samples goes on.
+    `gyroscope`, `accelerometer` INERTIAL_DTYPE; `name` says for messages where they come from. `trouble`
+    is why a file of samples that is there could not be read: a run stops, what needs no samples goes on.
     """
 
     gyroscope: RecordArray

@@ -6,12 +6,12 @@
 | UZH `imu.txt` | `t ax ay az gx gy gz`, seconds, no header: accelerometer first |
 | TUM-VIE `imu_data.txt` | `t gx gy gz ax ay az temperature`, microseconds with decimals |
 | VECtor `*.imu.txt` | seconds, gyroscope first; more columns follow |
-| `rostopic echo -p`, bagpy, ROS 2 exports | `field.header.stamp`, `angular_velocity.x`, `header.stamp.secs`, `.nsecs` |
+| `rostopic echo -p`, bagpy | `field.header.stamp` or `header.stamp.secs` and `.nsecs`, `angular_velocity.x` |
 | DV | `timestamp` in microseconds, `accelX` [g], `gyroX` [deg/s] |
 | ours | `t_ns,gx,gy,gz,ax,ay,az` |
 
-A header names the columns and their units, or the halves are told apart by gravity, which only an accelerometer
-reads; where neither does, the file is refused.
+A header names the columns and their units, or the halves are told apart by gravity, which only an
+accelerometer reads; where neither does, the file is refused.
 """
 
 from __future__ import annotations
@@ -83,7 +83,8 @@ def read_sensor_file(path: Path, sensor: str) -> tuple[RecordArray, tuple[str, .
     named = find_axes(rows.columns, stems) or find_bare_axes(rows.columns)
     if named is None and (rows.columns or rows.values.shape[1] != 4):
         raise RecordingError(
-            f"{path}: nothing tells which of {rows.values.shape[1]} columns are the {sensor}'s; the first line "
+            f"{path}: nothing tells which of {rows.values.shape[1]} columns are the {sensor}'s; the "
+            "first line "
             f"is {rows.first[:60]!r}; expected {_EXPECTED_SENSOR}"
         )
     columns = named or (1, 2, 3)
@@ -113,7 +114,8 @@ def _by_gravity(rows: TextRows, accelerometer_first: bool) -> _Sensors:
         return halves[1], halves[0]
     raise RecordingError(
         f"{rows.path}: nothing tells which columns are the accelerometer's: the first line is "
-        f"{rows.first[:80]!r}, and the medians of both halves are {norms[0]:.3g} and {norms[1]:.3g}, expected "
+        f"{rows.first[:80]!r}, and the medians of both halves are {norms[0]:.3g} and {norms[1]:.3g}, "
+        "expected "
         f"{STANDARD_GRAVITY:.2f} m/s^2 (or 1 g) in one. Give it a header line: t_ns,gx,gy,gz,ax,ay,az"
     )
 
@@ -136,7 +138,8 @@ def _in_si(rows: TextRows, columns: tuple[int, ...], sensor: str) -> tuple[Float
     factor = None if units else factor_of(sensor, unit)
     if factor is None:
         raise RecordingError(
-            f"{rows.path}: the header names {unit!r} for the {sensor}; understood are rad/s and deg/s, m/s^2, g "
+            f"{rows.path}: the header names {unit!r} for the {sensor}; understood are rad/s and deg/s, "
+            "m/s^2, g "
             "and mg: write the samples in one of these"
         )
     if factor == 1.0:

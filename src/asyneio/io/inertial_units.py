@@ -29,7 +29,7 @@ _PAIRS = (400, 20)
 #: lies further [rad] from where it should be, and the other one explains it so many times better.
 _LEAST_TURN, _WRONG_TURN, _BETTER = 0.6, 0.4, 3.0
 
-_FACTORS = {
+_FACTORS: dict[str, dict[float, tuple[str, ...]]] = {
     "gyroscope": {
         1.0: ("", "rad/s", "rads^-1", "rads-1", "rad/sec", "rads", "radps", "radians/s"),
         _DEGREE: ("deg/s", "degs^-1", "degs-1", "deg/sec", "dps", "°/s", "degrees/s", "degps"),
@@ -52,7 +52,7 @@ class InertialStreams:
 
 
 def factor_of(sensor: str, unit: str) -> float | None:
-    """What turns a reading in a unit (lower case, without blanks) into the SI unit; None where it is not known."""
+    """The SI value of a unit (lower case, without blanks); None where it is not known."""
     return next((factor for factor, names in _FACTORS[sensor].items() if unit in names), None)
 
 
@@ -121,13 +121,11 @@ def turns_in_degrees(gyroscope: RecordArray, accelerometer: RecordArray) -> bool
     _, other = _errors(gyroscope, starts + middle, before, after, _DEGREE)
     if not turning >= _LEAST_TURN:
         return None
-    if wrong > _WRONG_TURN and wrong > _BETTER * other:
-        return True
-    return False
+    return wrong > max(_WRONG_TURN, _BETTER * other)
 
 
 def _starts(gyroscope_ns: np.ndarray, accelerometer_ns: np.ndarray) -> np.ndarray:
-    """Times from which gravity is looked at, all over what both sensors cover; none where that is too short."""
+    """Times from which gravity is looked at, where both sensors have samples; none where that is short."""
     begin, end = max(gyroscope_ns[0], accelerometer_ns[0]), min(gyroscope_ns[-1], accelerometer_ns[-1])
     end -= round((_LATER_S + _SMOOTH_S) * NS_PER_S)
     if end <= begin:

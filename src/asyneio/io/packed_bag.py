@@ -1,8 +1,8 @@
 """Bags of ROS 2 that are packed with zstd: as whole files, or message by message.
 
 `ros2 bag record --compression-mode file` packs each file when it is complete and adds `.zstd` to its name;
-`--compression-mode message` packs the data of each message. `metadata.yaml` tells which, but may be lost: both are
-recognised by the four bytes that a frame of zstd begins with, and no message in CDR does.
+`--compression-mode message` packs the data of each message. `metadata.yaml` tells which, but may be lost:
+both are recognised by the four bytes that a frame of zstd begins with, and no message in CDR does.
 """
 
 from __future__ import annotations
@@ -80,8 +80,10 @@ class PackedFile:
                     notes.append(f"{self.path.name} is damaged or cut off ({error}): read up to there")
         except OSError as error:
             raise RecordingError(
-                f"cannot unpack {self.path} into {tempfile.gettempdir()}: {error.strerror or error}; unpack it "
-                f"where there is room (zstd -d {self.path.name}) and give the same folder again, or set TMPDIR"
+                f"cannot unpack {self.path} into {tempfile.gettempdir()}: {error.strerror or error}; "
+                "unpack it "
+                f"where there is room (zstd -d {self.path.name}) and give the same folder again, or set "
+                "TMPDIR"
             ) from error
         return target
 

@@ -54,7 +54,8 @@ def read_bag(bag: Bag, name: str, options: ReadOptions) -> Contents:
     topic = choose_topic(found, list(found.events), options.events, "events", bag.path)
     if topic is None:
         raise RecordingError(
-            f"{bag.path} holds no topic of events; it holds {listed_topics(found, list(found.counts))}; expected "
+            f"{bag.path} holds no topic of events; it holds {listed_topics(found, list(found.counts))}; "
+            "expected "
             "dvs_msgs/EventArray, event_camera_msgs/EventPacket, or messages with the fields of one of them"
             + "".join(f"; {note}" for note in found.notes)
         )

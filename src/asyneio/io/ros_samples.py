@@ -36,7 +36,7 @@ class _ImuTopic:
 def samples_of_bag(found: Survey, options: ReadOptions, path: Path) -> tuple[Samples, Notes]:
     """The samples of a topic, or of two that complement each other; where the bag has none those of a file.
 
-    Cameras of RealSense and others have a topic of `sensor_msgs/Imu` for each sensor, with zeros for the other.
+    Cameras of RealSense and others have a topic of `sensor_msgs/Imu` for each sensor, zeros for the other.
 
     Raises:
         RecordingError: the user names a topic or file that is not there.
@@ -63,7 +63,8 @@ def samples_of_bag(found: Survey, options: ReadOptions, path: Path) -> tuple[Sam
     if not whole and len(turning) == len(feeling) == 1:
         return _joined(turning[0], feeling[0], path)
     trouble = (
-        f"{path} has {len(topics)} topics of samples: {listed_topics(found, topics)}; choose one with --samples "
+        f"{path} has {len(topics)} topics of samples: {listed_topics(found, topics)}; choose one with "
+        "--samples "
         "TOPIC, or two that hold a sensor each with --samples TOPIC,TOPIC"
     )
     return no_samples(path.name, trouble), ()
@@ -85,7 +86,8 @@ def _one(imu: _ImuTopic, found: Survey, filled: list[Topic], path: Path) -> tupl
         for other in others:
             if _read(found, other).turns:
                 trouble = (
-                    f"{name} holds the accelerometer alone, its angular velocities are zero; give both topics: "
+                    f"{name} holds the accelerometer alone, its angular velocities are zero; give both "
+                    "topics: "
                     f"--samples {other.name},{name}"
                 )
                 return no_samples(name, trouble), ()
@@ -97,7 +99,8 @@ def _one(imu: _ImuTopic, found: Survey, filled: list[Topic], path: Path) -> tupl
 def _joined(turning: _ImuTopic, feeling: _ImuTopic, path: Path) -> tuple[Samples, Notes]:
     names = f"{turning.topic.name} and {feeling.topic.name}"
     said = (
-        f"{path.name}: gyroscope from {turning.topic.name}, accelerometer from {feeling.topic.name}: each has "
+        f"{path.name}: gyroscope from {turning.topic.name}, accelerometer from {feeling.topic.name}: "
+        "each has "
         "zeros for the other"
     )
     return Samples(turning.gyroscope, feeling.accelerometer, names), (said, *turning.notes, *feeling.notes)

@@ -145,7 +145,8 @@ def open_rosbag2(path: Path) -> Bag:
         missing = [name for name, file in zip(names, found, strict=True) if file is None]
         there = sorted(file.name for file in path.iterdir() if file.suffix in _SUFFIXES)
         raise RecordingError(
-            f"{path / METADATA_FILE} lists {', '.join(missing) or 'no file'}, which is not there; the folder holds "
+            f"{path / METADATA_FILE} lists {', '.join(missing) or 'no file'}, which is not there; the "
+            "folder holds "
             f"{', '.join(there) or 'no bag'}; name the file to read, or list it in {METADATA_FILE}"
         )
     return SplitBag([open_rosbag2_file(file) for file in files])

@@ -1,6 +1,6 @@
 """Names of columns, as strangers write them: which quantity, which axis, which unit.
 
-`gyro_x [deg/s]`, `field.angular_velocity.x`, `w_RS_S_x [rad s^-1]` and `gyroX` all name the x axis of a gyroscope.
+`gyro_x [deg/s]`, `field.angular_velocity.x`, `w_RS_S_x [rad s^-1]` and `gyroX` name the x axis of one sensor.
 """
 
 from __future__ import annotations

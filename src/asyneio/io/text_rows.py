@@ -77,8 +77,8 @@ class TextRows:
     def stamps(self, rates_hz: tuple[float, float], slow: bool = False) -> tuple[IntArray, str]:
         """Time [ns], exactly as printed, and its unit: the header's, or the only one that fits.
 
-        Units lie a factor 1000 apart: where the bounds are closer, no step fits two of them. With `slow`, what
-        looks like seconds may come more seldom.
+        Units lie a factor 1000 apart: where the bounds are closer, no step fits two of them. With `slow`,
+        what looks like seconds may come more seldom.
 
         Raises:
             RecordingError: no unit fits, or a stamp does not.
@@ -117,7 +117,8 @@ class TextRows:
             return "s"
         raise RecordingError(
             f"{self.path}: time advances by {step:g} a line, which is {rates_hz[0]:g} to {rates_hz[1]:g} "
-            f"lines a second in no unit; the first line is {self.first[:60]!r}. Name the unit in a header line, "
+            f"lines a second in no unit; the first line is {self.first[:60]!r}. Name the unit in a "
+            "header line, "
             "as t_ns or t[us]"
         )
 
@@ -168,7 +169,8 @@ def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected:
     columns = header_columns(given or header, count, dialect)
     if given and not columns:
         raise RecordingError(
-            f"{path} has {count} columns, but {len(header_names(given, dialect))} names were given: {given}; name "
+            f"{path} has {count} columns, but {len(header_names(given, dialect))} names were given: "
+            f"{given}; name "
             "every column, those that do not matter with -"
         )
     time = find_time(columns) or TimeColumn(0)
@@ -199,7 +201,7 @@ def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected:
 def _head(
     path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected: str
 ) -> tuple[str, list[tuple[int, str]]]:
-    """The last line before the numbers, and the first lines of them. Raises RecordingError: there are none."""
+    """The last line before the numbers, and their first lines. Raises RecordingError: there are none."""
     header, seen = "", [""]
     for number, text in lines:
         if not is_comment(text) and holds_numbers(text):

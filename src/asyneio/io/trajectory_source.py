@@ -1,4 +1,4 @@
-"""Trajectories from whatever holds them: text of any tool, estimates, a results folder, a recording's truth."""
+"""Trajectories from what holds them: text of any tool, estimates, results folders, a recording's truth."""
 
 from __future__ import annotations
 

@@ -48,8 +48,8 @@ _MAX_ROTATION_ERROR = 1e-2
 class TrajectoryFile:
     """A trajectory as its file has it.
 
-    `timed`: false where no file tells stamps, and rows are numbered. `order_told`: the header names the parts of
-    the quaternion. `notes` say how the columns were read.
+    `timed`: false where no file tells stamps, and rows are numbered. `order_told`: the header names the
+    parts of the quaternion. `notes` say how the columns were read.
     """
 
     poses: PoseTrajectory
@@ -110,7 +110,8 @@ def _columns(rows: TextRows) -> tuple[tuple[int, ...], tuple[int, ...]]:
     count, first = rows.values.shape[1], rows.time.index + 1
     if (position and not quaternion) or count == 4:
         raise RecordingError(
-            f"{rows.path} holds positions without orientations, the first line is {rows.first[:80]!r}; expected "
+            f"{rows.path} holds positions without orientations, the first line is {rows.first[:80]!r}; "
+            "expected "
             f"{_EXPECTED}"
         )
     p, q = (first, first + 1, first + 2), (first + 3, first + 4, first + 5, first + 6)
@@ -143,7 +144,8 @@ def _poses(
         good = ~lost & (np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) <= MAX_NORM_ERROR)
     if not good.any() or good.sum() < 0.5 * np.count_nonzero(~lost):
         raise RecordingError(
-            f"{rows.path}: {good.sum()} of {good.size} lines hold a position and a unit quaternion, the first line "
+            f"{rows.path}: {good.sum()} of {good.size} lines hold a position and a unit quaternion, the "
+            "first line "
             f"is {rows.first[:80]!r}; expected {_EXPECTED}"
         )
     table = np.empty(good.size, dtype=POSE_DTYPE)
@@ -187,7 +189,8 @@ def _from_matrices(rows: TextRows) -> TrajectoryFile:
     good = (error < _MAX_ROTATION_ERROR) & np.isfinite(M).all(axis=(1, 2))
     if good.sum() < max(0.5 * good.size, 1):
         raise RecordingError(
-            f"{rows.path}: rows of {rows.values.shape[1]} numbers, but not of rotations as in KITTI's matrices; "
+            f"{rows.path}: rows of {rows.values.shape[1]} numbers, but not of rotations as in KITTI's "
+            "matrices; "
             f"the first line is {rows.first[:80]!r}; expected {_EXPECTED}"
         )
     quaternion = np.full((len(M), 4), np.nan)

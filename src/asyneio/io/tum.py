@@ -1,4 +1,4 @@
-"""Trajectories written as text in the TUM layout: `t[s] px py pz qx qy qz qw`, stamps exact to the nanosecond."""
+"""Trajectories written in the TUM layout: `t[s] px py pz qx qy qz qw`, stamps exact to the nanosecond."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The folder of the UZH event camera data set.
 
 events.txt       t x y p                        seconds, camera clock
-imu.txt          t ax ay az gx gy gz            optional; m/s^2 and rad/s, IMU clock; a header may say otherwise
-groundtruth.txt  t px py pz qx qy qz qw         optional
+imu.txt          t ax ay az gx gy gz            optional; m/s^2 and rad/s, IMU clock; a header may say
+otherwise groundtruth.txt  t px py pz qx qy qz qw         optional
 calib.txt        fx fy cx cy k1 k2 p1 p2 k3     optional; radtan
 imu.csv, groundtruth.csv and others             where those are missing, as beside every file of events
 camchain-imucam.yaml, imu.yaml                  optional; Kalibr's layout: extrinsics, time shift, IMU noise
@@ -83,7 +83,7 @@ def uzh_contents(
 
 
 def uzh_samples(path: Path | ZipMember) -> Samples | None:
-    """Samples of `imu.txt`: by its header, by gravity, else accelerometer first; None where there is no file."""
+    """Samples of `imu.txt`: by header, by gravity, else accelerometer first; None without the file."""
     return samples_of(path, accelerometer_first=True) if path.is_file() else None
 
 

@@ -1,9 +1,9 @@
 """The calibration of iniVation's tools (dv-processing, DV): JSON with cameras `C0` ... and IMUs `S0` ...
 
-By dv-processing's headers (`calibrations/camera_calibration.hpp`, `imu_calibration.hpp`): `transformationToC0` of an IMU
-maps IMU to camera coordinates of C0; `timeOffsetMicros` is what must be taken from the IMU's stamps, so that
-`t_imu = t_cam + timeOffsetMicros`; noise is in densities of continuous time, -1 where it is not known. The writer
-puts numbers into quotes.
+By dv-processing's headers (`calibrations/camera_calibration.hpp`, `imu_calibration.hpp`):
+`transformationToC0` of an IMU maps IMU to camera coordinates of C0; `timeOffsetMicros` is what must be
+taken from the IMU's stamps, so that `t_imu = t_cam + timeOffsetMicros`; noise is in densities of
+continuous time, -1 where it is not known. The writer puts numbers into quotes.
 """
 
 from __future__ import annotations
@@ -106,7 +106,8 @@ def _read_lens(camera: dict[str, Any], name: str, path: Path) -> CameraIntrinsic
     model = camera.get("distortionModel", "")
     if model not in _MODELS:
         raise CalibrationError(
-            f"{path}: distortionModel of {name} is {shown(model)}; understood are radialTangential, equidistant, none"
+            f"{path}: distortionModel of {name} is {shown(model)}; understood are radialTangential, "
+            "equidistant, none"
         )
     key = "distortionCoefficients" if "distortionCoefficients" in camera else "distortion"
     given = numbers(camera, key, None, path) if key in camera else ()

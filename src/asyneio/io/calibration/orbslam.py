@@ -1,7 +1,8 @@
-"""The settings of ORB-SLAM3 (`File.version: "1.0"`, `Camera1.fx`) and of its versions before (`Camera.fx`, `Tbc`).
+"""The settings of ORB-SLAM3 (`File.version: "1.0"`, `Camera1.fx`) and of older versions (`Camera.fx`, `Tbc`).
 
-`IMU.T_b_c1` and `Tbc` map camera to body coordinates (`Settings::readIMU`). Noise is in densities of continuous time:
-`Tracking` itself multiplies and divides by the root of `IMU.Frequency`. Nothing tells a time shift.
+`IMU.T_b_c1` and `Tbc` map camera to body coordinates (`Settings::readIMU`). Noise is in densities of
+continuous time: `Tracking` itself multiplies and divides by the root of `IMU.Frequency`. There is no
+time shift in it.
 """
 
 from __future__ import annotations

@@ -117,7 +117,8 @@ def _implausible(seconds: float) -> str:
     )
     return (
         f"; expected seconds, and less than {_MAX_SHIFT_S:g}. If {seconds:g} {unit} are meant, write "
-        f"{seconds * factor:.9g}; if the clocks are that far apart, set the stamps of one right and write the rest"
+        f"{seconds * factor:.9g}; if the clocks are that far apart, set the stamps of one right and "
+        "write the rest"
     )
 
 
