@@ -36,9 +36,15 @@ def dialect_of(texts: list[str]) -> Dialect:
     decimal_comma = commas > 0.5 * len(words) and not any("." in word for word in words)
     for mark in (";",) if decimal_comma else (",", ";"):
         fields = [[field.strip() for field in text.split(mark)] for text in texts]
-        if all(len(row) > 1 and not any(" " in field for field in row) for row in fields):
+        if all(len(row) > 1 and not any(map(_several_numbers, row)) for row in fields):
             return Dialect(mark, decimal_comma)
     return Dialect("", decimal_comma)
+
+
+def _several_numbers(field: str) -> bool:
+    """True where blanks part numbers within a field; a name may hold blanks."""
+    parts = field.split()
+    return len(parts) > 1 and all(map(is_number, parts))
 
 
 def header_columns(text: str, count: int, dialect: Dialect) -> tuple[Column, ...]:
