@@ -161,6 +161,8 @@ def open_rosbag2_file(path: Path) -> Bag:
         return PackedMessages(McapFile(path))
     if head.startswith(SQLITE_MAGIC):
         return PackedMessages(SqliteBag(path))
+    if head.startswith(ZSTD_MAGIC):
+        raise RecordingError(f"{path} is damaged or cut off: nothing of it can be unpacked")
     raise RecordingError(f"{path} is neither MCAP nor SQLite; is it damaged?")
 
 

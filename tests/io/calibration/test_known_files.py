@@ -1,4 +1,4 @@
-"""Files that people take for calibrations, and calibrations of more tools: read, or named with what to give."""
+"""Files that people take for calibrations, and those of more tools: read, or named with what to give."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ from tests.io.calibration.rigs import KINDS, kalibr, make_rig
 RIG = make_rig()
 T_C_B = np.linalg.inv(RIG.T_b_c)
 FLAT = "cam0:\ncamera_model: pinhole\nintrinsics: [200, 200, 120, 90]\nresolution: [240, 180]\n"
-IMU_UTILS = "%YAML:1.0\n---\ntype: IMU\nGyr:\n   avg-axis:\n      gyr_n: 1.5e-02\nAcc:\n   avg-axis:\n      acc_n: 0.15\n"
+IMU_UTILS = (
+    "%YAML:1.0\n---\ntype: IMU\nGyr:\n   avg-axis:\n      gyr_n: 1.5e-02\n"
+    "Acc:\n   avg-axis:\n      acc_n: 0.15\n"
+)
 
 
 def assert_same(found: Calibration, shift_ns: int) -> None:
@@ -69,8 +72,10 @@ def test_inivation(tmp_path: Path, listed: bool) -> None:
     }  # fmt: skip
     imu = {
         "transformationToC0": quoted(T_C_B), "timeOffsetMicros": "2400", "omegaOffsetAvg": ["0.01", "0", "0"],
-        "omegaNoiseDensity": repr(noise.gyroscope_density), "accNoiseDensity": repr(noise.accelerometer_density),
-        "omegaNoiseRandomWalk": repr(noise.gyroscope_walk), "accNoiseRandomWalk": repr(noise.accelerometer_walk),
+        "omegaNoiseDensity": repr(noise.gyroscope_density),
+        "accNoiseDensity": repr(noise.accelerometer_density),
+        "omegaNoiseRandomWalk": repr(noise.gyroscope_walk),
+        "accNoiseRandomWalk": repr(noise.accelerometer_walk),
     }  # fmt: skip
     content = (
         {"cameras": [camera], "imu": [imu]} if listed else {"cameras": {"C0": camera}, "imus": {"S0": imu}}

@@ -38,7 +38,7 @@ def refuse_known_text(text: str, path: Path) -> None:
     """Raises KnownRefusalError: the text is a report."""
     for start, message in _TEXTS.items():
         if text.lstrip().startswith(start):
-            chains = sorted(file.name for file in path.parent.glob("*camchain*.yaml"))
+            chains = sorted(file.name for file in path.parent.glob("*chain*.yaml"))
             raise KnownRefusalError(
                 message.format(path=path, there=chains[0] if chains else "camchain-imucam-*.yaml")
             )
