@@ -42,25 +42,28 @@ class Protocol:
 
     name: str
     kind: AlignmentKind
-    about: str
     window_s: tuple[float, float] | None = None
+    about: str = ""
 
 
 #: `uslam`: as for Ultimate SLAM (Vidal et al. 2018). `hku`: as stated for Mono-EIO (2022), PL-EVIO (2023).
 PROTOCOLS: dict[str, Protocol] = {
     protocol.name: protocol
     for protocol in (
-        Protocol("posyaw", AlignmentKind.POSYAW, "position and yaw over the whole run, as for any VIO"),
-        Protocol("se3", AlignmentKind.SE3, "position and rotation over the whole run, as evo_ape -a"),
+        Protocol("posyaw", AlignmentKind.POSYAW, None, "position and yaw over the whole run, as for any VIO"),
+        Protocol("se3", AlignmentKind.SE3, None, "position and rotation over the whole run, as evo_ape -a"),
         Protocol(
-            "sim3", AlignmentKind.SIM3, "position, rotation and scale over the whole run, as evo_ape -as"
+            "sim3",
+            AlignmentKind.SIM3,
+            None,
+            "position, rotation and scale over the whole run, as evo_ape -as",
         ),
-        Protocol("hku", AlignmentKind.SE3, "position and rotation over the first 5 s (PL-EVIO)", (0.0, 5.0)),
+        Protocol("hku", AlignmentKind.SE3, (0.0, 5.0), "position and rotation over the first 5 s (PL-EVIO)"),
         Protocol(
-            "uslam", AlignmentKind.SE3, "position and rotation over 3 to 8 s (Ultimate SLAM)", (3.0, 8.0)
+            "uslam", AlignmentKind.SE3, (3.0, 8.0), "position and rotation over 3 to 8 s (Ultimate SLAM)"
         ),
-        Protocol("origin", AlignmentKind.ORIGIN, "the first pose alone"),
-        Protocol("none", AlignmentKind.NONE, "nothing: both are in one world already"),
+        Protocol("origin", AlignmentKind.ORIGIN, None, "the first pose alone"),
+        Protocol("none", AlignmentKind.NONE, None, "nothing: both are in one world already"),
     )
 }
 
