@@ -7,7 +7,7 @@ protocol. Windows count from the first associated estimate.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,7 @@ class Protocol:
     name: str
     kind: AlignmentKind
     window_s: tuple[float, float] | None = None
-    about: str = ""
+    about: str = field(default="", compare=False)
 
 
 #: `uslam`: as for Ultimate SLAM (Vidal et al. 2018). `hku`: as stated for Mono-EIO (2022), PL-EVIO (2023).
@@ -101,6 +101,7 @@ class Evaluation:
     def to_dict(self, series: bool = False) -> dict[str, Any]:
         """Everything as plain Python values for JSON, NaN as None; the series only on request."""
         plain = _plain(asdict(self))
+        del plain["protocol"]["about"]
         if not series:
             for name in _SERIES:
                 del plain[name]

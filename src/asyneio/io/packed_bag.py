@@ -7,7 +7,6 @@ both are recognised by the four bytes that a frame of zstd begins with, and no m
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -75,7 +74,9 @@ class PackedFile:
             target = Path(self._folder.name) / unpacked_name(self.path)
             with zstd.open(self.path, "rb") as packed, target.open("wb") as stream:
                 try:
-                    shutil.copyfileobj(packed, stream, _PIECE)
+                    # Pieces as they come: what stands before a cut is kept.
+                    while piece := packed.read1(_PIECE):
+                        stream.write(piece)
                 except (EOFError, zstd.ZstdError) as error:
                     notes.append(f"{self.path.name} is damaged or cut off ({error}): read up to there")
         except OSError as error:
