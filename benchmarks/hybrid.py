@@ -27,7 +27,7 @@ from asyneio.config import Config, load_config
 from asyneio.io import read_inertial_file
 from asyneio.io.atomic import atomic_file
 from asyneio.io.calibration import read_imu_noise
-from asyneio.io.truth_text import read_truth_file
+from asyneio.io.trajectory_text import read_trajectory
 from asyneio.pipeline import run_recording
 from asyneio.simulation import EventScenario, EventSimulation, path_basis, path_fit, path_normal, path_terms
 from asyneio.simulation.path_fit import PathFit
@@ -137,7 +137,7 @@ def _fit(name: str, source: Source, cache: Path) -> PathFit:
     if kept.is_file():
         found: PathFit = pickle.loads(kept.read_bytes())
         return found
-    poses, _ = read_truth_file(source.poses)
+    poses, _ = read_trajectory(source.poses)
     samples = read_inertial_file(source.samples)
     fit = path_fit.fit_path(poses, samples.gyroscope, samples.accelerometer, read_imu_noise(source.noise))
     with atomic_file(kept) as stream:

@@ -17,7 +17,7 @@ from numba import config, njit
 from asyneio import pipeline
 from asyneio.config import Config, WindowConfig, load_config
 from asyneio.errors import RecordingError
-from asyneio.io import read_estimates, read_tum
+from asyneio.io import read_estimates, read_trajectory
 from asyneio.packets import packets, usable_span
 from asyneio.pipeline import COMPILING, run_recording, write_outputs
 from asyneio.types import (
@@ -175,7 +175,7 @@ def test_segments_have_files_of_their_own(
     assert progress.messages == ["lost after 1.0 s: the stream is cut"]
     written = write_outputs(result, CONFIG, tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in written)
-    stamps = [read_tum(tmp_path / name)[0].t_ns for name in ("trajectory.tum", "trajectory_1.tum")]
+    stamps = [read_trajectory(tmp_path / name)[0].t_ns for name in ("trajectory.tum", "trajectory_1.tum")]
     assert (len(stamps[0]), len(stamps[0]) + len(stamps[1])) == (16, len(result.run.estimates))
     estimates = read_estimates(tmp_path / "estimates.npz")
     assert [e.segment for e in estimates] == [0] * len(stamps[0]) + [1] * len(stamps[1])
@@ -210,7 +210,7 @@ def test_outputs_are_whole_and_reproducible(recording: Recording, tmp_path: Path
         )
     for name in ("trajectory.tum", "estimates.npz", "config.yaml"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-    trajectory, notes = read_tum(tmp_path / "a" / "trajectory.tum")
+    trajectory, notes = read_trajectory(tmp_path / "a" / "trajectory.tum")
     assert notes == ()
     estimates = read_estimates(tmp_path / "a" / "estimates.npz")
     assert trajectory.t_ns.tolist() == [estimate.t_ns for estimate in estimates]

@@ -23,6 +23,7 @@ from tests.io.ros_bags import recording_records, typestore, write_bag
 BAGS = [
     (1, "", ""), (1, "lz4", ""), (1, "bz2", ""),
     (2, "", "mcap"), (2, "", "sqlite3"), (2, "message", "sqlite3"), (2, "storage", "mcap"),
+    (2, "file", "sqlite3"), (2, "file", "mcap"), (2, "message", "mcap"),
 ]  # fmt: skip
 
 

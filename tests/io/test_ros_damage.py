@@ -68,12 +68,6 @@ def test_no_events(tmp_path: Path, records: list[Record]) -> None:
         open_recording(path)
 
 
-def test_packed_as_a_whole(tmp_path: Path, records: list[Record]) -> None:
-    path = write_bag(tmp_path / "run", 2, records, "file", "sqlite3")
-    with pytest.raises(RecordingError, match=r"packed as a whole \(zstd\); unpack them first"):
-        open_recording(path)
-
-
 def test_samples_without_stamps(tmp_path: Path, recording: EventRecording, records: list[Record]) -> None:
     """Then the times of recording count; and stamps that run twice as fast are told."""
     for factor, said in ((0, "have no stamps; the times of recording"), (2, "go by 2.0[0-9]* times as fast")):

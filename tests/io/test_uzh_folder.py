@@ -144,7 +144,8 @@ def test_exchanged_sensors(tmp_path: Path, recording: EventRecording) -> None:
     write_uzh_folder(swapped, tmp_path)
     found = open_recording(tmp_path)
     np.testing.assert_array_equal(found.accelerometer, recording.accelerometer)
-    assert any("swapped back" in note for note in found.notes)
+    np.testing.assert_array_equal(found.gyroscope, recording.gyroscope)
+    assert any("gyroscope first, as gravity says" in note for note in found.notes)
 
 
 def test_no_gravity(tmp_path: Path, recording: EventRecording) -> None:
@@ -222,8 +223,16 @@ def test_lens_that_is_none(tmp_path: Path, rng: np.random.Generator, text: str) 
 def test_bad_neighbours(tmp_path: Path, recording: EventRecording, name: str, text: str) -> None:
     write_uzh_folder(recording, tmp_path)
     (tmp_path / name).write_text(text)
-    with pytest.raises(AsyneioError):
+    if name == "groundtruth.txt":
+        found = open_recording(tmp_path)
+        assert found.ground_truth is None
+        assert any("not used as truth" in note and name in note for note in found.notes)
+        return
+    with pytest.raises(AsyneioError, match=r"imu\.txt"):
         open_recording(tmp_path)
+    found = open_recording(tmp_path, ReadOptions(samples_needed=False))
+    assert found.gyroscope.size == 0
+    assert any("the samples of the IMU are not used" in note and name in note for note in found.notes)
 
 
 def test_imu_noise_without_a_camera(tmp_path: Path, recording: EventRecording) -> None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import SimulationError
 from asyneio.io import read_inertial_file
-from asyneio.io.truth_text import read_truth_file
+from asyneio.io.trajectory_text import read_trajectory
 from asyneio.simulation import draw_motion, simulate_events
 from asyneio.simulation.imu import specific_force_b
 from asyneio.simulation.path_basis import UniformKnots
@@ -270,7 +270,7 @@ def test_clocks_that_are_far_apart_are_aligned(run: Run, fit: PathFit) -> None:
 
 
 def excerpt(data_dir: Path, folder: str, files: tuple[str, str], span_s: tuple[float, float]) -> Run:
-    poses, _ = read_truth_file(data_dir / folder / files[0])
+    poses, _ = read_trajectory(data_dir / folder / files[0])
     samples = read_inertial_file(data_dir / folder / files[1])
     begin, end = (poses.t_ns[0] + np.array(span_s) * 1e9).astype(np.int64)
     use = (poses.t_ns >= begin) & (poses.t_ns <= end)
@@ -307,7 +307,7 @@ def test_real_hand_held_motion_and_its_imu_agree(data_dir: Path) -> None:
 
 @pytest.mark.parametrize("name", ["V1_02_medium.csv", "indoor_forward_5_snapdragon_with_gt.txt"])
 def test_real_poses_alone_are_smooth(data_dir: Path, name: str) -> None:
-    poses, _ = read_truth_file(data_dir / "motion_profiles" / name)
+    poses, _ = read_trajectory(data_dir / "motion_profiles" / name)
     early = poses.t_ns < poses.t_ns[0] + 20_000_000_000
     poses = PoseTrajectory(poses.t_ns[early], poses.position[early], poses.quaternion[early])
     fit = fit_path(poses, None, None, NOISE)

@@ -40,11 +40,11 @@ def recorded_scenario(scenario: EventScenario, files: RecordedFiles) -> tuple[Ev
 
     from asyneio.cli import console
     from asyneio.io.calibration import read_calibration, read_imu_noise
-    from asyneio.io.truth_text import read_truth_file
+    from asyneio.io.trajectory_text import read_trajectory
     from asyneio.simulation.path_fit import fit_path
     from asyneio.simulation.recorded_path import recorded_run
 
-    poses, notes = read_truth_file(files.poses)
+    poses, notes = read_trajectory(files.poses)
     streams = _samples(files.samples) if files.samples else None
     notes += streams.notes if streams else ()
     noise: ImuNoise | None = read_imu_noise(files.imu) if files.imu else None

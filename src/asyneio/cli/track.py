@@ -67,7 +67,9 @@ def track(
     from asyneio.io.atomic import make_folder, write_text
 
     settings = with_tracker(settings_of(config, preset), tracker).frontend
-    loaded = _open(recording, ReadOptions(calibration, imu, events, samples, camera, preset))
+    loaded = _open(
+        recording, ReadOptions(calibration, imu, events, samples, camera, preset, samples_needed=False)
+    )
     folder = output or Path("results") / f"{loaded.name}-tracks"
     make_folder(folder)
     with share_progress("tracking", loaded.events.size / 1e6, "Mev/s") as advance:

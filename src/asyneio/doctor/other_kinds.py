@@ -21,7 +21,7 @@ from asyneio.io.inertial_text import read_inertial_file
 from asyneio.io.open_recording import described
 from asyneio.io.stamps import median_rate_hz
 from asyneio.io.tracks_folder import read_tracks_folder
-from asyneio.io.truth_text import read_truth_file
+from asyneio.io.trajectory_text import read_trajectory
 from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, PoseTrajectory
 
 #: Where data sets put samples and poses, below the folder that is named; then any file so called.
@@ -119,7 +119,7 @@ def _kind_of(file: Path) -> str:
         if head.startswith(magic):
             return kind
     try:
-        read_truth_file(file)
+        read_trajectory(file)
     except AsyneioError:
         return ""
     return POSES
@@ -175,7 +175,7 @@ def _inertial_alone(path: Path) -> Samples | None:
 def _truth_beside(path: Path) -> PoseTrajectory | None:
     for file in _found(path if path.is_dir() else path.parent, _TRUTH_PLACES):
         try:
-            return read_truth_file(file)[0]
+            return read_trajectory(file)[0]
         except AsyneioError:
             continue
     return None

@@ -52,9 +52,13 @@ def associate(estimate: PoseTrajectory, truth: PoseTrajectory, max_gap_s: float 
     exact = (t_ns == truth.t_ns[after]) | (t_ns == truth.t_ns[after - 1])
     usable = covered & (exact | (gap_ns <= max_gap_s * NS_PER_S))
     if not usable.any():
+        usual_s = float(np.median(gap_ns)) / NS_PER_S
         raise EvaluationError(
             f"none of {t_ns.size} estimates lies between truth samples at most {max_gap_s} s apart; the gaps "
-            f"around them are at least {gap_ns.min() / NS_PER_S:.3f} s: raise max_gap_s, or use denser truth"
+            f"around them are {usual_s:.3f} s (median): interpolate across them (max_gap_s, in the command "
+            f"--max-gap {1.1 * usual_s:.2g}), which is only as good as the motion between them is "
+            "straight, or use "
+            "denser truth"
         )
     return Association(
         t_ns=t_ns[usable],

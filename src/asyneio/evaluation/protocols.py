@@ -7,7 +7,7 @@ protocol. Windows count from the first associated estimate.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,24 +35,35 @@ RELATIVE_DISTANCES_M = (1.0, 5.0, 10.0)
 
 @dataclass(frozen=True)
 class Protocol:
-    """What is fitted, and over which seconds of the run (`None`: all of it). Errors are always over all."""
+    """What is fitted, and over which seconds of the run (`None`: all of it). Errors are always over all.
+
+    `about` says it in a line.
+    """
 
     name: str
     kind: AlignmentKind
     window_s: tuple[float, float] | None = None
+    about: str = field(default="", compare=False)
 
 
 #: `uslam`: as for Ultimate SLAM (Vidal et al. 2018). `hku`: as stated for Mono-EIO (2022), PL-EVIO (2023).
 PROTOCOLS: dict[str, Protocol] = {
     protocol.name: protocol
     for protocol in (
-        Protocol("posyaw", AlignmentKind.POSYAW),
-        Protocol("se3", AlignmentKind.SE3),
-        Protocol("sim3", AlignmentKind.SIM3),
-        Protocol("hku", AlignmentKind.SE3, (0.0, 5.0)),
-        Protocol("uslam", AlignmentKind.SE3, (3.0, 8.0)),
-        Protocol("origin", AlignmentKind.ORIGIN),
-        Protocol("none", AlignmentKind.NONE),
+        Protocol("posyaw", AlignmentKind.POSYAW, None, "position and yaw over the whole run, as for any VIO"),
+        Protocol("se3", AlignmentKind.SE3, None, "position and rotation over the whole run, as evo_ape -a"),
+        Protocol(
+            "sim3",
+            AlignmentKind.SIM3,
+            None,
+            "position, rotation and scale over the whole run, as evo_ape -as",
+        ),
+        Protocol("hku", AlignmentKind.SE3, (0.0, 5.0), "position and rotation over the first 5 s (PL-EVIO)"),
+        Protocol(
+            "uslam", AlignmentKind.SE3, (3.0, 8.0), "position and rotation over 3 to 8 s (Ultimate SLAM)"
+        ),
+        Protocol("origin", AlignmentKind.ORIGIN, None, "the first pose alone"),
+        Protocol("none", AlignmentKind.NONE, None, "nothing: both are in one world already"),
     )
 }
 
@@ -90,6 +101,7 @@ class Evaluation:
     def to_dict(self, series: bool = False) -> dict[str, Any]:
         """Everything as plain Python values for JSON, NaN as None; the series only on request."""
         plain = _plain(asdict(self))
+        del plain["protocol"]["about"]
         if not series:
             for name in _SERIES:
                 del plain[name]

@@ -9,7 +9,8 @@ from asyneio.io.inertial_text import read_inertial_file
 from asyneio.io.open_recording import open_recording
 from asyneio.io.tracks_folder import read_tracks_folder
 from asyneio.io.tracks_writer import write_tracks_folder
-from asyneio.io.tum import read_tum, write_tum
+from asyneio.io.trajectory_text import read_trajectory
+from asyneio.io.tum import write_tum
 from asyneio.io.uzh_writer import write_uzh_folder
 
 __all__ = [
@@ -19,7 +20,7 @@ __all__ = [
     "read_estimates",
     "read_inertial_file",
     "read_tracks_folder",
-    "read_tum",
+    "read_trajectory",
     "to_trajectory",
     "write_camchain",
     "write_estimates",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,16 @@ from asyneio.types import FloatArray, IntArray, PoseTrajectory
 
 #: Largest entry of R R^T - I that a stored pose may have.
 _MAX_ROTATION_ERROR = 1e-3
+
+
+def unless_unreadable(
+    read: Callable[[], tuple[PoseTrajectory | None, tuple[str, ...]]],
+) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+    """What `read` gives; where it refuses the truth, none, with a note: nobody needs it to run."""
+    try:
+        return read()
+    except RecordingError as error:
+        return None, (f"not used as truth: {error}",)
 
 
 def truth_of_camera(

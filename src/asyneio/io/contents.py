@@ -26,6 +26,7 @@ class ReadOptions:
             them where the events come without.
         camera: which camera of the calibration, by name or topic, where it holds several.
         preset: model of the camera, whose published figures fill in what no file tells.
+        samples_needed: false where the inertial samples may be missing: trouble with them is then a note.
     """
 
     calibration: Path | None = None
@@ -34,6 +35,7 @@ class ReadOptions:
     samples: str | None = None
     camera: str | None = None
     preset: str | None = None
+    samples_needed: bool = True
 
     @property
     def wanted(self) -> Wanted:
@@ -45,13 +47,15 @@ class ReadOptions:
 class Samples:
     """Inertial samples as they stand in a file, in whatever order and unit.
 
-    `gyroscope`, `accelerometer` INERTIAL_DTYPE; `name` says for messages where they come from.
+    `gyroscope`, `accelerometer` INERTIAL_DTYPE; `name` says for messages where they come from. `trouble`
+    is why a file of samples that is there could not be read: a run stops, what needs no samples goes on.
     """
 
     gyroscope: RecordArray
     accelerometer: RecordArray
     name: str
     notes: tuple[str, ...] = ()
+    trouble: str = ""
 
 
 @dataclass(frozen=True)
@@ -81,9 +85,9 @@ class Contents:
     notes: tuple[str, ...] = ()
 
 
-def no_samples(name: str) -> Samples:
-    """For a recording that has no IMU."""
-    return Samples(np.empty(0, INERTIAL_DTYPE), np.empty(0, INERTIAL_DTYPE), name)
+def no_samples(name: str, trouble: str = "") -> Samples:
+    """For a recording that has no IMU, or whose samples cannot be read."""
+    return Samples(np.empty(0, INERTIAL_DTYPE), np.empty(0, INERTIAL_DTYPE), name, trouble=trouble)
 
 
 def split_samples(rows: RecordArray, name: str, notes: tuple[str, ...] = ()) -> Samples:

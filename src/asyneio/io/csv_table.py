@@ -56,6 +56,16 @@ def read_csv(path: Path, columns: dict[str, str]) -> CsvTable:
     return CsvTable(ordered, bad_lines_note(path, bad))
 
 
+def has_columns(path: Path, columns: dict[str, str]) -> bool:
+    """True where the first line of a file names these columns and no other, in any order."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            found = [name.strip() for name in stream.readline(4096).strip().lstrip("#").split(",")]
+    except OSError:
+        return False
+    return sorted(found) == sorted(columns)
+
+
 class TextFile(Protocol):
     """What can be read as text: a path, or a file in an archive."""
 

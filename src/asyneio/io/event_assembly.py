@@ -19,7 +19,7 @@ from asyneio.io.stamps import (
     sort_in_time,
     tick_of,
 )
-from asyneio.types import EventRecording, RecordArray
+from asyneio.types import INERTIAL_DTYPE, EventRecording, RecordArray
 
 #: Sensors tried in this order where no file tells the size: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
 USUAL_SIZES = ((240, 180), (320, 240), (346, 260), (640, 480), (1280, 720))
@@ -33,6 +33,7 @@ def assemble(
     progress: Progress | None = None,
     cache_from: int | None = None,
     wanted: Wanted | None = None,
+    samples_needed: bool = True,
 ) -> EventRecording:
     """Decode and check what a reader found.
 
@@ -41,6 +42,7 @@ def assemble(
         progress: is told the fraction of the events converted.
         cache_from: see `load_events`.
         wanted: which camera of the calibration, and a preset for what is missing in it.
+        samples_needed: false where trouble with the inertial samples is a note.
 
     Raises:
         RecordingError: events or samples that cannot be read or explained, or that do not share one clock.
@@ -49,11 +51,11 @@ def assemble(
     """
     declared_hz = contents.rig.declared_hz
     # Files of samples are small: what is wrong with them is said before the events are converted.
-    inertial = prepare_samples(contents.samples, declared_hz) if contents.samples else None
+    inertial = _inertial(contents.samples, declared_hz, samples_needed) if contents.samples else None
     table, size, notes = _load(contents, wanted or Wanted(), progress, cache_from)
     if inertial is None:
         samples = split_samples(table.samples, f"the IMU of {contents.name}")
-        inertial = prepare_samples(samples, declared_hz)
+        inertial = _inertial(samples, declared_hz, samples_needed)
     rate_hz = median_rate_hz(inertial.gyroscope["t_ns"]) if inertial.gyroscope.size else None
     rig = settle(contents.rig, size, wanted, contents.lens, rate_hz)
     if rig.camera is not None and (rig.camera.width, rig.camera.height) != size:
@@ -62,12 +64,12 @@ def assemble(
             f"was recorded with {size[0]} x {size[1]}; use the calibration of this camera"
         )
     timeshift_ns = rig.calibration.timeshift_ns if rig.calibration else 0
-    # Two events, not the whole: they may be larger than memory.
-    ends_ns = table.events["t_ns"][[0, -1]] + timeshift_ns
-    if inertial.gyroscope.size:
-        # Both sensors of one sample have the same time.
-        name, tick_ns = f"the events of {contents.name}", tick_of(table.events["t_ns"][:_TICK_EVENTS])
-        check_overlap(ends_ns, inertial.gyroscope["t_ns"], name, "the IMU", tick_ns)
+    try:
+        _check_clocks(contents.name, table, inertial, timeshift_ns)
+    except RecordingError as error:
+        if samples_needed:
+            raise
+        inertial = _without(str(error), inertial.notes)
     return EventRecording(
         name=contents.name,
         events=table.events,
@@ -82,12 +84,42 @@ def assemble(
     )
 
 
+def _check_clocks(name: str, table: EventTable, inertial: InertialStreams, timeshift_ns: int) -> None:
+    """Raises RecordingError: events and samples do not share one clock."""
+    for sensor, stream in (("gyroscope", inertial.gyroscope), ("accelerometer", inertial.accelerometer)):
+        if not stream.size:
+            continue
+        # Two events, not the whole: they may be larger than memory.
+        ends_ns = table.events["t_ns"][[0, -1]] + timeshift_ns
+        tick_ns = tick_of(table.events["t_ns"][:_TICK_EVENTS])
+        same = np.array_equal(inertial.gyroscope["t_ns"], inertial.accelerometer["t_ns"])
+        what = "the IMU" if same else f"the {sensor}"
+        check_overlap(ends_ns, stream["t_ns"], f"the events of {name}", what, tick_ns)
+
+
+def _inertial(samples: Samples, declared_hz: float | None, needed: bool) -> InertialStreams:
+    """As `prepare_samples`; where samples are not needed, trouble with them leaves none and a note."""
+    try:
+        return prepare_samples(samples, declared_hz)
+    except RecordingError as error:
+        if needed:
+            raise
+        return _without(str(error), samples.notes)
+
+
+def _without(trouble: str, notes: tuple[str, ...]) -> InertialStreams:
+    said = f"the samples of the IMU are not used: {trouble}"
+    return InertialStreams(np.empty(0, INERTIAL_DTYPE), np.empty(0, INERTIAL_DTYPE), (*notes, said))
+
+
 def prepare_samples(samples: Samples, declared_hz: float | None) -> InertialStreams:
     """Samples as they stand in a file as two checked streams in SI units.
 
     Raises:
         RecordingError: time or units that cannot be explained.
     """
+    if samples.trouble:
+        raise RecordingError(samples.trouble)
     gyroscope, accelerometer, name = samples.gyroscope, samples.accelerometer, samples.name
     notes = samples.notes
     if min(gyroscope.size, accelerometer.size) < 2:

@@ -10,6 +10,7 @@ from asyneio.io.aedat2 import MAGIC as AEDAT2_MAGIC
 from asyneio.io.aedat2 import read_aedat2
 from asyneio.io.aedat4 import MAGIC as AEDAT4_MAGIC
 from asyneio.io.aedat4 import read_aedat4
+from asyneio.io.bag_parts import parts_in
 from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_hdf5 import MAGIC as HDF5_MAGIC
 from asyneio.io.event_hdf5 import is_asyneio_hdf5, read_events_hdf5
@@ -27,9 +28,9 @@ from asyneio.io.hdf5_table import is_event_table, read_event_table
 from asyneio.io.mcap import MAGIC as MCAP_MAGIC
 from asyneio.io.prophesee import read_prophesee
 from asyneio.io.prophesee_header import MAGIC as PROPHESEE_MAGIC
-from asyneio.io.ros_recording import read_rosbag1, read_rosbag2
+from asyneio.io.ros_recording import read_bag_parts, read_rosbag1, read_rosbag2
 from asyneio.io.rosbag1 import MAGIC as ROSBAG_MAGIC
-from asyneio.io.rosbag2 import is_rosbag2_folder, is_rosbag2_sqlite
+from asyneio.io.rosbag2 import is_packed_rosbag2, is_rosbag2_folder, is_rosbag2_sqlite
 from asyneio.io.text_layout import HEAD_BYTES, is_event_text
 from asyneio.io.uzh_folder import EVENTS_FILE, read_gzip_text, read_uzh_folder
 from asyneio.io.uzh_zip import read_uzh_zip
@@ -114,6 +115,14 @@ FORMATS = (
     Format("zip", "a UZH zip", lambda _, head: head.startswith(ZIP_MAGIC), read_uzh_zip, ("events",)),
     Format("rosbag1", "a ROS 1 bag", lambda _, head: head.startswith(ROSBAG_MAGIC), read_rosbag1, _TOPICS),
     Format("rosbag2", "a ROS 2 bag (folder)", lambda path, _: is_rosbag2_folder(path), read_rosbag2, _TOPICS),
+    Format(
+        "bag-parts",
+        "the parts of a ROS bag (NAME_0.bag, NAME_1.bag)",
+        lambda path, _: bool(parts_in(path)),
+        read_bag_parts,
+        _TOPICS,
+    ),
+    Format("packed-bag", "MCAP or SQLite of ROS 2, packed (zstd)", is_packed_rosbag2, read_rosbag2, _TOPICS),
     Format("mcap", "MCAP", lambda _, head: head.startswith(MCAP_MAGIC), read_rosbag2, _TOPICS),
     Format("sqlite", "SQLite of ROS 2", lambda _, head: is_rosbag2_sqlite(head), read_rosbag2, _TOPICS),
     Format(

@@ -26,7 +26,7 @@ from asyneio.errors import RecordingError
 from asyneio.io.calibration import IMU_FILE, find_rig, open_calibration, rig_of, settle
 from asyneio.io.calibration.kalibr import parse_chain
 from asyneio.io.calibration.rigid import inverse_rigid
-from asyneio.io.camera_poses import truth_of_camera
+from asyneio.io.camera_poses import truth_of_camera, unless_unreadable
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples, no_samples
 from asyneio.io.event_checks import MAX_STAMP_NS
 from asyneio.io.hdf5_columns import NAMES, ColumnEvents, ColumnLayout, event_columns, names_of_columns
@@ -59,7 +59,8 @@ def read_m3ed(path: Path, options: ReadOptions) -> Contents:
         event_columns(file, layout.group, path)
         rig = _rig(file, side, path, options)
         samples = _samples(file, path)
-    truth, truth_notes = _truth(path, side, settle(rig, SIZE, options.wanted))
+    settled = settle(rig, SIZE, options.wanted)
+    truth, truth_notes = unless_unreadable(lambda: _truth(path, side, settled))
     return Contents(
         path.resolve().stem,
         partial(ColumnEvents, path, layout),

@@ -21,7 +21,7 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.calibration import find_rig, settle
-from asyneio.io.camera_poses import truth_of_camera
+from asyneio.io.camera_poses import truth_of_camera, unless_unreadable
 from asyneio.io.contents import Contents, ReadOptions, Rig, Samples, no_samples, split_samples
 from asyneio.io.event_checks import MAX_STAMP_NS
 from asyneio.io.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
@@ -79,7 +79,8 @@ def read_mvsec(path: Path, options: ReadOptions) -> Contents:
     with open_hdf5(path) as file:
         side, notes = choose_side(_sides(file), options.events, path)
         samples = _samples(file, side, path)
-    truth, truth_notes = _truth(path, side, settle(rig, SIZE, options.wanted))
+    settled = settle(rig, SIZE, options.wanted)
+    truth, truth_notes = unless_unreadable(lambda: _truth(path, side, settled))
     return Contents(
         path.resolve().stem,
         partial(MvsecEvents, path, side),

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import NoReturn
 
 from asyneio.errors import RecordingError
-from asyneio.io.beside import SAMPLE_FILES, first_file
+from asyneio.io.beside import SAMPLE_FILES, first_file, samples_of
 from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.event_assembly import assemble
 from asyneio.io.event_hdf5 import MAGIC as HDF5_MAGIC
 from asyneio.io.event_source import Progress
 from asyneio.io.formats import FORMATS, Format, format_of
 from asyneio.io.hdf5_table import contents_of
-from asyneio.io.inertial_text import read_inertial_file
 from asyneio.io.resumable import PART_SUFFIX
 from asyneio.io.table_hints import refuse_decimal_commas
 from asyneio.io.tracks_folder import read_tracks_folder
@@ -60,7 +59,8 @@ def open_recording(
         return read_tracks_folder(path, options, max_track_seconds)
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} holds events, not tracks; a longest track cannot be set for it")
-    return assemble(open_contents(path, options), progress, cache_from, options.wanted)
+    contents = open_contents(path, options)
+    return assemble(contents, progress, cache_from, options.wanted, options.samples_needed)
 
 
 def open_contents(path: Path, options: ReadOptions) -> Contents:
@@ -82,7 +82,7 @@ def open_contents(path: Path, options: ReadOptions) -> Contents:
     contents = format.read(source, options)
     if named is None or not named.is_file() or (contents.samples and contents.samples.name == named.name):
         return contents
-    return replace(contents, samples=read_inertial_file(named))
+    return replace(contents, samples=samples_of(named))
 
 
 def find_format(path: Path) -> tuple[Path, Format]:

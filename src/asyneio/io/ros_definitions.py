@@ -32,6 +32,11 @@ DEFINITIONS = {
     + _QUATERNION
     + _VECTOR3,
     "geometry_msgs/PoseStamped": "Header header\nPose pose\n" + _POSE,
+    "nav_msgs/Path": (
+        "Header header\ngeometry_msgs/PoseStamped[] poses\n"
+        "MSG: geometry_msgs/PoseStamped\nstd_msgs/Header header\nPose pose\n"
+    )
+    + _POSE,
     "geometry_msgs/PoseWithCovarianceStamped": "Header header\nPoseWithCovariance pose\n" + _COVARIANT,
     "geometry_msgs/TransformStamped": (
         "Header header\nstring child_frame_id\nTransform transform\n"

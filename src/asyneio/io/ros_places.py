@@ -7,6 +7,7 @@ bytes that say in which order the bytes of numbers are.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -198,6 +199,22 @@ class Locator:
         ]
         self._bytes = int(end.dtype[1]) if end and end.dtype else 1 if end else max(ends, default=0)
         return found
+
+
+def each_item(
+    schema: Schema, kind: str, data: bytes | memoryview, cdr: bool, start: int, items: int
+) -> Iterator[Located]:
+    """The places of the fields of each item of a sequence that starts at `start`, whatever their sizes.
+
+    Raises:
+        ValueError: the message ends before its items do.
+    """
+    order = "<" if not cdr else _CDR_HEADERS.get(bytes(data[:2]), "<")
+    walk = _Walk(schema.types, data, cdr, order, start)
+    for _ in range(items):
+        walk.places, walk.lengths = {}, []
+        walk.walk(kind, "", kind, 0)
+        yield Located(walk.places, tuple(walk.lengths), order)
 
 
 def item_places(schema: Schema, kind: str, cdr: bool, start: int, items: int) -> list[dict[str, Place]]:

@@ -24,6 +24,7 @@ IMU_NAMES = tuple(
     f"{sensor}.{axis}" for sensor in ("angular_velocity", "linear_acceleration") for axis in _XYZ
 )
 _PACKET_PATHS = {"encoding", "events[]", "time_base", "seq"}
+_PATH_PATHS = {f"poses[].{STAMP}.sec", "poses[].pose.position.x", "poses[].pose.orientation.w"}
 #: Position and orientation of the kinds of messages that hold a pose.
 _POSES = (
     ("pose.position", "pose.orientation"),
@@ -83,6 +84,19 @@ class EventTopic:
 
 
 @dataclass
+class PathTopic:
+    """Poses in a sequence, each message with all that went before: the longest, and its definition."""
+
+    schema: Schema
+    data: bytes = b""
+
+    def add(self, message: Message) -> None:
+        """Take a message."""
+        if len(message.data) >= len(self.data):
+            self.data = bytes(message.data)
+
+
+@dataclass
 class Survey:
     """What is in a bag: the count of messages of each topic, and what was read of those that matter.
 
@@ -94,6 +108,7 @@ class Survey:
     imus: dict[Topic, NumberTable] = field(default_factory=dict)
     poses: dict[Topic, NumberTable] = field(default_factory=dict)
     cameras: dict[Topic, tuple[Located, bytes]] = field(default_factory=dict)
+    paths: dict[Topic, PathTopic] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     broken: int = 0
 
@@ -110,7 +125,7 @@ def survey(bag: Bag) -> Survey:
         found.counts[topic] += 1
         role = roles[topic]
         try:
-            if isinstance(role, NumberTable):
+            if isinstance(role, NumberTable | PathTopic):
                 role.add(message)
             elif isinstance(role, EventTopic):
                 role.see(message)
@@ -126,7 +141,7 @@ def survey(bag: Bag) -> Survey:
 
 
 #: What becomes of a topic's messages: rows of numbers, events, a lens (its schema), or nothing.
-_Role = NumberTable | EventTopic | Schema | None
+_Role = NumberTable | PathTopic | EventTopic | Schema | None
 
 
 def _role(found: Survey, topic: Topic) -> _Role:
@@ -145,6 +160,9 @@ def _role(found: Survey, topic: Topic) -> _Role:
     if paths >= _PACKET_PATHS:
         found.events[topic] = EventTopic(Locator(schema, topic.cdr), None, None)
         return found.events[topic]
+    if paths >= _PATH_PATHS:
+        found.paths[topic] = PathTopic(schema)
+        return found.paths[topic]
     if f"{STAMP}.sec" not in paths:
         return None
     if paths.issuperset(IMU_NAMES):

@@ -7,26 +7,26 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from asyneio.errors import RecordingError
-from asyneio.io.bag import MAX_UNPACKED, Bag, Message, Topic, unpack
+from asyneio.io.bag import Bag, Message, Topic
 from asyneio.io.calibration.documents import load_mapping
 from asyneio.io.mcap import MAGIC as MCAP_MAGIC
 from asyneio.io.mcap import McapFile
+from asyneio.io.packed_bag import ZSTD_MAGIC, PackedFile, PackedMessages, unpacked_head, unpacked_name
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 METADATA_FILE = "metadata.yaml"
 
 _INFORMATION = "rosbag2_bagfile_information"
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_SUFFIXES = (".db3", ".mcap", ".zstd", ".zst")
 
 
 class SqliteBag:
-    """A Bag on one SQLite file; `packed` where every message is packed with zstd."""
+    """A Bag on one SQLite file."""
 
     identity = ""
 
-    def __init__(self, path: Path, packed: bool = False) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        self._packed = packed
         self._topics: dict[int, Topic] = {}
 
     def topics(self) -> list[Topic]:
@@ -53,8 +53,6 @@ class SqliteBag:
                 topic = self._topics.get(topic_id)
                 if topic is None or not isinstance(data, bytes) or not isinstance(logged_ns, int):
                     continue
-                if self._packed:
-                    data = unpack(data, "zstd", MAX_UNPACKED)
                 count += 1
                 yield Message(topic, logged_ns, data), min(number / last, 1.0)
         except (sqlite3.Error, UnicodeDecodeError) as error:
@@ -118,42 +116,61 @@ def is_rosbag2_sqlite(head: bytes) -> bool:
     return head.startswith(SQLITE_MAGIC) and b"serialization_format" in head
 
 
+def is_packed_rosbag2(path: Path, head: bytes) -> bool:
+    """True for a file that is packed with zstd and unpacks to MCAP or SQLite."""
+    if not head.startswith(ZSTD_MAGIC):
+        return False
+    return unpacked_head(path, len(SQLITE_MAGIC)).startswith((MCAP_MAGIC, SQLITE_MAGIC))
+
+
 def open_rosbag2(path: Path) -> Bag:
     """The bag in a file, or of the files in a folder as its `metadata.yaml` lists them.
 
+    Of a file that is listed as packed, the unpacked one is taken where it is there.
+
     Raises:
-        RecordingError: the folder lists a file that is not there, or packed as a whole.
+        RecordingError: the folder lists a file that is not there.
     """
     if path.is_file():
-        return _open_file(path, packed=False)
+        return open_rosbag2_file(path)
     try:
         information = load_mapping(path / METADATA_FILE)[_INFORMATION]
         names = [Path(str(name)).name for name in information["relative_file_paths"]]
-        mode, method = (str(information.get(f"compression_{key}", "")) for key in ("mode", "format"))
     except (KeyError, TypeError, AttributeError) as error:
         raise RecordingError(f"{path / METADATA_FILE} does not list the files of a recording") from error
     # Only names count: a path that leads elsewhere is none of this recording.
-    files = [path / name for name in names]
-    missing = [file.name for file in files if not file.is_file()]
-    if missing or not files:
+    found = [_present(path / name) for name in names]
+    files = [file for file in found if file is not None]
+    if len(files) < len(names) or not files:
+        missing = [name for name, file in zip(names, found, strict=True) if file is None]
+        there = sorted(file.name for file in path.iterdir() if file.suffix in _SUFFIXES)
         raise RecordingError(
-            f"{path / METADATA_FILE} lists {', '.join(missing) or 'no file'}, which is not there; "
-            "name the file to read"
+            f"{path / METADATA_FILE} lists {', '.join(missing) or 'no file'}, which is not there; the "
+            "folder holds "
+            f"{', '.join(there) or 'no bag'}; name the file to read, or list it in {METADATA_FILE}"
         )
-    if mode.upper() == "FILE" and any(_head(file).startswith(_ZSTD_MAGIC) for file in files):
-        raise RecordingError(
-            f"the files of {path} are packed as a whole ({method}); unpack them first (zstd -d FILE)"
-        )
-    return SplitBag([_open_file(file, mode.upper() == "MESSAGE") for file in files])
+    return SplitBag([open_rosbag2_file(file) for file in files])
 
 
-def _open_file(path: Path, packed: bool) -> Bag:
+def open_rosbag2_file(path: Path) -> Bag:
+    """The bag in a file, which may be packed. Raises RecordingError: it is none."""
     head = _head(path)
+    if is_packed_rosbag2(path, head):
+        return PackedFile(path, open_rosbag2_file)
     if head.startswith(MCAP_MAGIC):
-        return McapFile(path)
+        return PackedMessages(McapFile(path))
     if head.startswith(SQLITE_MAGIC):
-        return SqliteBag(path, packed)
+        return PackedMessages(SqliteBag(path))
+    if head.startswith(ZSTD_MAGIC):
+        raise RecordingError(f"{path} is damaged or cut off: nothing of it can be unpacked")
     raise RecordingError(f"{path} is neither MCAP nor SQLite; is it damaged?")
+
+
+def _present(listed: Path) -> Path | None:
+    """The file that is listed, unpacked or packed; None where neither is there."""
+    plain = listed.with_name(unpacked_name(listed))
+    candidates = (plain, listed, *(plain.with_name(plain.name + end) for end in (".zstd", ".zst")))
+    return next((file for file in candidates if file.is_file()), None)
 
 
 def _head(path: Path) -> bytes:

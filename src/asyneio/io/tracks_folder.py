@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.beside import truth_beside
 from asyneio.io.calibration import find_rig, require_calibration, settle
 from asyneio.io.contents import ReadOptions
 from asyneio.io.csv_table import read_csv
 from asyneio.io.inertial_files import read_inertial
 from asyneio.io.stamps import check_overlap, median_rate_hz, sort_in_time
 from asyneio.io.tracks_checks import cut_tracks, drop_outside, drop_repeated
-from asyneio.io.tum import read_tum
-from asyneio.types import OBSERVATION_DTYPE, Calibration, PoseTrajectory, RecordArray, Recording
+from asyneio.types import OBSERVATION_DTYPE, Calibration, RecordArray, Recording
 
 _COLUMNS = ("t_ns", "id", "u", "v")
 #: Stamps beyond this (about 146 years either way) could overflow when clocks are shifted against each other.
@@ -58,7 +58,7 @@ def read_tracks_folder(
     observations, track_notes = _read_tracks(path / "tracks.csv", calibration)
     check_overlap(observations["t_ns"], inertial.gyroscope["t_ns"], "tracks.csv", "the gyroscope")
     check_overlap(observations["t_ns"], inertial.accelerometer["t_ns"], "tracks.csv", "the accelerometer")
-    truth, truth_notes = _read_truth(path / "groundtruth.tum")
+    truth, truth_notes = truth_beside(path)
     if max_track_seconds is not None:
         observations = cut_tracks(observations, max_track_seconds)
     return Recording(
@@ -86,7 +86,3 @@ def _read_tracks(path: Path, calibration: Calibration) -> tuple[RecordArray, tup
         raise RecordingError(f"{path}: stamps reach {rows['t_ns'].max()}; expected nanoseconds of one epoch")
     rows["t_ns"] += calibration.timeshift_ns
     return rows, table.notes + sorted_note + repeated_note + outside_note
-
-
-def _read_truth(path: Path) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
-    return read_tum(path) if path.is_file() else (None, ())

@@ -1,4 +1,4 @@
-"""Trajectories as text in the TUM layout: `t[s] px py pz qx qy qz qw`, stamps exact to the nanosecond."""
+"""Trajectories written in the TUM layout: `t[s] px py pz qx qy qz qw`, stamps exact to the nanosecond."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.io.atomic import write_text
-from asyneio.io.csv_table import TextFile, bad_lines_note
-from asyneio.io.seconds_table import format_seconds, read_rows
-from asyneio.io.stamps import drop_equal_stamps, sort_in_time
+from asyneio.io.seconds_table import format_seconds
 from asyneio.types import PoseTrajectory, RecordArray
 
 HEADER = "# t[s] px py pz qx qy qz qw: pose of the body (IMU) in the world\n"
@@ -20,21 +18,6 @@ POSE_DTYPE = np.dtype([("t_ns", "<i8"), ("p", "<f8", (3,)), ("q", "<f8", (4,))])
 MAX_NORM_ERROR = 1e-2
 #: Below this a quaternion is left as it was printed.
 _EXACT_NORM_ERROR = 1e-6
-
-
-def read_tum(path: TextFile) -> tuple[PoseTrajectory, tuple[str, ...]]:
-    """Read a trajectory; the second value is sentences on what was skipped or sorted.
-
-    Values may be separated by blanks or commas; `#` starts a comment. Quaternions are x y z w.
-
-    Raises:
-        RecordingError: unreadable, too many bad lines, time running backwards, or no pose at all.
-    """
-    rows, bad = read_rows(path, "t[s] px py pz qx qy qz qw", _is_pose)
-    table = np.array([(t_ns, values[:3], values[3:]) for t_ns, values in rows], dtype=POSE_DTYPE)
-    poses, sorted_note = sort_in_time(table, path.name)
-    poses, dropped_note = drop_equal_stamps(poses, path.name)
-    return poses_of(poses), bad_lines_note(path, bad) + sorted_note + dropped_note
 
 
 def poses_of(rows: RecordArray) -> PoseTrajectory:
@@ -64,11 +47,6 @@ def tum_text(trajectory: PoseTrajectory, header: str = HEADER) -> str:
     for t_ns, row in zip(trajectory.t_ns.tolist(), values, strict=True):
         lines.append(f"{format_seconds(t_ns)} {' '.join(map(repr, row))}\n")
     return "".join(lines)
-
-
-def _is_pose(values: tuple[float, ...]) -> bool:
-    """True when the quaternion has unit length."""
-    return abs(float(np.linalg.norm(values[3:])) - 1.0) <= MAX_NORM_ERROR
 
 
 def _unit(quaternion: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> np.ndarray:

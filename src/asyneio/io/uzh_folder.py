@@ -1,9 +1,10 @@
 """The folder of the UZH event camera data set.
 
 events.txt       t x y p                        seconds, camera clock
-imu.txt          t ax ay az gx gy gz            optional; m/s^2 and rad/s, IMU clock
-groundtruth.txt  t px py pz qx qy qz qw         optional
+imu.txt          t ax ay az gx gy gz            optional; m/s^2 and rad/s, IMU clock; a header may say
+otherwise groundtruth.txt  t px py pz qx qy qz qw         optional
 calib.txt        fx fy cx cy k1 k2 p1 p2 k3     optional; radtan
+imu.csv, groundtruth.csv and others             where those are missing, as beside every file of events
 camchain-imucam.yaml, imu.yaml                  optional; Kalibr's layout: extrinsics, time shift, IMU noise
 """
 
@@ -13,20 +14,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from asyneio.errors import CalibrationError
-from asyneio.io.beside import samples_beside
+from asyneio.io.beside import TRUTH_FILES, samples_beside, samples_of, truth_of
 from asyneio.io.calibration import find_rig
 from asyneio.io.calibration.lens import make_lens
-from asyneio.io.contents import Contents, ReadOptions, Rig, Samples, no_samples, split_samples
-from asyneio.io.csv_table import TextFile, bad_lines_note, read_text
-from asyneio.io.event_source import SAMPLE_DTYPE, EventSource
+from asyneio.io.contents import Contents, ReadOptions, Rig, Samples
+from asyneio.io.csv_table import TextFile, read_text
+from asyneio.io.event_source import EventSource
 from asyneio.io.event_text import TextEvents
 from asyneio.io.gzip_file import GzipFile
-from asyneio.io.seconds_table import read_rows
-from asyneio.io.tum import read_tum
-from asyneio.types import CameraIntrinsics, Distortion, PoseTrajectory
+from asyneio.io.zip_member import ZipMember
+from asyneio.types import CameraIntrinsics, Distortion
 
 EVENTS_FILE, SAMPLES_FILE, TRUTH_FILE, LENS_FILE = "events.txt", "imu.txt", "groundtruth.txt", "calib.txt"
 
@@ -56,14 +54,19 @@ def _beside_text(events_path: Path, decode: Callable[[], EventSource], options: 
     rig = find_rig(folder, options.calibration, options.imu)
     usual = events_path.name.removesuffix(".gz") == EVENTS_FILE
     name = folder.resolve().name if usual else Path(events_path.name.removesuffix(".gz")).stem
-    contents = uzh_contents(name, decode, rig, lambda file: folder / file)
-    if options.samples is None and not (folder / SAMPLES_FILE).is_file():
-        contents = replace(contents, samples=samples_beside(folder, options))
-    return contents
+    samples = uzh_samples(folder / SAMPLES_FILE)
+    if samples is None:
+        samples = samples_beside(folder, replace(options, samples=None))
+    return uzh_contents(name, decode, rig, lambda file: folder / file, samples)
 
 
 def uzh_contents(
-    name: str, decode: Callable[[], EventSource], rig: Rig, file: Callable[[str], TextFile], variant: str = ""
+    name: str,
+    decode: Callable[[], EventSource],
+    rig: Rig,
+    file: Callable[[str], Path | ZipMember],
+    samples: Samples,
+    variant: str = "",
 ) -> Contents:
     """What is in the files beside the events, wherever they are.
 
@@ -72,24 +75,27 @@ def uzh_contents(
         decode: makes a decoder of its events.
         rig: what Kalibr's files say.
         file: gives a file by its name.
+        samples: inertial samples.
         variant: tells apart recordings in one archive.
-
-    Raises:
-        RecordingError: a file is malformed.
     """
-    truth, truth_notes = _read_truth(file(TRUTH_FILE))
+    truth, truth_notes = truth_of([file(name) for name in dict.fromkeys((TRUTH_FILE, *TRUTH_FILES))])
     lens = file(LENS_FILE)
     return Contents(
         name=name,
         decode=decode,
         size=None,
         rig=rig,
-        samples=_read_samples(file(SAMPLES_FILE)),
+        samples=samples,
         lens=(lambda width, height: read_lens(lens, width, height)) if lens.is_file() else None,
         truth=truth,
         variant=variant,
         notes=truth_notes,
     )
+
+
+def uzh_samples(path: Path | ZipMember) -> Samples | None:
+    """Samples of `imu.txt`: by header, by gravity, else accelerometer first; None without the file."""
+    return samples_of(path, accelerometer_first=True) if path.is_file() else None
 
 
 def read_lens(path: TextFile, width: int, height: int) -> CameraIntrinsics:
@@ -102,16 +108,3 @@ def read_lens(path: TextFile, width: int, height: int) -> CameraIntrinsics:
     if len(values) not in (8, 9):
         raise CalibrationError(f"{path} holds no lens; expected nine numbers: fx fy cx cy k1 k2 p1 p2 k3")
     return make_lens(values[:4], (width, height), Distortion.RADTAN, values[4:], Path(str(path)))
-
-
-def _read_samples(path: TextFile) -> Samples:
-    """Samples as they stand in the file; none where there is no file."""
-    if not path.is_file():
-        return no_samples(path.name)
-    rows, bad = read_rows(path, "t[s] ax ay az gx gy gz")
-    samples = np.array([(t_ns, values[3:], values[:3]) for t_ns, values in rows], dtype=SAMPLE_DTYPE)
-    return split_samples(samples, path.name, bad_lines_note(path, bad))
-
-
-def _read_truth(path: TextFile) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
-    return read_tum(path) if path.is_file() else (None, ())

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from asyneio.errors import RecordingError
 from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE, find_rig, parse_calibration, rig_of
-from asyneio.io.contents import Contents, ReadOptions, Rig
+from asyneio.io.contents import Contents, ReadOptions, Rig, no_samples
 from asyneio.io.event_text import TextEvents
-from asyneio.io.uzh_folder import EVENTS_FILE, uzh_contents
+from asyneio.io.uzh_folder import EVENTS_FILE, SAMPLES_FILE, uzh_contents, uzh_samples
 from asyneio.io.zip_member import ZipMember, open_zip
 
 _MAX_LISTED = 8
@@ -36,7 +36,8 @@ def read_uzh_zip(path: Path, options: ReadOptions) -> Contents:
         rig = _rig_inside(file(CAMCHAIN_FILE), file(IMU_FILE)) or rig
     events = ZipMember(path, member)
     name = folder.rsplit("/", 1)[-1] or path.resolve().stem
-    return uzh_contents(name, lambda: TextEvents(path, events), rig, file, variant=member)
+    samples = uzh_samples(file(SAMPLES_FILE)) or no_samples(SAMPLES_FILE)
+    return uzh_contents(name, lambda: TextEvents(path, events), rig, file, samples, variant=member)
 
 
 def _choose(path: Path, wanted: str | None) -> str:

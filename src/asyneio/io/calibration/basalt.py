@@ -19,6 +19,7 @@ from asyneio.io.calibration.sections import (
     CameraEntry,
     CameraReading,
     NoiseReading,
+    check_shift_ns,
     declared_size,
     read_noise,
 )
@@ -32,7 +33,6 @@ _NOISE_KEYS = {
     "accelerometer_walk": "accel_bias_std",
 }
 _UNDERSTOOD = "pinhole, kb4 (equidistant), pinhole-radtan8"
-_MAX_SHIFT_NS = 10**18
 #: The first three numbers are biases, which the estimator finds; the rest is scale and misalignment.
 _BIAS_KEYS = ("calib_accel_bias", "calib_gyro_bias")
 
@@ -67,9 +67,8 @@ def _read_camera(section: dict[str, Any], index: int, path: Path) -> CameraReadi
     lens = _read_lens(section, index, path)
     shift = None
     if section.get("cam_time_offset_ns") is not None:
-        shift = round(number(section, "cam_time_offset_ns", path))
-        if abs(shift) > _MAX_SHIFT_NS:
-            raise CalibrationError(f"{path}: cam_time_offset_ns is {shift}; expected nanoseconds")
+        offset = round(number(section, "cam_time_offset_ns", path))
+        shift = check_shift_ns(offset, "cam_time_offset_ns", "nanoseconds", path)
     notes = _corrections(section, path)
     if "T_imu_cam" not in section:
         return CameraReading(lens, None, shift, notes)

@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from asyneio.errors import CalibrationError
+from asyneio.io.calibration.refusals import refuse_known_text
 
 #: Calibration files in YAML hold a few kilobytes.
 MAX_BYTES = 64 * 1024
@@ -52,7 +53,12 @@ def load_mapping(path: Path) -> dict[str, Any]:
 def parse_mapping(text: str, path: Path) -> dict[str, Any]:
     """As `load_mapping`, from text that was found at `path`."""
     text = text.removeprefix("\ufeff")
+    refuse_known_text(text, path)
+    if not text.strip(" \t\r\n\0-"):
+        raise CalibrationError(f"{path} is empty; expected a calibration: write it again, or remove the file")
     content = _parse_json(text, path) if text.lstrip().startswith("{") else _parse_yaml(text, path)
+    if content is None:
+        raise CalibrationError(f"{path} holds no keys but comments; expected a calibration")
     if not isinstance(content, dict):
         raise CalibrationError(
             f"{path} holds a {type(content).__name__}; expected a mapping of keys to values"

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration import basalt, kalibr, plain_cameras, rpg, vins
+from asyneio.io.calibration import basalt, inivation, kalibr, orbslam, plain_cameras, rpg, vins
 from asyneio.io.calibration.documents import load_mapping, parse_mapping
+from asyneio.io.calibration.refusals import KnownRefusalError, refuse_known_keys
 from asyneio.io.calibration.rig import Rig, Wanted, require_calibration, settle
 from asyneio.io.calibration.sections import CalibrationFile, NoiseReading
 from asyneio.types import Calibration, ImuNoise
@@ -33,6 +34,8 @@ class _Kind:
 _KINDS = (
     _Kind("Basalt (value0)", basalt.is_basalt, basalt.parse_basalt),
     _Kind("OpenVINS (relative_config_imucam)", kalibr.is_openvins, kalibr.parse_openvins),
+    _Kind("iniVation's DV (cameras, imus)", inivation.is_inivation, inivation.parse_inivation),
+    _Kind("ORB-SLAM3 (Camera1.fx, IMU.T_b_c1)", orbslam.is_orbslam, orbslam.parse_orbslam),
     _Kind("rpg (cameras, T_B_C, imu_params)", rpg.is_rpg, rpg.parse_rpg),
     _Kind("DSEC (intrinsics of cam0 ...)", plain_cameras.is_dsec, plain_cameras.parse_dsec),
     _Kind("EuRoC (sensor_type, T_BS)", plain_cameras.is_euroc_camera, plain_cameras.parse_euroc_camera),
@@ -138,6 +141,7 @@ def find_rig(folder: Path, camera: Path | None, imu: Path | None) -> Rig:
 
 
 def _recognise(content: dict[str, Any], path: Path) -> CalibrationFile:
+    refuse_known_keys(content, path)
     for kind in _KINDS:
         if kind.matches(content):
             return kind.parse(content, path)
@@ -171,10 +175,13 @@ def _discover(folder: Path) -> tuple[list[CalibrationFile], tuple[str, ...]]:
     if len(paths) > _MAX_CANDIDATES:
         return [], (f"{folder} holds {len(paths)} YAML and JSON files: none is taken for a calibration",)
     found: list[CalibrationFile] = []
+    notes: tuple[str, ...] = ()
     for path in paths:
         try:
             found.append(open_calibration(path))
+        except KnownRefusalError as error:
+            notes += (f"not used: {error}",)
         except CalibrationError:
             continue
     parts = {other for file in found for other in file.others}
-    return [file for file in found if file.path not in parts], ()
+    return [file for file in found if file.path not in parts], notes

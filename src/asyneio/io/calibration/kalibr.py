@@ -9,6 +9,7 @@ names both files in `estimator_config.yaml`. Noise is in densities of continuous
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from asyneio.io.calibration.sections import (
     read_noise,
     shift_ns,
 )
+from asyneio.io.calibration.unapplied import unapplied_notes
 from asyneio.io.calibration.values import matrix, shown
 from asyneio.types import FloatArray
 
@@ -85,9 +87,13 @@ def parse_openvins(content: dict[str, Any], path: Path) -> CalibrationFile:
     if _RELATIVE_IMU not in content:
         return CalibrationFile("OpenVINS configuration", path, cameras, others=(chain_path,))
     imu_path, imu = load_sibling(path, content[_RELATIVE_IMU])
-    return CalibrationFile(
-        "OpenVINS configuration", path, cameras, partial(_noise, imu, imu_path), (chain_path, imu_path)
-    )
+    read_noise = partial(_openvins_noise, content, path, imu, imu_path)
+    return CalibrationFile("OpenVINS configuration", path, cameras, read_noise, (chain_path, imu_path))
+
+
+def _openvins_noise(content: dict[str, Any], path: Path, imu: dict[str, Any], imu_path: Path) -> NoiseReading:
+    found = _noise(imu, imu_path)
+    return replace(found, notes=found.notes + unapplied_notes(content, path))
 
 
 def _noise_of(content: dict[str, Any], path: Path) -> partial[NoiseReading] | None:
@@ -102,7 +108,8 @@ def _noise(content: dict[str, Any], path: Path) -> NoiseReading:
         )
     # EuRoC's sensor.yaml has Kalibr's keys but for the rate.
     rate_key = "update_rate" if "update_rate" in section else "rate_hz"
-    return NoiseReading(read_noise(section, NOISE_KEYS, rate_key, path), notes=_corrections(section, path))
+    notes = _corrections(section, path) + unapplied_notes(section, path)
+    return NoiseReading(read_noise(section, NOISE_KEYS, rate_key, path), notes=notes)
 
 
 def _corrections(section: dict[str, Any], path: Path) -> tuple[str, ...]:
@@ -143,6 +150,7 @@ def _read_camera(content: dict[str, Any], name: str, path: Path) -> CameraReadin
     lens = read_lens(section, path)
     extrinsics = _extrinsics(content, name, path)
     T_b_c, notes = extrinsics if extrinsics else (None, ())
+    notes += unapplied_notes(section, path)
     return CameraReading(lens, T_b_c, shift_ns(section, "timeshift_cam_imu", path), notes)
 
 

@@ -16,9 +16,12 @@ from asyneio.io.calibration.lens import check_lens
 from asyneio.io.calibration.rigid import check_rigid
 from asyneio.io.calibration.sections import CalibrationFile, CameraEntry, CameraReading, NoiseReading
 from asyneio.presets import Preset, preset_named
-from asyneio.types import Calibration, CameraIntrinsics, FloatArray, ImuNoise
+from asyneio.types import NS_PER_S, Calibration, CameraIntrinsics, FloatArray, ImuNoise
 
 Notes = tuple[str, ...]
+
+#: A shift that is worth a word.
+_LARGE_SHIFT_NS = NS_PER_S // 10
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,9 @@ def settle(
         notes += check_lens(parts.lens, source)
     if parts.lens is None or parts.T_b_c is None or noise is None:
         return Rig(parts.lens, None, (*notes, *_incomplete(parts, noise, rig, preset)))
+    if abs(parts.timeshift_ns or 0) > _LARGE_SHIFT_NS:
+        said = f"{parts.timeshift_ns / NS_PER_S if parts.timeshift_ns else 0.0:g} s"
+        notes += (f"a time shift of {said} between camera and IMU is unusually large: is it in seconds?",)
     if parts.timeshift_ns is None:
         notes += ("no file tells a time shift: the clocks of camera and IMU are taken to agree",)
     calibration = Calibration(parts.lens, parts.T_b_c, parts.timeshift_ns or 0, noise)

@@ -23,6 +23,7 @@ from asyneio.io.calibration.sections import (
     read_noise,
     shift_ns,
 )
+from asyneio.io.calibration.unapplied import unapplied_notes
 from asyneio.io.calibration.values import image_size, mapping, numbers, sequence, shown
 
 _NOISE_KEYS = {
@@ -86,4 +87,6 @@ def _shift(content: dict[str, Any], path: Path) -> tuple[int | None, tuple[str, 
 
 
 def _read_noise(content: dict[str, Any], path: Path) -> NoiseReading:
-    return NoiseReading(read_noise(mapping(content, "imu_params", path), _NOISE_KEYS, "imu_rate", path))
+    section = mapping(content, "imu_params", path)
+    noise = read_noise(section, _NOISE_KEYS, "imu_rate", path)
+    return NoiseReading(noise, notes=unapplied_notes(section, path))

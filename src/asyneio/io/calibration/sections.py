@@ -14,7 +14,11 @@ from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, ImuNoise
 
 #: Sensor noise above this (SI, per sqrt(Hz)) is a wrong unit, not a bad sensor.
 _MAX_NOISE = 10.0
-_MAX_SHIFT_S = 1e9
+#: Clocks that one computer reads are milliseconds apart, separate ones some tenths of a second [s].
+_MAX_SHIFT_S = 1.0
+#: What a shift usually is less than [s], and units it is written in by mistake.
+_USUAL_SHIFT_S = 0.2
+_SMALLER_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 #: Names and topics are a few words; a longer one is cut in messages.
 _MAX_NAME = 60
 
@@ -91,8 +95,31 @@ def shift_ns(section: dict[str, Any], key: str, path: Path, sign: int = 1) -> in
         return None
     seconds = number(section, key, path)
     if abs(seconds) > _MAX_SHIFT_S:
-        raise CalibrationError(f"{path}: {key} is {seconds:g}; expected seconds")
+        raise CalibrationError(f"{path}: {key} is {seconds:g}{_implausible(seconds)}")
     return round(sign * seconds * NS_PER_S)
+
+
+def check_shift_ns(shift: int, key: str, unit: str, path: Path) -> int:
+    """A time shift [ns] that is plausible; `unit` is that of the file. Raises CalibrationError: it is not."""
+    if abs(shift) > _MAX_SHIFT_S * NS_PER_S:
+        raise CalibrationError(
+            f"{path}: {key} shifts the clocks by {shift / NS_PER_S:g} s; expected {unit}, and less than "
+            f"{_MAX_SHIFT_S:g} s: check its unit"
+        )
+    return shift
+
+
+def _implausible(seconds: float) -> str:
+    """What a shift in seconds that is none may mean, and what to write."""
+    unit, factor = next(
+        ((unit, factor) for unit, factor in _SMALLER_UNITS.items() if abs(seconds) * factor < _USUAL_SHIFT_S),
+        ("ns", 1e-9),
+    )
+    return (
+        f"; expected seconds, and less than {_MAX_SHIFT_S:g}. If {seconds:g} {unit} are meant, write "
+        f"{seconds * factor:.9g}; if the clocks are that far apart, set the stamps of one right and "
+        "write the rest"
+    )
 
 
 def read_noise(

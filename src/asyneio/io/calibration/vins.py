@@ -28,6 +28,7 @@ from asyneio.io.calibration.sections import (
     read_noise,
     shift_ns,
 )
+from asyneio.io.calibration.unapplied import unapplied_notes
 from asyneio.io.calibration.values import image_size, mapping, matrix, number, shown
 from asyneio.types import CameraIntrinsics, Distortion, ImuNoise
 
@@ -134,4 +135,5 @@ def _read_noise(content: dict[str, Any], path: Path) -> NoiseReading:
         of_a_sample.rate_hz,
     )
     said = f"{path.name}: acc_n, gyr_n, acc_w, gyr_w are figures of a sample: divided by the root of the rate"
-    return NoiseReading(noise, None if of_a_sample.rate_hz else ASSUMED_RATE_HZ, (said,))
+    notes = (said, *unapplied_notes(content, path))
+    return NoiseReading(noise, None if of_a_sample.rate_hz else ASSUMED_RATE_HZ, notes)

@@ -1,0 +1,115 @@
+"""What a large error may come from: a unit, another body frame, a world that is turned.
+
+An evaluation compares what it is given; these sentences say where one mistake would explain the error.
+
+| symbol | name | shape | frame |
+|---|---|---|---|
+| C_e, C_w | attitudes of estimate and truth at common times | (N,3,3) | body to world |
+| B | body of the truth in that of the estimate, `C_w = A C_e B` | (3,3) | |
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asyneio.evaluation.alignment import Similarity
+from asyneio.evaluation.association import Association
+from asyneio.types import FloatArray
+
+#: Factors between lengths that people mix up, and how near to one a ratio must be.
+_FACTORS = {1000.0: "millimetres", 100.0: "centimetres"}
+_NEAR = 1.15
+#: A rotation worth a word [deg], and how much of it must be the same for all poses.
+_LEAST_DEG, _STEADY = 10.0, 0.25
+#: A world is upright where its vertical is no further [deg] from the truth's.
+_UPRIGHT_DEG = 5.0
+#: Reversed, the quaternion must explain so many times more.
+_BETTER = 4.0
+
+
+def explain(matched: Association, alignment: Similarity, order_told: bool = True) -> tuple[str, ...]:
+    """Sentences on mistakes that would explain a difference of estimate and truth; none where it is small.
+
+    Args:
+        matched: both at common times.
+        alignment: of the estimate, as fitted.
+        order_told: false where w may stand first in one of the quaternions, as no header tells.
+    """
+    if matched.t_ns.size < 3:
+        return ()
+    turned = () if order_told else _of_order(matched, alignment)
+    return _of_scale(matched) + (turned or _of_rotation(matched, alignment))
+
+
+def _of_scale(matched: Association) -> tuple[str, ...]:
+    sizes = [_spread(track.position) for track in (matched.estimate, matched.truth)]
+    if min(sizes) <= 0.0:
+        return ()
+    ratio, larger = max(sizes) / min(sizes), "estimate" if sizes[0] > sizes[1] else "truth"
+    for factor, unit in _FACTORS.items():
+        if factor / _NEAR < ratio < factor * _NEAR:
+            return (
+                f"the path of the {larger} is {ratio:.4g} times as large as the other: is the {larger} "
+                f"in {unit}? "
+                "Both are taken to be in metres",
+            )
+    return ()
+
+
+def _of_rotation(matched: Association, alignment: Similarity) -> tuple[str, ...]:
+    aligned = alignment.R @ matched.estimate.C
+    in_body, spread_b = _common(aligned.transpose(0, 2, 1) @ matched.truth.C)
+    in_world, spread_w = _common(matched.truth.C @ matched.estimate.C.transpose(0, 2, 1))
+    tilt = float(np.degrees(np.arccos(np.clip(in_world.as_matrix()[2, 2], -1.0, 1.0))))
+    angle = float(np.degrees(in_body.magnitude()))
+    if angle < _LEAST_DEG:
+        return ()
+    if spread_w < _STEADY * _LEAST_DEG and spread_w <= spread_b and tilt > _UPRIGHT_DEG:
+        return (
+            f"the worlds of estimate and truth differ by a constant rotation, which tilts the vertical by "
+            f"{tilt:.1f} deg: z is not up in one of them; --protocol se3 aligns it",
+        )
+    if spread_b < _STEADY * angle:
+        axis = ", ".join(f"{value:.1f}" for value in in_body.as_rotvec(degrees=True))
+        return (
+            f"all orientations differ by a constant rotation of {angle:.1f} deg in the body frame, "
+            "rotation vector "
+            f"({axis}) deg: is one of them that of the camera, or of markers, instead of the IMU? The "
+            "orientation "
+            "errors are those of the frames",
+        )
+    return ()
+
+
+def _of_order(matched: Association, alignment: Similarity) -> tuple[str, ...]:
+    """A sentence where a quaternion with w at the other end explains the orientations."""
+    estimate, truth, R = matched.estimate.C, matched.truth.C, alignment.R
+    told = _common((R @ estimate).transpose(0, 2, 1) @ truth)[1]
+    if told < _LEAST_DEG:
+        return ()
+    for what, C_e, C_w in (("estimate", _reordered(estimate), truth), ("truth", estimate, _reordered(truth))):
+        if _common((R @ C_e).transpose(0, 2, 1) @ C_w)[1] < told / _BETTER:
+            return (
+                f"the orientations agree if w stands first in the quaternions of the {what}, which no "
+                "header tells: "
+                f"name its columns ({'--columns' if what == 'estimate' else '--truth-columns'} "
+                "t,px,py,pz,qw,qx,qy,qz)",
+            )
+    return ()
+
+
+def _reordered(C: FloatArray) -> FloatArray:
+    """Rotations (N,3,3) whose quaternions were read with w last though it stands first."""
+    return np.asarray(Rotation.from_quat(np.roll(Rotation.from_matrix(C).as_quat(), -1, axis=1)).as_matrix())
+
+
+def _common(rotations: FloatArray) -> tuple[Rotation, float]:
+    """The mean of rotations (N,3,3), and the median angle from it [deg]."""
+    mean = Rotation.from_matrix(rotations).mean()
+    from_it = (mean.inv() * Rotation.from_matrix(rotations)).magnitude()
+    return mean, float(np.degrees(np.median(from_it)))
+
+
+def _spread(position: FloatArray) -> float:
+    return float(np.sqrt(((position - position.mean(axis=0)) ** 2).sum(axis=1).mean()))

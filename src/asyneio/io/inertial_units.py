@@ -1,0 +1,204 @@
+"""Units of inertial samples: what gravity says of them, by its length and by how it turns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asyneio.errors import RecordingError
+from asyneio.types import NS_PER_S, FloatArray, RecordArray
+
+STANDARD_GRAVITY = 9.80665
+_DEGREE = float(np.pi / 180.0)
+
+#: Bounds on the median specific force [m/s^2]: outside the first a note, outside the second a stop.
+_EXPECTED_FORCE = (8.8, 10.8)
+_USABLE_FORCE = (4.0, 30.0)
+#: An accelerometer in g reads about one.
+_FORCE_IN_G = (0.8, 1.25)
+#: No common gyroscope measures more than 2000 deg/s = 35 rad/s; deg/s of a hand-held motion do exceed 35.
+_LARGEST_RATE = 35.0
+
+#: Gravity's direction is the mean of readings over so long [s], compared after so long [s].
+_SMOOTH_S, _LATER_S = 0.1, 0.3
+#: Comparisons that are made, at most, and at least.
+_PAIRS = (400, 20)
+#: A reading that turns by less [rad] over the time tells nothing of its unit; a unit is wrong where gravity
+#: lies further [rad] from where it should be, and the other one explains it so many times better.
+_LEAST_TURN, _WRONG_TURN, _BETTER = 0.6, 0.4, 3.0
+
+_FACTORS: dict[str, dict[float, tuple[str, ...]]] = {
+    "gyroscope": {
+        1.0: ("", "rad/s", "rads^-1", "rads-1", "rad/sec", "rads", "radps", "radians/s"),
+        _DEGREE: ("deg/s", "degs^-1", "degs-1", "deg/sec", "dps", "°/s", "degrees/s", "degps"),
+    },
+    "accelerometer": {
+        1.0: ("", "m/s^2", "m/s2", "ms^-2", "ms-2", "m/s²", "m/s/s", "m/sec^2", "m/s**2", "m*s^-2"),
+        STANDARD_GRAVITY: ("g",),
+        1e-3 * STANDARD_GRAVITY: ("mg",),
+    },
+}
+
+
+@dataclass(frozen=True)
+class InertialStreams:
+    """Gyroscope [rad/s] and accelerometer [m/s^2], INERTIAL_DTYPE ascending, and what was repaired."""
+
+    gyroscope: RecordArray
+    accelerometer: RecordArray
+    notes: tuple[str, ...]
+
+
+def factor_of(sensor: str, unit: str) -> float | None:
+    """The SI value of a unit (lower case, without blanks); None where it is not known."""
+    return next((factor for factor, names in _FACTORS[sensor].items() if unit in names), None)
+
+
+def check_units(
+    gyroscope: RecordArray, accelerometer: RecordArray, notes: tuple[str, ...]
+) -> InertialStreams:
+    """Repair exchanged columns, g and deg/s where gravity proves the case; otherwise say or stop.
+
+    `notes` come first in those of the result.
+
+    Raises:
+        RecordingError: the accelerometer cannot be explained by gravity in any known unit.
+    """
+    if _exchanged(gyroscope, accelerometer):
+        gyroscope, accelerometer = accelerometer, gyroscope
+        notes += ("gravity stands in the gyroscope columns: gyroscope and accelerometer were swapped back",)
+    force = _median_norm(accelerometer)
+    in_g = _within(force, _FORCE_IN_G)
+    if in_g:
+        accelerometer = _scaled(accelerometer, STANDARD_GRAVITY)
+        force *= STANDARD_GRAVITY
+        notes += (f"the accelerometer reads about one, so it is in g: multiplied by {STANDARD_GRAVITY}",)
+    in_degrees, said = _in_degrees(gyroscope, accelerometer, in_g)
+    if in_degrees:
+        gyroscope = _scaled(gyroscope, _DEGREE)
+    notes += said
+    if not _within(force, _USABLE_FORCE):
+        raise RecordingError(
+            f"the accelerometer's median norm is {force:.4g}; expected about 9.81 m/s^2 (gravity included). "
+            "Check the unit, the column order, and that gravity was not removed"
+        )
+    if not _within(force, _EXPECTED_FORCE):
+        notes += (f"the accelerometer's median norm is {force:.2f} m/s^2, expected about 9.81",)
+    return InertialStreams(gyroscope, accelerometer, notes)
+
+
+def _in_degrees(
+    gyroscope: RecordArray, accelerometer: RecordArray, in_g: bool
+) -> tuple[bool, tuple[str, ...]]:
+    """Whether the gyroscope is in deg/s, and the sentence on it."""
+    if float(np.percentile(_norms(gyroscope), 95.0)) > _LARGEST_RATE:
+        said = f"the gyroscope exceeds {_LARGEST_RATE:g} rad/s, so it is in deg/s: converted to rad/s"
+        return True, (said,)
+    told = turns_in_degrees(gyroscope, accelerometer)
+    if told:
+        return True, ("gravity turns as a gyroscope in deg/s says, not in rad/s: converted to rad/s",)
+    if in_g and told is None:
+        said = "the gyroscope was taken to be in rad/s; an accelerometer in g often comes with deg/s: check"
+        return False, (said,)
+    return False, ()
+
+
+def turns_in_degrees(gyroscope: RecordArray, accelerometer: RecordArray) -> bool | None:
+    """Whether gravity turns, as the accelerometer sees it, as the gyroscope says in deg/s and not in rad/s.
+
+    A vector at rest in the world turns in the body by the inverse of the body's rotation. None where the
+    readings are too small, or too few, to tell.
+    """
+    starts = _starts(gyroscope["t_ns"], accelerometer["t_ns"])
+    if starts.size < _PAIRS[1]:
+        return None
+    later = starts + round(_LATER_S * NS_PER_S)
+    before, after = (_directions(accelerometer, t_ns) for t_ns in (starts, later))
+    middle = round(0.5 * _SMOOTH_S * NS_PER_S)
+    turning, wrong = _errors(gyroscope, starts + middle, before, after, 1.0)
+    _, other = _errors(gyroscope, starts + middle, before, after, _DEGREE)
+    if not turning >= _LEAST_TURN:
+        return None
+    return wrong > max(_WRONG_TURN, _BETTER * other)
+
+
+def _starts(gyroscope_ns: np.ndarray, accelerometer_ns: np.ndarray) -> np.ndarray:
+    """Times from which gravity is looked at, where both sensors have samples; none where that is short."""
+    begin, end = max(gyroscope_ns[0], accelerometer_ns[0]), min(gyroscope_ns[-1], accelerometer_ns[-1])
+    end -= round((_LATER_S + _SMOOTH_S) * NS_PER_S)
+    if end <= begin:
+        return np.empty(0, dtype=np.int64)
+    step = max((int(end) - int(begin)) // _PAIRS[0], round(0.02 * NS_PER_S))
+    return np.arange(int(begin), int(end), step, dtype=np.int64)
+
+
+def _directions(accelerometer: RecordArray, t_ns: np.ndarray) -> FloatArray:
+    """Unit vectors (N,3) of the mean reading from each time on; NaN without samples."""
+    sums = np.concatenate([np.zeros((1, 3)), np.cumsum(accelerometer["xyz"], axis=0)])
+    first, last = (
+        np.searchsorted(accelerometer["t_ns"], t_ns + after) for after in (0, round(_SMOOTH_S * NS_PER_S))
+    )
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        means = (sums[last] - sums[first]) / (last - first)[:, None]
+        return np.asarray(means / np.linalg.norm(means, axis=1, keepdims=True))
+
+
+def _errors(
+    gyroscope: RecordArray, t_ns: np.ndarray, before: FloatArray, after: FloatArray, factor: float
+) -> tuple[float, float]:
+    """Medians of the angle turned [rad] and of the angle between gravity as predicted and as seen."""
+    rates = factor * gyroscope["xyz"]
+    stamps = (gyroscope["t_ns"] - gyroscope["t_ns"][0]) / NS_PER_S
+    start = (t_ns - gyroscope["t_ns"][0]) / NS_PER_S
+    turned, total = before.copy(), np.zeros(len(before))
+    steps = 30
+    for k in range(steps):
+        at = start + (k + 0.5) * _LATER_S / steps
+        omega = np.stack([np.interp(at, stamps, rates[:, axis]) for axis in range(3)], axis=1)
+        angle = omega * (_LATER_S / steps)
+        turned = Rotation.from_rotvec(-angle).apply(turned)
+        total += np.linalg.norm(angle, axis=1)
+    cosine = np.clip((turned * after).sum(axis=1), -1.0, 1.0)
+    good = np.isfinite(cosine)
+    if np.count_nonzero(good) < _PAIRS[1]:
+        return float("nan"), float("nan")
+    return float(np.median(total[good])), float(np.median(np.arccos(cosine[good])))
+
+
+def _exchanged(gyroscope: RecordArray, accelerometer: RecordArray) -> bool:
+    """True when the gyroscope columns hold gravity: a norm near 9.81, steadier than the other's.
+
+    The second condition keeps a gyroscope in deg/s, beside an accelerometer in g, from passing for gravity.
+    """
+    return (
+        _within(_median_norm(gyroscope), _EXPECTED_FORCE)
+        and not _within(_median_norm(accelerometer), _EXPECTED_FORCE)
+        and _relative_spread(gyroscope) < _relative_spread(accelerometer)
+    )
+
+
+def _relative_spread(stream: RecordArray) -> float:
+    low, middle, high = np.percentile(_norms(stream), [25.0, 50.0, 75.0])
+    return float((high - low) / max(middle, np.finfo(np.float64).tiny))
+
+
+def _scaled(stream: RecordArray, factor: float) -> RecordArray:
+    scaled = stream.copy()
+    scaled["xyz"] *= factor
+    return scaled
+
+
+def _norms(stream: RecordArray) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    # Overflow of absurd readings gives inf, which the bounds then refuse.
+    with np.errstate(over="ignore"):
+        return np.asarray(np.sqrt((stream["xyz"] ** 2).sum(axis=1)))
+
+
+def _median_norm(stream: RecordArray) -> float:
+    return float(np.median(_norms(stream)))
+
+
+def _within(value: float, bounds: tuple[float, float]) -> bool:
+    return bounds[0] <= value <= bounds[1]
