@@ -274,7 +274,10 @@ def test_sensors_at_their_own_rates(rates: dict[str, float]) -> None:
 def test_inverse_depth_alone() -> None:
     """The paper's landmarks: the bearing at the anchor stays as first seen."""
     outcome = run(simulated().recording, configured(visual={"estimate_bearing": False}))
-    assert outcome.reports[-1].health is Health.TRACKING
+    healths = [report.health for report in outcome.reports if report.health is not Health.INITIALIZING]
+    # What the first bearing was off by stays in the residuals: DEGRADED at times, never lost.
+    assert Health.LOST not in healths
+    assert np.mean([health is Health.TRACKING for health in healths]) > 0.7
     e = errors(simulated(), outcome.estimates)
     assert e.position < 0.2
     assert e.tilt < 4.0

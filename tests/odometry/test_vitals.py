@@ -8,7 +8,7 @@ import pytest
 from asyneio.estimation.linear_system import evaluate_cost, linearize
 from asyneio.estimation.problem import Problem
 from asyneio.estimation.schemes import SCHEMES
-from asyneio.odometry.vitals import inertial_ratio, visual_misfit
+from asyneio.odometry.vitals import VisualMisfit, inertial_ratio, visual_misfit
 from tests.estimation.toy import Array, make_toy, with_dof
 
 every_scheme = pytest.mark.parametrize("scheme", ["gpif", "preint", "gpp"])
@@ -31,6 +31,10 @@ def silenced(problem: Problem, quiet: Array) -> Problem:
     return problem._replace(visual=problem.visual._replace(root_information=root))
 
 
+def misfit_of(problem: Problem) -> VisualMisfit:
+    return visual_misfit(problem, linearize(problem).squared)
+
+
 @every_scheme
 def test_visual_ratio_is_that_of_the_window(scheme: str) -> None:
     problem = toy_problem(scheme)
@@ -38,7 +42,7 @@ def test_visual_ratio_is_that_of_the_window(scheme: str) -> None:
     # With so large a robust scale the cost of one observation is half its squared residual.
     squared = [2.0 * (everything - linearize(silenced(problem, n)).visual_cost) for n in newest(problem)]
     assert len(squared) > 20
-    found = visual_misfit(problem)
+    found = misfit_of(problem)
     # The difference of two large sums leaves few digits.
     assert found.ratio == pytest.approx(np.median(squared) / (2.0 * np.log(2.0)), rel=1e-4)
     assert found.landmarks == len(np.unique(problem.visual.landmark[newest(problem)]))
@@ -52,11 +56,11 @@ def test_what_contradicts_is_counted() -> None:
     xy[chosen[::4]] += 1.0
     xy[: chosen[0]] += 1.0  # earlier intervals do not count
     wrong = problem._replace(visual=problem.visual._replace(xy=xy))
-    before, after = visual_misfit(problem), visual_misfit(wrong)
+    before, after = misfit_of(problem), misfit_of(wrong)
     assert before.rejected < 0.2
     assert after.rejected == pytest.approx(before.rejected + 0.25, abs=0.1)
     few = problem.visual._replace(start=np.r_[problem.visual.start[:-2], chosen[-1] - 3, chosen[-1] + 1])
-    assert visual_misfit(problem._replace(visual=few)).ratio == 1.0
+    assert misfit_of(problem._replace(visual=few)).ratio == 1.0
 
 
 @every_scheme

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.landmarks import camera_poses, propagated_camera_poses
 from asyneio.estimation.optimizer import Solution
-from asyneio.estimation.problem import Problem, Propagated
 from asyneio.factors.chi_square import reduced_chi_square_gate
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: One observation counts for no more than four standard deviations: a few wild ones do not condemn a track.
 _CAP = 16.0
-_ALL = slice(None)
 #: Standard deviations by which an inverse depth must be negative: far points scatter about zero.
 _BEHIND = 4.0
 
@@ -43,40 +40,6 @@ def contradicted_landmarks(solution: Solution) -> BoolArray:
     behind = rho[negative] < -_BEHIND * _inverse_depth_sigma(solution, negative)
     contradicted[negative] |= behind
     return np.asarray(contradicted)
-
-
-def squared_residuals(problem: Problem, chosen: slice = _ALL) -> FloatArray:
-    """Squared norms (N,) of the whitened residuals (34) of the `chosen` of the observations, of all of them
-    without; infinite behind the camera."""
-    visual, landmarks, states = problem.visual, problem.landmarks, problem.states
-    C_bc, r_bc = problem.camera.C_bc, problem.model.r_bc
-    C, r = _cameras(problem, chosen)
-    # The anchor's camera: (35) with the point scaled by its inverse distance.
-    C_a = states.C[landmarks.anchor]
-    r_a = states.r[landmarks.anchor] + C_a @ r_bc
-    point = np.einsum("lij,lj->li", C_a @ C_bc, landmarks.kappa) + landmarks.rho[:, None] * r_a
-    j = visual.landmark[chosen]
-    h = np.einsum("nji,nj->ni", C, point[j] - landmarks.rho[j, None] * r)
-    front = h[:, 2] > 1e-6
-    xy = h[:, :2] / np.where(front, h[:, 2], 1.0)[:, None]
-    white = np.einsum("nij,nj->ni", visual.root_information[chosen], xy - visual.xy[chosen])
-    return np.where(front, np.einsum("ni,ni->n", white, white), np.inf)
-
-
-def _cameras(problem: Problem, chosen: slice) -> tuple[FloatArray, FloatArray]:
-    """Camera poses in the world (N,3,3), (N,3) at the chosen observations."""
-    visual, model, states = problem.visual, problem.model, problem.states
-    interval = np.repeat(np.arange(len(visual.start) - 1), np.diff(visual.start))[chosen]
-    C, r = np.empty((len(interval), 3, 3)), np.empty((len(interval), 3))
-    C_bc, r_bc = problem.camera.C_bc, model.r_bc
-    if model.kinematic_prior:
-        weights = np.ascontiguousarray(visual.weights[chosen, 0])
-        camera_poses(states, interval, weights, C_bc, r_bc, model.motion_model.space, C, r)
-    else:
-        increments = Propagated._make(a[chosen] for a in problem.propagated)
-        bias = problem.preintegrated.bias
-        propagated_camera_poses(states, interval, increments, bias, model.gravity_w, C_bc, r_bc, C, r)
-    return C, r
 
 
 def _inverse_depth_sigma(solution: Solution, landmark: IntArray) -> FloatArray:

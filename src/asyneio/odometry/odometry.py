@@ -209,7 +209,7 @@ class Odometry:
         window.remove_tracks(intake.refuse_doubtful(window.landmarks.track, knot_ns))
         intake.drop_until(knot_ns)
         return Advance(
-            problem=self._solution.problem,
+            solution=self._solution,
             known=known,
             stamps=observations.t_ns,
             gap_s=gap_s,

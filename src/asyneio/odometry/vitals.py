@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.estimation.linear_system import evaluate_cost
-from asyneio.estimation.misfit import squared_residuals
+from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.problem import (
     Inertial,
     Landmarks,
@@ -37,17 +37,17 @@ class VisualMisfit:
     ratio: float
 
 
-def visual_misfit(problem: Problem) -> VisualMisfit:
-    """How the observations of the newest interval agree with the states of `problem`."""
+def visual_misfit(problem: Problem, squared: FloatArray) -> VisualMisfit:
+    """How the observations of the newest interval agree with the states of `problem`, by the squared norms
+    (M,) of the whitened residuals of all observations."""
     visual = problem.visual
     newest = slice(int(visual.start[-2]), int(visual.start[-1]))
     landmark = visual.landmark[newest]
     seen = len(np.unique(landmark))
     if len(landmark) < _ENOUGH:
         return VisualMisfit(seen, 0.0, 1.0)
-    squared = squared_residuals(problem, newest)
-    rejected = float(np.mean(squared >= problem.model.gate**2))
-    return VisualMisfit(seen, rejected, float(np.median(squared)) / _MEDIAN_CHI2_2)
+    rejected = float(np.mean(squared[newest] >= problem.model.gate**2))
+    return VisualMisfit(seen, rejected, float(np.median(squared[newest])) / _MEDIAN_CHI2_2)
 
 
 def inertial_ratio(problem: Problem) -> float:
@@ -134,13 +134,13 @@ class Observed:
 
 
 def measure_vitals(
-    problem: Problem, estimate: Estimate, observed: Observed, bias_sigma: FloatArray
+    solution: Solution, estimate: Estimate, observed: Observed, bias_sigma: FloatArray
 ) -> Vitals:
-    """Vitals of the newest knot; `bias_sigma` (6,) of the prior on the first biases."""
+    """Vitals of the newest knot of a solved window; `bias_sigma` (6,) of the prior on the first biases."""
     arrays = (estimate.T_w_b, estimate.velocity_w, estimate.covariance)
     if not all(np.isfinite(a).all() for a in arrays):
         return Vitals(finite=False)
-    vision = visual_misfit(problem)
+    vision = visual_misfit(solution.problem, solution.squared)
     bias = np.concatenate([estimate.bias_gyroscope, estimate.bias_accelerometer])
     C, covariance = estimate.T_w_b[:3, :3], estimate.covariance
     tilt = (C @ covariance[:3, :3] @ C.T)[:2, :2]
@@ -152,7 +152,7 @@ def measure_vitals(
         landmarks=vision.landmarks,
         rejected=vision.rejected,
         visual_ratio=vision.ratio,
-        inertial_ratio=inertial_ratio(problem),
+        inertial_ratio=inertial_ratio(solution.problem),
         renewed=observed.renewed,
         speed=float(np.linalg.norm(estimate.velocity_w)),
         bias_sigmas=float(np.max(np.abs(bias) / bias_sigma)),

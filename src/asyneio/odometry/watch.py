@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.config import HealthConfig
-from asyneio.estimation.problem import Problem
+from asyneio.estimation.optimizer import Solution
 from asyneio.odometry.continuity import Continuity, Jumps, field_of_view
 from asyneio.odometry.health import HealthMonitor
 from asyneio.odometry.vitals import Observed, ScaleChanges, measure_vitals
@@ -18,11 +18,11 @@ from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Health, I
 class Advance:
     """What one knot brought.
 
-    `problem`: as solved. `known` (K,3) [m]: positions of the knots before it, before it was solved; `stamps`
-    [ns] of the observations since the knot before; `gap_s`, `gated`, `saturated`, `still` as in `Vitals`.
+    `solution`: of the window. `known` (K,3) [m]: positions of the knots before it, before it was solved;
+    `stamps` [ns] of the observations since the knot before; `gap_s`, `gated`, `saturated`, `still` as in `Vitals`.
     """
 
-    problem: Problem
+    solution: Solution
     known: FloatArray
     stamps: IntArray
     gap_s: float
@@ -80,11 +80,11 @@ class Watch:
             inertial_gap_s=advance.gap_s,
             renewed=self._renewed,
             scale_change=self._scale_changes.add(
-                t_ns, advance.known, advance.problem.states.r[: len(advance.known)]
+                t_ns, advance.known, advance.solution.problem.states.r[: len(advance.known)]
             ),
             gated=advance.gated,
             saturated=advance.saturated,
             still=advance.still,
         )
-        vitals = measure_vitals(advance.problem, estimate, observed, self._bias_sigma)
+        vitals = measure_vitals(advance.solution, estimate, observed, self._bias_sigma)
         return self._monitor.update(t_ns, vitals)
