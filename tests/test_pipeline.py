@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,9 +65,13 @@ class Recorder:
     def __init__(self) -> None:
         self.messages: list[str] = []
         self.steps: list[tuple[float, float, Health]] = []
+        self.compiled: list[float] = []
 
     def message(self, text: str) -> None:
         self.messages.append(text)
+
+    def compiling(self, share: float) -> None:
+        self.compiled.append(share)
 
     def advance(self, done_s: float, total_s: float, health: Health) -> None:
         self.steps.append((done_s, total_s, health))
@@ -258,13 +263,20 @@ def test_compilation_is_announced_once_and_counted_apart(
     assert summary.processing_s < summary.compile_s
 
 
+def compile_slowly(progress: Callable[[float], None]) -> None:
+    progress(0.5)
+    time.sleep(0.2)
+    progress(1.0)
+
+
 def test_a_cold_cache_is_filled_before_the_run(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline.numba_config, "DISABLE_JIT", 0)
     monkeypatch.setattr(pipeline, "are_compiled", lambda: False)
-    monkeypatch.setattr(pipeline, "compile_kernels", lambda: time.sleep(0.2))
+    monkeypatch.setattr(pipeline, "compile_kernels", compile_slowly)
     progress = Recorder()
     summary = run_recording(recording, CONFIG, progress).summary
     assert progress.messages == [COMPILING]
+    assert progress.compiled == [0.5, 1.0]
     assert summary.compile_s >= 0.2
     assert summary.processing_s < summary.compile_s
 

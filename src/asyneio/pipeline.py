@@ -72,6 +72,9 @@ class Progress(Protocol):
     def message(self, text: str) -> None:
         """Something worth a line of its own."""
 
+    def compiling(self, share: float) -> None:
+        """This share, 0 to 1, of the numerical kernels is compiled; on a cold start, before the run."""
+
     def advance(self, done_s: float, total_s: float, health: Health) -> None:
         """So many seconds of the recording are done."""
 
@@ -81,6 +84,9 @@ class Silent:
 
     def message(self, text: str) -> None:
         """Ignore the text."""
+
+    def compiling(self, share: float) -> None:
+        """Ignore the share."""
 
     def advance(self, done_s: float, total_s: float, health: Health) -> None:
         """Ignore the step."""
@@ -138,7 +144,7 @@ def run_recording(
     origins: dict[int, Estimate] = {}
     ends_ns = start_ns + interval_ns * np.arange(total + 1, dtype=np.int64)
     with _watch_compilation(progress) as compilation:
-        _compile_ahead(compilation)
+        _compile_ahead(compilation, progress)
         estimator: Estimator = Odometry(config, calibration_of(recording), first_state)
         tracked = _track(recording, config, ends_ns, observations)
         compiled_s, started = compilation.seconds, time.perf_counter()
@@ -260,11 +266,11 @@ def _watch_compilation(progress: Progress) -> Iterator[_Compilation]:
         yield compilation
 
 
-def _compile_ahead(compilation: _Compilation) -> None:
+def _compile_ahead(compilation: _Compilation, progress: Progress) -> None:
     """On a cold cache, compile on two cores what the run would otherwise compile on one, bit by bit."""
     if numba_config.DISABLE_JIT or are_compiled():
         return
     # The wait for the other process counts as well, so the whole call stands as one event.
     compilation.on_start(None)
-    compile_kernels()
+    compile_kernels(progress.compiling)
     compilation.on_end(None)

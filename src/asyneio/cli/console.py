@@ -19,16 +19,27 @@ class RunProgress:
     def __init__(self, bar: Progress, task: TaskID) -> None:
         self._bar = bar
         self._task = task
+        self._compiling = False
 
     def message(self, text: str) -> None:
         """Print a line above the bar."""
         self._bar.console.print(escape(text), highlight=False, soft_wrap=True)
 
+    def compiling(self, share: float) -> None:
+        """Move the bar to this share of the compilation."""
+        self._compiling = True
+        self._bar.update(self._task, completed=share, total=1.0, description="compiling", rate="")
+
     def advance(self, done_s: float, total_s: float, health: Health) -> None:
         """Move the bar to so many seconds of the recording."""
+        if self._compiling:
+            # The rate is that of the run alone.
+            self._bar.reset(self._task)
+            self._compiling = False
         elapsed_s = self._bar.tasks[self._task].elapsed or 0.0
         rate = f"{done_s / elapsed_s:.1f}x real time" if elapsed_s > 0.5 else ""
-        self._bar.update(self._task, completed=done_s, total=total_s, description=str(health), rate=rate)
+        done = {"completed": done_s, "total": total_s}
+        self._bar.update(self._task, description=str(health), rate=rate, unit=" s", **done)
 
 
 @contextmanager
@@ -37,12 +48,12 @@ def run_progress() -> Iterator[RunProgress]:
     columns = (
         TextColumn("{task.description:12}"),
         BarColumn(),
-        TextColumn("{task.completed:.1f}/{task.total:.1f} s"),
+        TextColumn("{task.completed:.1f}/{task.total:.1f}{task.fields[unit]}"),
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        yield RunProgress(bar, bar.add_task("starting", total=1.0, rate=""))
+        yield RunProgress(bar, bar.add_task("starting", total=1.0, rate="", unit=""))
 
 
 def say(text: str) -> None:

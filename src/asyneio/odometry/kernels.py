@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numba.core import event as numba_event
 
 from asyneio.config import FrontendConfig
 from asyneio.estimation import interval_terms, visual_terms
@@ -41,10 +45,10 @@ from asyneio.odometry.propagation import predict_knot
 from asyneio.trajectory.model import WNOJ_SE3
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, CameraIntrinsics
 
-_CHILDREN = tuple(
-    f"from asyneio.odometry.kernels import {name}; {name}()"
-    for name in ("compile_visual", "compile_frontend")
-)
+#: What child processes compile.
+_IN_CHILDREN = ("compile_visual", "compile_frontend")
+#: So many kernels and specialisations of kernels are compiled on a cold start, all processes together.
+COMPILED = 375
 
 
 def are_compiled() -> bool:
@@ -59,15 +63,56 @@ def are_compiled() -> bool:
     )
 
 
-def compile_kernels() -> None:
-    """Compile the kernels of the linearisation and of the front end, most of them in child processes."""
-    with ExitStack() as stack:
-        children = [stack.enter_context(subprocess.Popen([sys.executable, "-c", code])) for code in _CHILDREN]
+def compile_kernels(progress: Callable[[float], None]) -> None:
+    """Compile the kernels of the linearisation and of the front end, most of them in child processes.
+
+    `progress` is called with the share done, 0 to 1, from any thread.
+    """
+    done = _Count(progress)
+    with numba_event.install_listener("numba:compile", done), ExitStack() as stack:
+        readers = []
+        for name in _IN_CHILDREN:
+            code = f"from asyneio.odometry.kernels import in_child, {name}; in_child({name})"
+            command = [sys.executable, "-c", code]
+            child = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE))
+            assert child.stdout is not None
+            readers.append(threading.Thread(target=done.count_lines, args=(child.stdout,), daemon=True))
+            readers[-1].start()
         compile_intervals()
-        for child in children:
-            child.wait()
-    compile_start()
-    linearize(_tiny_problem())
+        # A child's output ends with the child.
+        for reader in readers:
+            reader.join()
+        compile_start()
+        linearize(_tiny_problem())
+
+
+def in_child(compile_group: Callable[[], None]) -> None:
+    """Compile a group, with a line on standard output for each kernel."""
+    with numba_event.install_listener("numba:compile", _Count(lambda _: print(flush=True))):
+        compile_group()
+
+
+class _Count(numba_event.Listener):
+    """Counts compiled kernels, of this process and of others that write a line for each."""
+
+    def __init__(self, tell: Callable[[float], None]) -> None:
+        self._tell = tell
+        self._done = 0
+        self._lock = threading.Lock()
+
+    def on_start(self, event: Any) -> None:
+        """A kernel begins to compile."""
+
+    def on_end(self, event: Any) -> None:
+        """A kernel is compiled."""
+        with self._lock:
+            self._done += 1
+            self._tell(min(self._done / COMPILED, 1.0))
+
+    def count_lines(self, lines: Iterable[bytes]) -> None:
+        """Until they end."""
+        for _ in lines:
+            self.on_end(None)
 
 
 def compile_frontend() -> None:

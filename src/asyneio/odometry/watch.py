@@ -19,7 +19,8 @@ class Advance:
     """What one knot brought.
 
     `solution`: of the window. `known` (K,3) [m]: positions of the knots before it, before it was solved;
-    `stamps` [ns] of the observations since the knot before; `gap_s`, `gated`, `saturated`, `still` as in `Vitals`.
+    `stamps` [ns] of the observations since the knot before; `gap_s`, `gated`, `saturated`, `still` as in
+    `Vitals`.
     """
 
     solution: Solution
