@@ -8,10 +8,11 @@ import numpy as np
 from asyneio.frontend.detection import SCRATCH, is_corner
 from asyneio.frontend.features import FREE, GROWING, RING, Features, begin
 from asyneio.frontend.gradient_feature import MOVED, GradientSettings, try_birth, update
+from asyneio.frontend.prefetch import prefetch
 from asyneio.frontend.record import Record
 from asyneio.frontend.registration import BUCKET, BUCKET_FEATURES, Registration, move, register
 from asyneio.frontend.surface import HOT_NS, Surface, record_event, refresh_hot_pixels
-from asyneio.frontend.upkeep import LoopSettings, balance, emit, guess_velocity, place, release, remove_idle
+from asyneio.frontend.upkeep import LoopSettings, balance, emit, guess_velocity, place, release, remove_idle, turn
 from asyneio.types import RecordArray
 
 #: How often features are looked over, by the events' own time: how a stream is cut into packets changes
@@ -25,6 +26,7 @@ _SLACK_PX = 1.5
 def process_events(
     events: RecordArray,
     start: int,
+    turns: RecordArray,
     surface: Surface,
     features: Features,
     registration: Registration,
@@ -42,17 +44,32 @@ def process_events(
     latest_ns, fired, hot = surface.latest_ns, surface.fired, surface.hot
     records, rings, buckets = features.records, features.rings, registration.buckets
     scratch = np.empty(SCRATCH, dtype=np.int64)
+    in_disc = np.empty(BUCKET_FEATURES, dtype=np.int64)
     state = states[0]
     written = 0
     reach = max(settings.feed_radius_px, loop.spacing_px) + _SLACK_PX
     feed2 = settings.feed_radius_px**2
     spacing2 = loop.spacing_px**2
     nearest_edge = loop.border_px + 3
+    turned = 0
+    while turned < turns.size and turns[turned].first < start:
+        turned += 1
+    next_turn = turns[turned].first if turned < turns.size else -1
+    flat_latest, flat_fired, flat_hot = latest_ns.reshape(-1), fired.reshape(-1), hot.reshape(-1)
     for i in range(start, events.size):
         event = events[i]
+        later = events[min(i + 24, events.size - 1)]
+        pixel = np.int64(later.y) * width + np.int64(later.x)
+        prefetch(flat_latest, 2 * pixel)
+        prefetch(flat_fired, pixel)
+        prefetch(flat_hot, pixel)
         t_ns, x, y, p = event.t_ns, np.int64(event.x), np.int64(event.y), np.int64(event.p)
         if written + 2 * BUCKET_FEATURES > observations.size:
             return i, written
+        if i == next_turn:
+            turn(state, t_ns, turns[turned].rate)
+            turned += 1
+            next_turn = turns[turned].first if turned < turns.size else -1
         if t_ns - state.checked_ns > CHECK_NS:
             state.checked_ns = t_ns
             remove_idle(records, registration, t_ns, loop, state)
@@ -66,22 +83,21 @@ def process_events(
             continue
         state.seen[p] += 1.0
         bucket = buckets[y // BUCKET, x // BUCKET]
-        near = False
-        k = bucket.count
-        while k > 0:
-            k -= 1
-            # An update may take features out of this very bucket.
-            if k >= bucket.count:
-                continue
-            slot = np.int64(bucket.slots[k])
-            feature = records[slot]
+        near, fed, count = False, 0, np.int64(bucket.count)
+        # First who is fed, without a branch that the processor would have to guess; newest entry first.
+        for k in range(count):
+            slot = np.int64(bucket.slots[np.uint64(count - 1 - k)])
+            feature = records[np.uint64(slot)]
             ahead_s = (t_ns - feature.t_ns) * 1e-9
             dx = x - feature.x - feature.vx * ahead_s
             dy = y - feature.y - feature.vy * ahead_s
             distance2 = dx * dx + dy * dy
-            near = near or distance2 < spacing2
-            if distance2 > feed2:
-                continue
+            near |= distance2 < spacing2
+            in_disc[np.uint64(fed)] = slot
+            fed += np.int64(distance2 <= feed2)
+        for k in range(fed):
+            slot = in_disc[np.uint64(k)]
+            feature = records[np.uint64(slot)]
             feature.skipped += 1
             if feature.skipped < feature.stride:
                 continue

@@ -15,6 +15,7 @@ from asyneio.frontend.pieces import in_pieces
 from asyneio.frontend.registration import make_registration
 from asyneio.frontend.statistics import FrontendStatistics
 from asyneio.frontend.surface import make_surface
+from asyneio.frontend.turns import TURN_DTYPE
 from asyneio.frontend.upkeep import LoopSettings, make_state
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, RecordArray
 
@@ -71,10 +72,12 @@ class GradientTracker:
             RecordingError: events that do not fit, see `EventBorder.admitted`.
         """
         events = self._border.admitted(events)
-        if events.size:
-            self._turn(int(events["t_ns"][0]), roll_rate)
+        return self.follow(events, np.array([(0, roll_rate)], dtype=TURN_DTYPE))
+
+    def follow(self, events: RecordArray, turns: RecordArray) -> RecordArray:
+        """Observations that a packet as `EventBorder.admitted` returns it leads to; `turns` TURN_DTYPE."""
         self._events += events.size
-        return in_pieces(events, self._buffer, self._step)
+        return in_pieces(events, self._buffer, lambda part, start: self._step(part, start, turns))
 
     def make_up_for(self, unused: float) -> None:
         """Follow as many more features as leave `max_features` where that share of all is of no use."""
@@ -96,10 +99,11 @@ class GradientTracker:
             ended_border=int(state["border"]),
         )
 
-    def _step(self, events: RecordArray, start: int) -> tuple[int, int]:
+    def _step(self, events: RecordArray, start: int, turns: RecordArray) -> tuple[int, int]:
         return process_events(
             events,
             start,
+            turns,
             self._surface,
             self.features,
             self._registration,
@@ -109,10 +113,3 @@ class GradientTracker:
             self._state,
             self._buffer,
         )
-
-    def _turn(self, t_ns: int, roll_rate: float) -> None:
-        """Integrate the roll up to a time, and go on at another rate."""
-        state = self._state[0]
-        if self._events:
-            state["roll"] += state["roll_rate"] * (t_ns - state["roll_ns"]) * 1e-9
-        state["roll_ns"], state["roll_rate"] = t_ns, roll_rate

@@ -28,6 +28,7 @@ from asyneio.frontend.registration import (
 )
 from asyneio.frontend.statistics import FrontendStatistics
 from asyneio.frontend.surface import HOT_NS, NEVER_NS, Surface, make_surface, record_event, refresh_hot_pixels
+from asyneio.frontend.turns import STILL
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, IntArray, RecordArray
 
 #: Indices of the counters: features alive, founded, tracked; ended by silence, at the border; events of hot
@@ -220,7 +221,10 @@ class HasteTracker:
         Raises:
             RecordingError: events that do not fit, see `EventBorder.admitted`.
         """
-        events = self._border.admitted(events)
+        return self.follow(self._border.admitted(events), STILL)
+
+    def follow(self, events: RecordArray, turns: RecordArray) -> RecordArray:
+        """As `process`, of a packet as `EventBorder.admitted` returns it; `turns` are not asked for."""
         self._events += events.size
         return in_pieces(events, self._buffer, self._step)
 

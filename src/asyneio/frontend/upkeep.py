@@ -57,10 +57,18 @@ class LoopSettings(NamedTuple):
 def make_state(places: int) -> RecordArray:
     """State (1,) STATE_DTYPE before the first event, with so many places for features."""
     state = np.zeros(1, dtype=STATE_DTYPE)
-    state["checked_ns"] = state["hot_ns"] = NEVER_NS
+    state["checked_ns"] = state["hot_ns"] = state["roll_ns"] = NEVER_NS
     state["worth"] = -1.0, 1.0
     state["places"] = places
     return state
+
+
+@nb.njit(cache=True)
+def turn(state: Record, t_ns: int, rate: float) -> None:
+    """Integrate the roll up to a time, and go on at another rate."""
+    if state.roll_ns != NEVER_NS:
+        state.roll += state.roll_rate * (t_ns - state.roll_ns) * 1e-9
+    state.roll_ns, state.roll_rate = t_ns, rate
 
 
 @nb.njit(cache=True)
