@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from asyneio.frontend.registration import (
-    BUCKET,
+    FINE,
     BUCKET_FEATURES,
     Registration,
     make_registration,
@@ -67,7 +67,7 @@ def test_a_lone_pixel_below_the_floor_is_not_hot() -> None:
     assert refresh_hot_pixels(surface, 1.0) == 0
 
 
-WIDTH, HEIGHT, REACH = 100, 60, 13.5
+WIDTH, HEIGHT, REACH, BUCKET = 100, 60, 13.5, 1 << FINE
 
 
 def entries(registration: Registration) -> set[tuple[int, int, int]]:
@@ -108,14 +108,14 @@ step = st.tuples(
 def test_features_are_in_exactly_the_buckets_they_touch(
     steps: list[tuple[str, int, float, float]],
 ) -> None:
-    registration = make_registration(WIDTH, HEIGHT, 10)
+    registration = make_registration(WIDTH, HEIGHT, 10, REACH)
     places: dict[int, tuple[float, float]] = {}
     for action, slot, x, y in steps:
         if action == "register" and slot not in places:
-            register(registration, slot, x, y, REACH)
+            register(registration, slot, x, y)
             places[slot] = x, y
         elif action == "move" and slot in places:
-            move(registration, slot, x, y, REACH)
+            move(registration, slot, x, y)
             places[slot] = x, y
         elif action == "unregister" and places.pop(slot, None) is not None:
             unregister(registration, slot)
@@ -123,9 +123,9 @@ def test_features_are_in_exactly_the_buckets_they_touch(
 
 
 def test_a_full_bucket_loses_nothing_else() -> None:
-    registration = make_registration(WIDTH, HEIGHT, 40)
+    registration = make_registration(WIDTH, HEIGHT, 40, REACH)
     for slot in range(40):
-        register(registration, slot, 50.0, 30.0, REACH)
+        register(registration, slot, 50.0, 30.0)
     assert registration.buckets["count"].max() == BUCKET_FEATURES
     for slot in range(40):
         unregister(registration, slot)
@@ -134,8 +134,8 @@ def test_a_full_bucket_loses_nothing_else() -> None:
 
 @pytest.mark.parametrize("place", [(-3.0, 20.0), (120.0, 75.0)])
 def test_a_feature_beyond_the_image_is_kept_at_its_rim(place: tuple[float, float]) -> None:
-    registration = make_registration(WIDTH, HEIGHT, 1)
-    register(registration, 0, *place, 2.0)
+    registration = make_registration(WIDTH, HEIGHT, 1, 2.0)
+    register(registration, 0, *place)
     assert entries(registration)
     unregister(registration, 0)
     assert not entries(registration)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Protocol
 
@@ -32,6 +33,10 @@ class Tracker(Protocol):
 
     def make_up_for(self, unused: float) -> None:
         """From now on, that share of the tracks is of no use to who reads them."""
+        ...
+
+    def limit_load(self, share: float) -> None:
+        """From now on, use so much of a processor core by nominal costs; zero: any."""
         ...
 
     def statistics(self) -> FrontendStatistics:
@@ -101,6 +106,18 @@ class Frontend:
         if not 0.0 <= unused <= 1.0:
             raise RecordingError(f"found {unused} for the share of unused tracks, expected 0 to 1")
         self._tracker.make_up_for(unused)
+
+    def limit_load(self, share: float) -> None:
+        """Change `frontend.max_load` from now on: for live use, by what a clock on the wall has shown.
+
+        Raises:
+            RecordingError: negative or not finite.
+        """
+        if not 0.0 <= share < math.inf:
+            raise RecordingError(
+                f"found {share} for the share of a processor core, expected a positive number, or 0 for any"
+            )
+        self._tracker.limit_load(share)
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""

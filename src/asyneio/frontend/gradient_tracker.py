@@ -6,13 +6,14 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend.border import EventBorder
+from asyneio.frontend.budget import THINNING
 from asyneio.frontend.extents import neighbourhood_px, spacing_px
 from asyneio.frontend.features import TRACKING, make_features
 from asyneio.frontend.gradient_feature import GradientSettings
 from asyneio.frontend.gradient_kernel import process_events
 from asyneio.frontend.patch import make_workspace
 from asyneio.frontend.pieces import in_pieces
-from asyneio.frontend.registration import make_registration
+from asyneio.frontend.registration import make_tables
 from asyneio.frontend.statistics import FrontendStatistics
 from asyneio.frontend.surface import make_surface
 from asyneio.frontend.turns import TURN_DTYPE
@@ -59,9 +60,11 @@ class GradientTracker:
         self.features = make_features(capacity)
         self._border = EventBorder(width, height)
         self._surface = make_surface(width, height)
-        self._registration = make_registration(width, height, capacity)
+        self._tables = make_tables(
+            width, height, capacity, self.settings.feed_radius_px, self._loop.spacing_px
+        )
         self._work = make_workspace(self.settings.mask_sigma_px)
-        self._state = make_state(config.max_features)
+        self._state = make_state(config.max_features, config.max_load)
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
         self._events = 0
 
@@ -84,6 +87,10 @@ class GradientTracker:
         places = self._wanted / max(1.0 - unused, 1.0 / _MOST)
         self._state[0]["places"] = min(round(places), _MOST * self._wanted)
 
+    def limit_load(self, share: float) -> None:
+        """From now on, use so much of a processor core by nominal costs; zero: any."""
+        self._state[0]["load"] = share
+
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""
         state = self._state[0]
@@ -97,6 +104,11 @@ class GradientTracker:
             ended_untrusted=int(state["untrusted"] + state["crowded"]),
             ended_silent=int(state["silent"]),
             ended_border=int(state["border"]),
+            untested=int(state["untested"]),
+            fed=int(state["fed"]),
+            shed_events=int(state["shed_events"]),
+            shed_feature_events=int(state["shed_fed"] - state["shed_fed"] // THINNING),
+            shed_features=int(state["shed_features"]),
         )
 
     def _step(self, events: RecordArray, start: int, turns: RecordArray) -> tuple[int, int]:
@@ -106,7 +118,7 @@ class GradientTracker:
             turns,
             self._surface,
             self.features,
-            self._registration,
+            self._tables,
             self._loop,
             self.settings,
             self._work,

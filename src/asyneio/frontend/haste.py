@@ -18,7 +18,6 @@ from asyneio.frontend.extents import spacing_px
 from asyneio.frontend.haste_kernel import FREE, GROWING, HASTE_DTYPE, RADIUS, TRACKING, feed
 from asyneio.frontend.pieces import in_pieces
 from asyneio.frontend.registration import (
-    BUCKET,
     BUCKET_FEATURES,
     Registration,
     make_registration,
@@ -86,7 +85,6 @@ def give_birth(
     t_ns: int,
     x: int,
     y: int,
-    reach: float,
     counters: IntArray,
 ) -> None:
     """Found a feature on a corner event, in the first free slot; there must be one."""
@@ -101,7 +99,7 @@ def give_birth(
     feature.written = 0
     counters[ALIVE] += 1
     counters[BIRTHS] += 1
-    register(registration, slot, x, y, reach)
+    register(registration, slot, x, y)
     feed(feature, t_ns, x, y)
 
 
@@ -126,7 +124,7 @@ def process_events(
     height, width = hot.shape
     border = settings.border_px
     spacing2 = settings.spacing_px**2
-    reach = max(float(RADIUS), settings.spacing_px)
+    shift = registration.shift
     scratch = np.zeros(SCRATCH, dtype=np.int64)
     written = 0
     for i in range(start, events.size):
@@ -144,7 +142,7 @@ def process_events(
         if hot[y, x]:
             counters[HOT_EVENTS] += 1
             continue
-        bucket = buckets[y // BUCKET, x // BUCKET]
+        bucket = buckets[y >> shift, x >> shift]
         near = False
         # Backwards: a feature that leaves the bucket or comes anew trades places only with those served.
         for k in range(bucket.count - 1, -1, -1):
@@ -166,7 +164,7 @@ def process_events(
                 release(features, registration, slot, counters)
                 counters[AT_BORDER] += 1
                 continue
-            move(registration, slot, u, v, reach)
+            move(registration, slot, u, v)
             if feature.t_ns - feature.reported_ns >= settings.t_min_ns:
                 feature.reported_ns = feature.t_ns
                 observation = observations[written]
@@ -182,7 +180,7 @@ def process_events(
         if x < border or y < border or x > width - 1 - border or y > height - 1 - border:
             continue
         if is_corner(latest_ns, p, x, y, scratch):
-            give_birth(features, registration, t_ns, x, y, reach, counters)
+            give_birth(features, registration, t_ns, x, y, counters)
     return events.size, written
 
 
@@ -206,7 +204,8 @@ class HasteTracker:
         self.counters = np.zeros(COUNTERS, dtype=np.int64)
         self._border = EventBorder(width, height)
         self._surface = make_surface(width, height)
-        self._registration = make_registration(width, height, config.max_features)
+        reach = max(float(RADIUS), self.settings.spacing_px)
+        self._registration = make_registration(width, height, config.max_features, reach)
         self._clock = np.full(2, NEVER_NS, dtype=np.int64)
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
         self._events = 0
@@ -230,6 +229,9 @@ class HasteTracker:
 
     def make_up_for(self, unused: float) -> None:
         """Nothing: the baseline follows as many features as it was published with."""
+
+    def limit_load(self, share: float) -> None:
+        """Nothing: the baseline sheds no load."""
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from asyneio.frontend.features import FREE, GROWING, TRACKING
 from asyneio.frontend.record import Record
-from asyneio.frontend.registration import Registration, unregister
+from asyneio.frontend.registration import Tables, leave
 from asyneio.frontend.surface import NEVER_NS
 from asyneio.types import RecordArray
 
@@ -28,8 +28,18 @@ STATE_DTYPE = np.dtype(
         ("worth", "<f8", (2,)),  # signed weight of an off and of an on event
         ("alive", "<i8"),  # features, growing or tracked,
         ("places", "<i8"),  # and up to how many of them new ones may begin
+        ("tests", "<f8"),  # of corners that may be made now
+        ("load", "<f8"),  # share of a core that may be used, by nominal costs; zero: any
+        ("credit_ns", "<f8"),  # of computing, by nominal costs
+        ("credited_ns", "<i8"),  # when that was last added to
+        ("allowed", "<f8"),  # features, so that the load is borne
         ("hot_pixels", "<i8"),
         ("hot_events", "<i8"),
+        ("fed", "<i8"),  # events given to features, each once for every feature
+        ("untested", "<i8"),  # events that might have been corners
+        ("shed_events", "<i8"),  # that concern no feature,
+        ("shed_fed", "<i8"),  # that some feature might have used
+        ("shed_features", "<i8"),
         ("corners", "<i8"),
         ("tracks", "<i8"),
         ("untrusted", "<i8"),  # ended by distrust,
@@ -54,12 +64,14 @@ class LoopSettings(NamedTuple):
     birth_max_ns: int
 
 
-def make_state(places: int) -> RecordArray:
-    """State (1,) STATE_DTYPE before the first event, with so many places for features."""
+def make_state(places: int, load: float) -> RecordArray:
+    """State (1,) STATE_DTYPE before the first event, with so many places for features; `load`: share of a
+    core that may be used, zero for any."""
     state = np.zeros(1, dtype=STATE_DTYPE)
-    state["checked_ns"] = state["hot_ns"] = state["roll_ns"] = NEVER_NS
+    state["checked_ns"] = state["hot_ns"] = state["roll_ns"] = state["credited_ns"] = NEVER_NS
     state["worth"] = -1.0, 1.0
     state["places"] = places
+    state["load"], state["allowed"] = load, np.inf
     return state
 
 
@@ -72,27 +84,27 @@ def turn(state: Record, t_ns: int, rate: float) -> None:
 
 
 @nb.njit(cache=True)
-def release(feature: Record, registration: Registration, slot: int, state: Record) -> None:
+def release(feature: Record, tables: Tables, slot: int, state: Record) -> None:
     """End a feature."""
-    unregister(registration, slot)
+    leave(tables, slot)
     feature.state = FREE
     state.alive -= 1
 
 
 @nb.njit(cache=True)
 def remove_idle(
-    records: RecordArray, registration: Registration, t_ns: int, loop: LoopSettings, state: Record
+    records: RecordArray, tables: Tables, t_ns: int, loop: LoopSettings, state: Record
 ) -> None:
     """Release features that are silent, that never began to move, or that ran into an older one."""
     for slot in range(records.size):
         feature = records[slot]
         if feature.state == GROWING and t_ns - feature.born_ns > loop.birth_max_ns:
-            release(feature, registration, slot, state)
+            release(feature, tables, slot, state)
             state.abandoned += 1
         if feature.state != TRACKING:
             continue
         if t_ns - feature.t_ns > loop.t_max_ns:
-            release(feature, registration, slot, state)
+            release(feature, tables, slot, state)
             state.silent += 1
             continue
         for k in range(records.size):
@@ -100,7 +112,7 @@ def remove_idle(
             dx, dy = feature.x - other.x, feature.y - other.y
             beside = dx * dx + dy * dy < loop.crowding_px**2
             if beside and other.state == TRACKING and other.born_ns < feature.born_ns:
-                release(feature, registration, slot, state)
+                release(feature, tables, slot, state)
                 state.crowded += 1
                 break
 
