@@ -75,7 +75,7 @@ def try_birth(
     roll: float,
     roll_rate: float,
     reach_px: int,
-    settings: GradientSettings,
+    settings: Record,
     work: Record,
 ) -> bool:
     """Cut the template once the collected events span enough motion. False while they do not.
@@ -83,7 +83,7 @@ def try_birth(
     The search for the velocity starts at that of the frame `work` and goes `reach_px` far.
     """
     newest = feature.written - 1
-    count, first, mean, last = newest_events(feature, rings, slot, RING, settings.max_window_ns)
+    count, first, mean, last = newest_events(feature, rings, slot, np.int64(RING), settings.max_window_ns)
     span_s = (last - first) * 1e-9
     work.t_ns, work.x, work.y, work.roll, work.roll_rate = mean, feature.x, feature.y, 0.0, roll_rate
     sharpening = 0.0
@@ -143,7 +143,7 @@ def _wait(feature: Record, rings: RecordArray, slot: int) -> None:
 
 
 @nb.njit(cache=True)
-def _schedule(feature: Record, settings: GradientSettings) -> None:
+def _schedule(feature: Record, settings: Record) -> None:
     """Set after how many kept events the next update is due."""
     speed = np.hypot(feature.vx, feature.vy)
     step_px = min(max(speed * settings.step_s, settings.step_px), settings.max_step_px)
@@ -174,7 +174,7 @@ def update(
     slot: int,
     roll: float,
     roll_rate: float,
-    settings: GradientSettings,
+    settings: Record,
     width: int,
     height: int,
     work: Record,
@@ -235,7 +235,7 @@ def update(
 
 
 @nb.njit(cache=True)
-def _is_trusted(feature: Record, settings: GradientSettings, out: Record) -> bool:
+def _is_trusted(feature: Record, settings: Record, out: Record) -> bool:
     """Whether the patch still moves as one and is still matched sharply.
 
     Where a patch spans two depths, or its template has crept away, its halves pull apart long before the

@@ -8,13 +8,12 @@ import numpy as np
 from asyneio.frontend.budget import EVENT_NS, FED_NS, grant_tests, has_credit, is_shed, shed_features
 from asyneio.frontend.detection import SCRATCH, is_corner
 from asyneio.frontend.features import FREE, GROWING, RING, Features, begin
-from asyneio.frontend.gradient_feature import MOVED, GradientSettings, try_birth, update
+from asyneio.frontend.gradient_feature import MOVED, try_birth, update
 from asyneio.frontend.prefetch import prefetch
 from asyneio.frontend.record import Record
 from asyneio.frontend.registration import BUCKET_FEATURES, FINE, Tables, enter, follow
 from asyneio.frontend.surface import HOT_NS, Surface, record_event, refresh_hot_pixels
 from asyneio.frontend.upkeep import (
-    LoopSettings,
     balance,
     emit,
     guess_velocity,
@@ -40,8 +39,8 @@ def process_events(
     surface: Surface,
     features: Features,
     tables: Tables,
-    loop: LoopSettings,
-    settings: GradientSettings,
+    loops: RecordArray,
+    all_settings: RecordArray,
     workspace: RecordArray,
     states: RecordArray,
     observations: RecordArray,
@@ -58,8 +57,8 @@ def process_events(
     records, rings, buckets = features.records, features.rings, tables.feeding.buckets
     scratch = np.empty(SCRATCH, dtype=np.int64)
     in_disc = np.empty(BUCKET_FEATURES, dtype=np.int64)
-    state = states[0]
-    written = 0
+    state, loop, settings = states[0], loops[0], all_settings[0]
+    written = np.int64(0)
     feed2 = settings.feed_radius_px**2
     spacing2 = loop.spacing_px**2
     nearest_edge = loop.border_px + 3
@@ -153,13 +152,13 @@ def process_events(
             begin(records[slot], t_ns, x, y, settings.birth_events)
             state.corners += 1
             state.alive += 1
-            enter(tables, slot, x, y)
+            enter(tables, slot, float(x), float(y))
     return events.size, written
 
 
 @nb.njit(cache=True)
 def look_over(
-    records: RecordArray, tables: Tables, surface: Surface, t_ns: int, loop: LoopSettings, state: Record
+    records: RecordArray, tables: Tables, surface: Surface, t_ns: int, loop: Record, state: Record
 ) -> None:
     """What is done every few milliseconds of event time."""
     grant_tests(state, t_ns - state.checked_ns)
@@ -196,8 +195,8 @@ def _act(
     t_ns: int,
     width: int,
     height: int,
-    loop: LoopSettings,
-    settings: GradientSettings,
+    loop: Record,
+    settings: Record,
     workspace: RecordArray,
     state: Record,
     observations: RecordArray,

@@ -13,6 +13,7 @@ from asyneio.frontend.gradient_feature import GradientSettings
 from asyneio.frontend.gradient_kernel import process_events
 from asyneio.frontend.patch import make_workspace
 from asyneio.frontend.pieces import in_pieces
+from asyneio.frontend.record import record_of
 from asyneio.frontend.registration import make_tables
 from asyneio.frontend.statistics import FrontendStatistics
 from asyneio.frontend.surface import make_surface
@@ -45,7 +46,7 @@ class GradientTracker:
         self, config: FrontendConfig, width: int, height: int, settings: GradientSettings | None = None
     ) -> None:
         self.settings = settings or GradientSettings()
-        self._loop = LoopSettings(
+        loop = LoopSettings(
             silence_ns=_SILENCE_NS,
             spacing_px=spacing_px(config.spacing, width),
             neighbourhood_px=neighbourhood_px(width),
@@ -55,13 +56,14 @@ class GradientTracker:
             t_max_ns=round(config.max_silence_s * NS_PER_S),
             birth_max_ns=_BIRTH_MAX_NS,
         )
+        self._loop, self._settings = record_of(loop), record_of(self.settings)
         self._wanted = config.max_features
         capacity = _MOST * config.max_features
         self.features = make_features(capacity)
         self._border = EventBorder(width, height)
         self._surface = make_surface(width, height)
         self._tables = make_tables(
-            width, height, capacity, self.settings.feed_radius_px, self._loop.spacing_px
+            width, height, capacity, self.settings.feed_radius_px, loop.spacing_px
         )
         self._work = make_workspace(self.settings.mask_sigma_px)
         self._state = make_state(config.max_features, config.max_load)
@@ -120,7 +122,7 @@ class GradientTracker:
             self.features,
             self._tables,
             self._loop,
-            self.settings,
+            self._settings,
             self._work,
             self._state,
             self._buffer,
