@@ -10,7 +10,7 @@ import numba as nb
 import numpy as np
 
 from asyneio.frontend.features import FREE
-from asyneio.frontend.record import Record
+from asyneio.frontend.record import INNER, Record
 from asyneio.frontend.registration import Tables
 from asyneio.frontend.upkeep import release
 from asyneio.types import RecordArray
@@ -33,13 +33,13 @@ _KEPT, _REGAINED = 0.75, 0.1
 _FEWEST = 8
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def grant_tests(state: Record, elapsed_ns: int) -> None:
     """Allow the tests for corners of so much event time."""
     state.tests = min(MOST_TESTS, state.tests + elapsed_ns * 1e-9 * TESTS_PER_S)
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def has_credit(state: Record, t_ns: int) -> bool:
     """Whether an event at that time may be handled whole, under a limit on the load."""
     elapsed_ns = t_ns - state.credited_ns
@@ -49,7 +49,7 @@ def has_credit(state: Record, t_ns: int) -> bool:
     return state.credit_ns > 0.0
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def is_shed(state: Record, features_near: int) -> bool:
     """Whether an event is shed for which there is no credit: where no feature is near it always is, else all
     but one of THINNING are."""
@@ -64,7 +64,7 @@ def is_shed(state: Record, features_near: int) -> bool:
     return False
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def shed_features(records: RecordArray, tables: Tables, state: Record) -> None:
     """Give up the youngest features while too much computing time is owed; let them come back one by one."""
     owed = state.load * _SAVED_NS

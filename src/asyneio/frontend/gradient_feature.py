@@ -23,7 +23,7 @@ from asyneio.frontend.features import (
 from asyneio.frontend.flow import find_flow
 from asyneio.frontend.gradient_template import learn, match, synthesise
 from asyneio.frontend.patch import blur, draw_patch, restrict, seen_lag, shift_patch, weigh
-from asyneio.frontend.record import Record
+from asyneio.frontend.record import INNER, Record
 from asyneio.frontend.upkeep import place
 from asyneio.types import RecordArray
 
@@ -66,7 +66,7 @@ class GradientSettings(NamedTuple):
     covariance_scale: float = 0.1  # of residual times inverse Hessian: blurred noise is correlated
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def try_birth(
     feature: Record,
     rings: RecordArray,
@@ -131,7 +131,7 @@ def try_birth(
     return True
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def _wait(feature: Record, rings: RecordArray, slot: int) -> None:
     """Look again when there is half as much more to see, and at a full ring in any case before it is
     thinned."""
@@ -142,7 +142,7 @@ def _wait(feature: Record, rings: RecordArray, slot: int) -> None:
     feature.fresh = 0
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def _schedule(feature: Record, settings: Record) -> None:
     """Set after how many kept events the next update is due."""
     speed = np.hypot(feature.vx, feature.vy)
@@ -152,7 +152,7 @@ def _schedule(feature: Record, settings: Record) -> None:
     feature.fresh = 0
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def _place_offset(feature: Record, work: Record) -> None:
     """Report the centroid of the patch's own edges: at a depth edge, what stands out most is what is
     followed."""
@@ -166,7 +166,7 @@ def _place_offset(feature: Record, work: Record) -> None:
     feature.offset_y = v_sum / max(weight, 1e-9)
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def update(
     feature: Record,
     rings: RecordArray,
@@ -234,7 +234,7 @@ def update(
     return MOVED
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def _is_trusted(feature: Record, settings: Record, out: Record) -> bool:
     """Whether the patch still moves as one and is still matched sharply.
 

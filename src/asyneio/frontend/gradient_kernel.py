@@ -10,7 +10,7 @@ from asyneio.frontend.detection import SCRATCH, is_corner
 from asyneio.frontend.features import FREE, GROWING, RING, Features, begin
 from asyneio.frontend.gradient_feature import MOVED, try_birth, update
 from asyneio.frontend.prefetch import prefetch
-from asyneio.frontend.record import Record
+from asyneio.frontend.record import INNER, Record
 from asyneio.frontend.registration import BUCKET_FEATURES, FINE, Tables, enter, follow
 from asyneio.frontend.surface import HOT_NS, Surface, record_event, refresh_hot_pixels
 from asyneio.frontend.upkeep import (
@@ -156,7 +156,7 @@ def process_events(
     return events.size, written
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def look_over(
     records: RecordArray, tables: Tables, surface: Surface, t_ns: int, loop: Record, state: Record
 ) -> None:
@@ -172,7 +172,7 @@ def look_over(
         state.hot_ns = t_ns
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def is_near(records: RecordArray, tables: Tables, t_ns: int, x: int, y: int, spacing2: float) -> bool:
     """Whether a feature is so near that no corner may begin."""
     shift = tables.spacing.shift
@@ -187,7 +187,7 @@ def is_near(records: RecordArray, tables: Tables, t_ns: int, x: int, y: int, spa
     return False
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def _act(
     features: Features,
     tables: Tables,

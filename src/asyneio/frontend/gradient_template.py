@@ -13,12 +13,10 @@ import numba as nb
 import numpy as np
 
 from asyneio.frontend.features import PATCH_HALF, ROW, TEMPLATE_HALF, TEMPLATE_SIDE, TEMPLATE_SIZE
-from asyneio.frontend.patch import COLUMNS, clear_sums, read_totals, shift_patch
+from asyneio.frontend.patch import COLUMNS, clear_sums, shift_patch, total_of
 from asyneio.frontend.record import Record
 
-# Typed: Numba compiles a function anew for every plain number that it is called with.
-_FIRST, _MIDDLE, _LAST = np.int64(1), np.int64(TEMPLATE_HALF), np.int64(TEMPLATE_SIDE - 1)
-_ZERO, _ALL = np.int64(0), np.int64(COLUMNS)
+_FIRST, _MIDDLE, _LAST = 1, TEMPLATE_HALF, TEMPLATE_SIDE - 1
 
 
 @nb.njit(cache=True)
@@ -53,7 +51,7 @@ def learn(
 def correlate(work: Record) -> tuple[float, float, float]:
     """Weighted sums T W, T T and W W."""
     weight, W, T, sums = work.weight, work.shifted, work.template, work.sums
-    clear_sums(work)
+    clear_sums(work, 3)
     for v in range(TEMPLATE_SIDE):
         for u in range(COLUMNS):
             k = v * ROW + u
@@ -61,8 +59,8 @@ def correlate(work: Record) -> tuple[float, float, float]:
             sums[u] += m * t * w
             sums[COLUMNS + u] += m * t * t
             sums[2 * COLUMNS + u] += m * w * w
-    totals = read_totals(work, _ZERO, _ALL)
-    return totals[0], totals[1], totals[2]
+    n = COLUMNS
+    return total_of(work, 0, 0, n), total_of(work, 1, 0, n), total_of(work, 2, 0, n)
 
 
 @nb.njit(cache=True)
@@ -73,7 +71,7 @@ def normal_equations(work: Record, gain: float, top: int, bottom: int) -> None:
     """
     g = np.float32(gain)
     weight, W, T, sums = work.weight, work.shifted, work.template, work.sums
-    clear_sums(work)
+    clear_sums(work, 6)
     # The bounds tell the compiler that no index is negative; without them it does not vectorise.
     for v in range(max(top, 1), min(bottom, TEMPLATE_SIDE - 1)):
         for u in range(COLUMNS):
@@ -94,9 +92,15 @@ def normal_equations(work: Record, gain: float, top: int, bottom: int) -> None:
 @nb.njit(cache=True)
 def read_sums(work: Record, start: int, end: int) -> tuple[float, float, float, float, float, float]:
     """J J^T (xx, xy, yy), J r (x, y) and T W over the columns start..end-1."""
-    xx, xy, yy, x, y, tw = read_totals(work, start, end)
     # Central differences, and the mean of two: a quarter each.
-    return xx / 16.0, xy / 16.0, yy / 16.0, x / 4.0, y / 4.0, tw
+    return (
+        total_of(work, 0, start, end) / 16.0,
+        total_of(work, 1, start, end) / 16.0,
+        total_of(work, 2, start, end) / 16.0,
+        total_of(work, 3, start, end) / 4.0,
+        total_of(work, 4, start, end) / 4.0,
+        total_of(work, 5, start, end),
+    )
 
 
 @nb.njit(cache=True)
@@ -116,7 +120,7 @@ def match(work: Record, max_jump: float, min_corner: float, iterations: int, out
             return False
         gain = tw / tt
         normal_equations(work, gain, _FIRST, _LAST)
-        xx, xy, yy, x, y, tw = read_sums(work, _ZERO, _ALL)
+        xx, xy, yy, x, y, tw = read_sums(work, 0, COLUMNS)
         det = xx * yy - xy * xy
         if det <= min_corner * (xx + yy) ** 2:
             return False
@@ -129,9 +133,9 @@ def match(work: Record, max_jump: float, min_corner: float, iterations: int, out
     if tt <= 0.0 or ww <= 0.0:
         return False
     normal_equations(work, gain, _FIRST, _MIDDLE)
-    a, b = read_sums(work, _ZERO, _MIDDLE), read_sums(work, _MIDDLE, _ALL)
+    a, b = read_sums(work, 0, _MIDDLE), read_sums(work, _MIDDLE, COLUMNS)
     normal_equations(work, gain, _MIDDLE, _LAST)
-    c, d = read_sums(work, _ZERO, _MIDDLE), read_sums(work, _MIDDLE, _ALL)
+    c, d = read_sums(work, 0, _MIDDLE), read_sums(work, _MIDDLE, COLUMNS)
     out.u, out.v = du, dv
     out.ncc = tw / np.sqrt(tt * ww)
     out.residual = ww * max(1.0 - out.ncc * out.ncc, 0.0)

@@ -159,36 +159,29 @@ def contrast(work: Record) -> float:
     """Sum of squares of the blurred patch over the mask."""
     first = (PATCH_HALF - TEMPLATE_HALF) * (ROW + 1)
     mask, blurred, sums = work.mask, work.blurred, work.sums
-    clear_sums(work)
+    clear_sums(work, 1)
     for v in range(TEMPLATE_SIDE):
         for u in range(COLUMNS):
             k = v * ROW + u
             w = blurred[first + k]
             sums[u] += mask[k] * w * w
-    return read_totals(work, np.int64(0), np.int64(COLUMNS))[0]
+    return total_of(work, 0, 0, COLUMNS)
 
 
 @nb.njit(cache=True)
-def clear_sums(work: Record) -> None:
-    """Begin all sums."""
-    for k in range(SUMS * COLUMNS):
+def clear_sums(work: Record, count: int) -> None:
+    """Begin so many sums."""
+    for k in range(count * COLUMNS):
         work.sums[k] = 0.0
 
 
 @nb.njit(cache=True)
-def read_totals(work: Record, start: int, end: int) -> tuple[float, float, float, float, float, float]:
-    """The sums over the columns start..end-1."""
-    sums = work.sums
-    a = b = c = d = e = f = 0.0
-    # Unsigned: no index counts from the end, which would be checked.
-    for u in range(np.uint64(start), np.uint64(end)):
-        a += sums[u]
-        b += sums[np.uint64(COLUMNS) + u]
-        c += sums[np.uint64(2 * COLUMNS) + u]
-        d += sums[np.uint64(3 * COLUMNS) + u]
-        e += sums[np.uint64(4 * COLUMNS) + u]
-        f += sums[np.uint64(5 * COLUMNS) + u]
-    return a, b, c, d, e, f
+def total_of(work: Record, which: int, start: int, end: int) -> float:
+    """One of the sums over the columns start..end-1."""
+    total = 0.0
+    for u in range(start, end):
+        total += work.sums[which * COLUMNS + u]
+    return total
 
 
 @nb.njit(cache=True)

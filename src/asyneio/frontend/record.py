@@ -11,6 +11,9 @@ from asyneio.types import RecordArray
 #: A record: Numba reads and writes its fields as attributes, which numpy's own type does not know.
 Record: TypeAlias = Any
 
+#: Options of a kernel that only kernels call: what Python would call it through is not compiled.
+INNER: dict[str, Any] = {"cache": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
 
 def record_of(values: NamedTuple) -> RecordArray:
     """Numbers under their names as an array (1,) of a record.

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
+from asyneio.frontend.record import INNER
 from asyneio.types import RecordArray
 
 #: Binary logarithm of the side of a bucket [px] where a few pixels around an event count.
@@ -124,7 +125,7 @@ def make_tables(width: int, height: int, capacity: int, feed_px: float, spacing_
     )
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def enter(tables: Tables, slot: int, x: float, y: float) -> None:
     """Enter a feature into the tables."""
     register(tables.feeding, slot, x, y)
@@ -132,7 +133,7 @@ def enter(tables: Tables, slot: int, x: float, y: float) -> None:
         register(tables.spacing, slot, x, y)
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def leave(tables: Tables, slot: int) -> None:
     """Take a feature out of the tables."""
     unregister(tables.feeding, slot)
@@ -140,7 +141,7 @@ def leave(tables: Tables, slot: int) -> None:
         unregister(tables.spacing, slot)
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def follow(tables: Tables, slot: int, x: float, y: float) -> None:
     """A feature has moved."""
     move(tables.feeding, slot, x, y)

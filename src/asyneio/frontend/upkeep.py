@@ -8,7 +8,7 @@ import numba as nb
 import numpy as np
 
 from asyneio.frontend.features import FREE, GROWING, TRACKING
-from asyneio.frontend.record import Record
+from asyneio.frontend.record import INNER, Record
 from asyneio.frontend.registration import Tables, leave
 from asyneio.frontend.surface import NEVER_NS
 from asyneio.types import RecordArray
@@ -75,7 +75,7 @@ def make_state(places: int, load: float) -> RecordArray:
     return state
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def turn(state: Record, t_ns: int, rate: float) -> None:
     """Integrate the roll up to a time, and go on at another rate."""
     if state.roll_ns != NEVER_NS:
@@ -83,7 +83,7 @@ def turn(state: Record, t_ns: int, rate: float) -> None:
     state.roll_ns, state.roll_rate = t_ns, rate
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def release(feature: Record, tables: Tables, slot: int, state: Record) -> None:
     """End a feature."""
     leave(tables, slot)
@@ -91,7 +91,7 @@ def release(feature: Record, tables: Tables, slot: int, state: Record) -> None:
     state.alive -= 1
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def remove_idle(
     records: RecordArray, tables: Tables, t_ns: int, loop: Record, state: Record
 ) -> None:
@@ -117,7 +117,7 @@ def remove_idle(
                 break
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def balance(state: Record) -> None:
     """On and off thresholds of a sensor differ; over time both polarities carry the same change of
     brightness."""
@@ -128,7 +128,7 @@ def balance(state: Record) -> None:
         state.seen[0], state.seen[1] = 0.5 * off, 0.5 * on
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def guess_velocity(records: RecordArray, feature: Record, within_px: float, work: Record) -> bool:
     """Mean velocity of the three nearest tracked features, into the frame `work`; False, and zero, unless
     three are near enough."""
@@ -154,7 +154,7 @@ def guess_velocity(records: RecordArray, feature: Record, within_px: float, work
     return True
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def place(feature: Record, roll: float, lag_share: float) -> tuple[float, float]:
     """Where the point that a feature reports is in the image: ahead of its picture by the lag of events.
 
@@ -167,7 +167,7 @@ def place(feature: Record, roll: float, lag_share: float) -> tuple[float, float]
     return u, v
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def emit(
     feature: Record,
     work: Record,
