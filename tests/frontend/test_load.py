@@ -92,6 +92,7 @@ def test_a_limit_may_be_set_and_lifted_while_running(simulation: EventSimulation
     frontend.limit_load(0.0)
     frontend.process(events[2 * third :])
     assert frontend.statistics().shed_events == counts.shed_events
+    assert frontend.statistics().alive > counts.alive
     with pytest.raises(RecordingError, match="expected a positive number"):
         frontend.limit_load(-1.0)
 

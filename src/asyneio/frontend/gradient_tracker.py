@@ -62,9 +62,7 @@ class GradientTracker:
         self.features = make_features(capacity)
         self._border = EventBorder(width, height)
         self._surface = make_surface(width, height)
-        self._tables = make_tables(
-            width, height, capacity, self.settings.feed_radius_px, loop.spacing_px
-        )
+        self._tables = make_tables(width, height, capacity, self.settings.feed_radius_px, loop.spacing_px)
         self._work = make_workspace(self.settings.mask_sigma_px)
         self._state = make_state(config.max_features, config.max_load)
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
@@ -92,6 +90,8 @@ class GradientTracker:
     def limit_load(self, share: float) -> None:
         """From now on, use so much of a processor core by nominal costs; zero: any."""
         self._state[0]["load"] = share
+        if share == 0.0:
+            self._state[0]["allowed"] = np.inf
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""

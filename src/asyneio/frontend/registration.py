@@ -41,7 +41,9 @@ class Registration(NamedTuple):
     reach: float
 
 
-def make_registration(width: int, height: int, capacity: int, reach: float, shift: int = FINE) -> Registration:
+def make_registration(
+    width: int, height: int, capacity: int, reach: float, shift: int = FINE
+) -> Registration:
     """Nobody registered, in an image of so many pixels."""
     rows, columns = ((pixels - 1 >> shift) + 1 for pixels in (height, width))
     buckets = np.zeros((rows, columns), dtype=BUCKET_DTYPE)

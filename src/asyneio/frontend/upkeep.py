@@ -92,9 +92,7 @@ def release(feature: Record, tables: Tables, slot: int, state: Record) -> None:
 
 
 @nb.njit(**INNER)
-def remove_idle(
-    records: RecordArray, tables: Tables, t_ns: int, loop: Record, state: Record
-) -> None:
+def remove_idle(records: RecordArray, tables: Tables, t_ns: int, loop: Record, state: Record) -> None:
     """Release features that are silent, that never began to move, or that ran into an older one."""
     for slot in range(records.size):
         feature = records[slot]
