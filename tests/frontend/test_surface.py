@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from asyneio.frontend.registration import (
-    FINE,
     BUCKET_FEATURES,
+    FINE,
     Registration,
     make_registration,
     move,
