@@ -108,11 +108,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--sizes", nargs="+", default=["240x180", "640x480", "1280x720"])
-    parser.add_argument(
-        "--rates", type=float, nargs="+", default=[1.1, 10.0, 30.0], help="Mev/s, of each size"
-    )
+    parser.add_argument("--rates", type=float, nargs="+", default=[1.1, 10.0, 30.0], help="Mev/s, by size")
     parser.add_argument("--features", type=int, nargs="+", default=[8, 25, 100])
-    parser.add_argument("--millions", type=float, default=4.0, help="of events, from the begin of a sequence")
+    parser.add_argument("--millions", type=float, default=4.0, help="of events of a sequence")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--load", type=float, default=0.3, help="limit of the second table")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)

@@ -47,8 +47,8 @@ class FrontendConfig(_Section):
     max_load: float = Field(
         0.0,
         ge=0.0,
-        description="share of a processor core that tracking may use, by nominal costs; beyond it events, and "
-        "then features, are shed and counted; 0: nothing is shed",
+        description="share of a processor core that tracking may use, by nominal costs; beyond it events, "
+        "and then features, are shed and counted; 0: nothing is shed",
     )
 
 

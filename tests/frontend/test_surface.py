@@ -75,7 +75,7 @@ def entries(registration: Registration) -> set[tuple[int, int, int]]:
     found = [
         (row, column, int(slot))
         for (row, column), bucket in np.ndenumerate(registration.buckets)
-        for slot in bucket["slots"][: bucket["count"]]
+        for slot in bucket["slots"][: registration.counts[row, column]]
     ]
     assert len(found) == len(set(found))
     return set(found)
@@ -126,7 +126,7 @@ def test_a_full_bucket_loses_nothing_else() -> None:
     registration = make_registration(WIDTH, HEIGHT, 40, REACH)
     for slot in range(40):
         register(registration, slot, 50.0, 30.0)
-    assert registration.buckets["count"].max() == BUCKET_FEATURES
+    assert registration.counts.max() == BUCKET_FEATURES
     for slot in range(40):
         unregister(registration, slot)
     assert not entries(registration)

@@ -86,7 +86,7 @@ def _has_arc(
     The complement is an arc of the oldest pixels, which are the newest when time runs backwards.
     """
     n = circle.shape[0]
-    newest = oldest = np.int64(0)
+    newest = oldest = int(np.int64(0))
     newest_ns = oldest_ns = flat[np.uint64(middle + 2 * (circle[0, 1] * width + circle[0, 0]))]
     for i in range(n):
         t_ns = flat[np.uint64(middle + 2 * (circle[i, 1] * width + circle[i, 0]))]

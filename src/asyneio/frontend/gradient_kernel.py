@@ -54,7 +54,8 @@ def process_events(
     height, width = surface.hot.shape
     latest_ns, fired, hot = surface.latest_ns, surface.fired, surface.hot
     flat_ns, flat_fired, flat_hot = latest_ns.reshape(-1), fired.reshape(-1), hot.reshape(-1)
-    records, rings, buckets = features.records, features.rings, tables.feeding.buckets
+    records, rings = features.records, features.rings
+    counts, buckets = tables.feeding.counts, tables.feeding.buckets
     scratch = np.empty(SCRATCH, dtype=np.int64)
     in_disc = np.empty(BUCKET_FEATURES, dtype=np.int64)
     state, loop, settings = states[0], loops[0], all_settings[0]
@@ -82,8 +83,8 @@ def process_events(
             next_turn = turns[turned].first if turned < turns.size else -1
         if t_ns - state.checked_ns > CHECK_NS:
             look_over(records, tables, surface, t_ns, loop, state)
-        bucket = buckets[np.uint64(y >> FINE), np.uint64(x >> FINE)]
-        count = np.int64(bucket.count)
+        row, column = np.uint64(y >> FINE), np.uint64(x >> FINE)
+        count = np.int64(counts[row, column])
         if limited:
             if not has_credit(state, t_ns) and is_shed(state, count):
                 continue
@@ -96,7 +97,7 @@ def process_events(
         near, fed = False, 0
         # First who is fed, without a branch that the processor would have to guess; newest entry first.
         for k in range(count):
-            slot = np.int64(bucket.slots[np.uint64(count - 1 - k)])
+            slot = np.int64(buckets[row, column].slots[np.uint64(count - 1 - k)])
             feature = records[np.uint64(slot)]
             ahead_s = (t_ns - feature.t_ns) * 1e-9
             dx = x - feature.x - feature.vx * ahead_s
@@ -176,9 +177,10 @@ def look_over(
 def is_near(records: RecordArray, tables: Tables, t_ns: int, x: int, y: int, spacing2: float) -> bool:
     """Whether a feature is so near that no corner may begin."""
     shift = tables.spacing.shift
-    bucket = tables.spacing.buckets[np.uint64(y >> shift), np.uint64(x >> shift)]
-    for k in range(np.int64(bucket.count)):
-        feature = records[np.uint64(bucket.slots[np.uint64(k)])]
+    row, column = np.uint64(y >> shift), np.uint64(x >> shift)
+    slots = tables.spacing.buckets[row, column].slots
+    for k in range(np.int64(tables.spacing.counts[row, column])):
+        feature = records[np.uint64(slots[np.uint64(k)])]
         ahead_s = (t_ns - feature.t_ns) * 1e-9
         dx = x - feature.x - feature.vx * ahead_s
         dy = y - feature.y - feature.vy * ahead_s

@@ -142,10 +142,11 @@ def process_events(
         if hot[y, x]:
             counters[HOT_EVENTS] += 1
             continue
-        bucket = buckets[y >> shift, x >> shift]
+        row, column = y >> shift, x >> shift
+        bucket = buckets[row, column]
         near = False
         # Backwards: a feature that leaves the bucket or comes anew trades places only with those served.
-        for k in range(bucket.count - 1, -1, -1):
+        for k in range(np.int64(registration.counts[row, column]) - 1, -1, -1):
             slot = np.int64(bucket.slots[k])
             feature = features[slot]
             dx, dy = x - feature.x, y - feature.y

@@ -24,17 +24,19 @@ _SLACK_PX = 1.5
 #: ... and where buckets hold few features, so that a wider reach costs nothing.
 _AHEAD_PX = 4.0
 
-#: How many features may lie in a bucket, and which.
-BUCKET_DTYPE = np.dtype([("count", "<i4"), ("slots", "<i4", (BUCKET_FEATURES,))], align=True)
+#: Which features may lie in a bucket; a line of the processor's cache.
+BUCKET_DTYPE = np.dtype([("slots", "<i4", (BUCKET_FEATURES + 1,))], align=True)
 
 #: The buckets that a feature is in: first and last column, first and last row.
 BOX_DTYPE = np.dtype([("left", "<i4"), ("right", "<i4"), ("top", "<i4"), ("bottom", "<i4")], align=True)
 
 
 class Registration(NamedTuple):
-    """`buckets` (rows, columns) BUCKET_DTYPE with sides of `2**shift` px; `boxes` (N,) BOX_DTYPE, one a
-    feature, which is listed wherever events within `reach` [px] of it may fall."""
+    """`counts` (rows, columns) uint8, how many features each of the `buckets` (rows, columns) BUCKET_DTYPE
+    with sides of `2**shift` px lists: small enough to stay in the processor's first cache. `boxes` (N,)
+    BOX_DTYPE, one a feature, which is listed wherever events within `reach` [px] of it may fall."""
 
+    counts: np.ndarray
     buckets: RecordArray
     boxes: RecordArray
     shift: int
@@ -46,8 +48,9 @@ def make_registration(
 ) -> Registration:
     """Nobody registered, in an image of so many pixels."""
     rows, columns = ((pixels - 1 >> shift) + 1 for pixels in (height, width))
+    counts = np.zeros((rows, columns), dtype=np.uint8)
     buckets = np.zeros((rows, columns), dtype=BUCKET_DTYPE)
-    return Registration(buckets, np.zeros(capacity, dtype=BOX_DTYPE), shift, float(reach))
+    return Registration(counts, buckets, np.zeros(capacity, dtype=BOX_DTYPE), shift, float(reach))
 
 
 def shift_for(reach: float) -> int:
@@ -71,10 +74,10 @@ def register(registration: Registration, slot: int, x: float, y: float) -> None:
     box.top, box.bottom = bucket_of(y - reach, shift, rows), bucket_of(y + reach, shift, rows)
     for row in range(box.top, box.bottom + 1):
         for column in range(box.left, box.right + 1):
-            bucket = registration.buckets[row, column]
-            if bucket.count < BUCKET_FEATURES:
-                bucket.slots[bucket.count] = slot
-                bucket.count += 1
+            count = np.int64(registration.counts[row, column])
+            if count < BUCKET_FEATURES:
+                registration.buckets[row, column].slots[count] = slot
+                registration.counts[row, column] = count + 1
 
 
 @nb.njit(cache=True)
@@ -84,10 +87,11 @@ def unregister(registration: Registration, slot: int) -> None:
     for row in range(box.top, box.bottom + 1):
         for column in range(box.left, box.right + 1):
             bucket = registration.buckets[row, column]
-            for i in range(bucket.count):
+            last = np.int64(registration.counts[row, column]) - 1
+            for i in range(last + 1):
                 if bucket.slots[i] == slot:
-                    bucket.count -= 1
-                    bucket.slots[i] = bucket.slots[bucket.count]
+                    registration.counts[row, column] = last
+                    bucket.slots[i] = bucket.slots[last]
                     break
 
 
