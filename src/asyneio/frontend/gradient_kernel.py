@@ -70,10 +70,11 @@ def process_events(
     next_turn = turns[turned].first if turned < turns.size else -1
     for i in range(start, events.size):
         event, later = events[np.uint64(i)], events[np.uint64(min(i + _FETCHED, last))]
-        pixel = np.int64(later.y) * width + np.int64(later.x)
-        prefetch(flat_ns, 2 * pixel)
-        prefetch(flat_fired, pixel)
-        prefetch(flat_hot, pixel)
+        if not limited or state.credit_ns > 0.0:
+            pixel = np.int64(later.y) * width + np.int64(later.x)
+            prefetch(flat_ns, 2 * pixel)
+            prefetch(flat_fired, pixel)
+            prefetch(flat_hot, pixel)
         t_ns, x, y, p = event.t_ns, np.int64(event.x), np.int64(event.y), np.int64(event.p)
         if written + 2 * BUCKET_FEATURES > observations.size:
             return i, written
