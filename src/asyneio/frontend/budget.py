@@ -75,7 +75,7 @@ def shed_features(records: RecordArray, tables: Tables, state: Record) -> None:
     state.credit_ns = 0.0
     state.allowed = max(np.floor(_KEPT * state.alive), _FEWEST)
     while state.alive > state.allowed:
-        youngest = np.int64(-1)
+        youngest = int(np.int64(-1))
         for slot in range(records.size):
             if records[slot].state != FREE and (
                 youngest < 0 or records[slot].born_ns > records[youngest].born_ns

@@ -59,12 +59,13 @@ def process_events(
     scratch = np.empty(SCRATCH, dtype=np.int64)
     in_disc = np.empty(BUCKET_FEATURES, dtype=np.int64)
     state, loop, settings = states[0], loops[0], all_settings[0]
-    written = np.int64(0)
+    # Not a plain number, for which Numba would compile what it is given to once more.
+    written = int(np.int64(0))
     feed2 = settings.feed_radius_px**2
     spacing2 = loop.spacing_px**2
     nearest_edge = loop.border_px + 3
     limited = state.load > 0.0
-    turned, last = 0, np.int64(events.size - 1)
+    turned, last = 0, int(events.size - 1)
     while turned < turns.size and turns[turned].first < start:
         turned += 1
     next_turn = turns[turned].first if turned < turns.size else -1
@@ -98,17 +99,17 @@ def process_events(
         near, fed = False, 0
         # First who is fed, without a branch that the processor would have to guess; newest entry first.
         for k in range(count):
-            slot = np.int64(buckets[row, column].slots[np.uint64(count - 1 - k)])
-            feature = records[np.uint64(slot)]
+            listed = np.int64(buckets[row, column].slots[np.uint64(count - 1 - k)])
+            feature = records[np.uint64(listed)]
             ahead_s = (t_ns - feature.t_ns) * 1e-9
             dx = x - feature.x - feature.vx * ahead_s
             dy = y - feature.y - feature.vy * ahead_s
             distance2 = dx * dx + dy * dy
             near |= distance2 < spacing2
-            in_disc[np.uint64(fed)] = slot
+            in_disc[np.uint64(fed)] = listed
             fed += np.int64(distance2 <= feed2)
         for k in range(fed):
-            slot = in_disc[np.uint64(k)]
+            slot = int(in_disc[np.uint64(k)])
             feature = records[np.uint64(slot)]
             feature.skipped += 1
             if feature.skipped < feature.stride:
