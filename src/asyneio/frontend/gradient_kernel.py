@@ -107,7 +107,7 @@ def process_events(
             distance2 = dx * dx + dy * dy
             near |= distance2 < spacing2
             in_disc[np.uint64(fed)] = listed
-            fed += np.int64(distance2 <= feed2)
+            fed += int(distance2 <= feed2)
         for k in range(fed):
             slot = int(in_disc[np.uint64(k)])
             feature = records[np.uint64(slot)]
@@ -149,7 +149,7 @@ def process_events(
             continue
         state.tests -= 1.0
         if is_corner(latest_ns, p, x, y, scratch):
-            slot = np.int64(0)
+            slot = int(np.int64(0))
             while records[slot].state != FREE:
                 slot += 1
             begin(records[slot], t_ns, x, y, settings.birth_events)
