@@ -44,6 +44,12 @@ class FrontendConfig(_Section):
         description="no new corner nearer to an active feature than this share of the sensor's width, "
         "or than 10 px",
     )
+    max_load: float = Field(
+        0.0,
+        ge=0.0,
+        description="share of a processor core that tracking may use, by nominal costs; beyond it events, "
+        "and then features, are shed and counted; 0: nothing is shed",
+    )
 
 
 class WindowConfig(_Section):

@@ -78,12 +78,21 @@ class ObservationStream:
 
     def notes(self) -> tuple[str, ...]:
         """What the user should know of what was left out."""
-        if self.late == 0:
-            return ()
-        return (
-            f"{self.late} observations came more than frontend.max_delay_s = {self._delay_ns / NS_PER_S:g} s "
-            "after their stamp and were dropped",
-        )
+        notes = []
+        if self.late:
+            notes.append(
+                f"{self.late} observations came more than frontend.max_delay_s = "
+                f"{self._delay_ns / NS_PER_S:g} s after their stamp and were dropped"
+            )
+        counts = self._frontend.statistics()
+        left_out = counts.shed_events + counts.shed_feature_events
+        if left_out:
+            notes.append(
+                f"events came faster than frontend.max_load allows: {left_out} of {counts.events} events "
+                f"({counts.shed_feature_events} of them near features) and {counts.shed_features} features "
+                "were shed"
+            )
+        return tuple(notes)
 
     def _work(self) -> None:
         try:

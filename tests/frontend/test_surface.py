@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from asyneio.frontend.registration import (
-    BUCKET,
     BUCKET_FEATURES,
+    FINE,
     Registration,
     make_registration,
     move,
@@ -67,7 +67,7 @@ def test_a_lone_pixel_below_the_floor_is_not_hot() -> None:
     assert refresh_hot_pixels(surface, 1.0) == 0
 
 
-WIDTH, HEIGHT, REACH = 100, 60, 13.5
+WIDTH, HEIGHT, REACH, BUCKET = 100, 60, 13.5, 1 << FINE
 
 
 def entries(registration: Registration) -> set[tuple[int, int, int]]:
@@ -75,7 +75,7 @@ def entries(registration: Registration) -> set[tuple[int, int, int]]:
     found = [
         (row, column, int(slot))
         for (row, column), bucket in np.ndenumerate(registration.buckets)
-        for slot in bucket["slots"][: bucket["count"]]
+        for slot in bucket["slots"][: registration.counts[row, column]]
     ]
     assert len(found) == len(set(found))
     return set(found)
@@ -108,14 +108,14 @@ step = st.tuples(
 def test_features_are_in_exactly_the_buckets_they_touch(
     steps: list[tuple[str, int, float, float]],
 ) -> None:
-    registration = make_registration(WIDTH, HEIGHT, 10)
+    registration = make_registration(WIDTH, HEIGHT, 10, REACH)
     places: dict[int, tuple[float, float]] = {}
     for action, slot, x, y in steps:
         if action == "register" and slot not in places:
-            register(registration, slot, x, y, REACH)
+            register(registration, slot, x, y)
             places[slot] = x, y
         elif action == "move" and slot in places:
-            move(registration, slot, x, y, REACH)
+            move(registration, slot, x, y)
             places[slot] = x, y
         elif action == "unregister" and places.pop(slot, None) is not None:
             unregister(registration, slot)
@@ -123,10 +123,10 @@ def test_features_are_in_exactly_the_buckets_they_touch(
 
 
 def test_a_full_bucket_loses_nothing_else() -> None:
-    registration = make_registration(WIDTH, HEIGHT, 40)
+    registration = make_registration(WIDTH, HEIGHT, 40, REACH)
     for slot in range(40):
-        register(registration, slot, 50.0, 30.0, REACH)
-    assert registration.buckets["count"].max() == BUCKET_FEATURES
+        register(registration, slot, 50.0, 30.0)
+    assert registration.counts.max() == BUCKET_FEATURES
     for slot in range(40):
         unregister(registration, slot)
     assert not entries(registration)
@@ -134,8 +134,8 @@ def test_a_full_bucket_loses_nothing_else() -> None:
 
 @pytest.mark.parametrize("place", [(-3.0, 20.0), (120.0, 75.0)])
 def test_a_feature_beyond_the_image_is_kept_at_its_rim(place: tuple[float, float]) -> None:
-    registration = make_registration(WIDTH, HEIGHT, 1)
-    register(registration, 0, *place, 2.0)
+    registration = make_registration(WIDTH, HEIGHT, 1, 2.0)
+    register(registration, 0, *place)
     assert entries(registration)
     unregister(registration, 0)
     assert not entries(registration)

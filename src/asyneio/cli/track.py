@@ -195,6 +195,9 @@ def track_figures(summary: dict[str, Any]) -> tuple[tuple[str, str], ...]:
         rows.append(
             ("defective pixels", f"{counts['hot_pixels']}, {counts['hot_events']} events of theirs dropped")
         )
+    left_out = counts["shed_events"] + counts["shed_feature_events"]
+    if left_out:
+        rows.append(("shed (frontend.max_load)", f"{left_out} events, {counts['shed_features']} features"))
     if summary["compile_s"] > 1.0:
         rows.append(("compilation (first run only)", f"{summary['compile_s']:.1f} s"))
     return tuple(rows)

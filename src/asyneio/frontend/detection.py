@@ -39,6 +39,9 @@ SCRATCH = (2 * HARRIS_RADIUS + 1) ** 2
 #: Age [ns] at which the search for the latest pixels begins.
 _FIRST_WIDTH_NS = 4_000_000
 
+#: Shortest arcs on either circle; typed, so that the test is compiled once for both.
+_SHORT, _LONG = np.int64(3), np.int64(4)
+
 #: Margin [px] that both tests need around an event.
 MARGIN = 4
 
@@ -66,9 +69,9 @@ def is_corner(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) ->
     # Flat and with indices that cannot be negative: nothing is checked for them.
     flat = latest_ns.reshape(-1)
     middle = (y * width + x) * 2 + p
-    if not _has_arc(flat, width, middle, INNER, 3, 6, scratch):
+    if not _has_arc(flat, width, middle, INNER, _SHORT, _SHORT * 2, scratch):
         return False
-    if not _has_arc(flat, width, middle, OUTER, 4, 8, scratch):
+    if not _has_arc(flat, width, middle, OUTER, _LONG, _LONG * 2, scratch):
         return False
     return harris_score(latest_ns, p, x, y, scratch) > HARRIS_THRESHOLD
 
@@ -83,7 +86,7 @@ def _has_arc(
     The complement is an arc of the oldest pixels, which are the newest when time runs backwards.
     """
     n = circle.shape[0]
-    newest = oldest = 0
+    newest = oldest = int(np.int64(0))
     newest_ns = oldest_ns = flat[np.uint64(middle + 2 * (circle[0, 1] * width + circle[0, 0]))]
     for i in range(n):
         t_ns = flat[np.uint64(middle + 2 * (circle[i, 1] * width + circle[i, 0]))]

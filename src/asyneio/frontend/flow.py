@@ -105,7 +105,7 @@ def find_flow(
             around[j, i] = fine_contrast(work, count, bx + (i - 1) * step, by + (j - 1) * step)
     du, dv = peak_of(around)
     work.vx, work.vy = bx + du * step, by + dv * step
-    return around.max() / max(still, 1e-9)
+    return around[_largest(around)] / max(still, 1e-9)
 
 
 @nb.njit(cache=True)
@@ -128,5 +128,16 @@ def peak_of(around: FloatArray) -> tuple[float, float]:
         du, dv = (uv * gv - vv * gu) / det, (uv * gu - uu * gv) / det
         if abs(du) <= _FURTHEST and abs(dv) <= _FURTHEST:
             return du, dv
-    best = int(np.argmax(around))
-    return best % 3 - 1.0, best // 3 - 1.0
+    row, column = _largest(around)
+    return column - 1.0, row - 1.0
+
+
+@nb.njit(cache=True)
+def _largest(around: FloatArray) -> tuple[int, int]:
+    """Row and column of the first of the largest of 3x3 values."""
+    row, column = 0, 0
+    for j in range(3):
+        for i in range(3):
+            if around[j, i] > around[row, column]:
+                row, column = j, i
+    return row, column

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Protocol
 
@@ -13,7 +14,8 @@ from asyneio.frontend.border import EventBorder, check_gyroscope
 from asyneio.frontend.gradient_tracker import GradientTracker
 from asyneio.frontend.haste import HasteTracker
 from asyneio.frontend.statistics import FrontendStatistics
-from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, EventRecording, RecordArray
+from asyneio.frontend.turns import STILL, TURN_DTYPE
+from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: The rate of roll is taken as constant over this long.
 _ROLL_STEP_NS = 4_000_000
@@ -24,13 +26,17 @@ _MOST_ROLL = 1e3
 class Tracker(Protocol):
     """What follows features through packets of events."""
 
-    def process(self, events: RecordArray, roll_rate: float = 0.0) -> RecordArray:
-        """Observations (OBSERVATION_DTYPE) that a packet (EVENT_DTYPE, ascending) leads to; `roll_rate` of
-        the image in it [rad/s], x towards y."""
+    def follow(self, events: RecordArray, turns: RecordArray) -> RecordArray:
+        """Observations (OBSERVATION_DTYPE) that a packet as `EventBorder.admitted` returns it leads to;
+        `turns` TURN_DTYPE, how the image rolls meanwhile."""
         ...
 
     def make_up_for(self, unused: float) -> None:
         """From now on, that share of the tracks is of no use to who reads them."""
+        ...
+
+    def limit_load(self, share: float) -> None:
+        """From now on, use so much of a processor core by nominal costs; zero: any."""
         ...
 
     def statistics(self) -> FrontendStatistics:
@@ -84,13 +90,8 @@ class Frontend:
         events = self._border.admitted(events)
         if events.size == 0:
             return np.empty(0, dtype=OBSERVATION_DTYPE)
-        if gyroscope is None:
-            return self._tracker.process(events)
-        pieces = [
-            self._tracker.process(part, self._roll_rate_in(gyroscope, start_ns, end_ns))
-            for part, start_ns, end_ns in _steps(events)
-        ]
-        return np.concatenate(pieces)
+        turns = STILL if gyroscope is None else self._turns(events["t_ns"], gyroscope)
+        return self._tracker.follow(events, turns)
 
     def make_up_for(self, unused: float) -> None:
         """Make room for tracks in place of those that are of no use.
@@ -106,9 +107,29 @@ class Frontend:
             raise RecordingError(f"found {unused} for the share of unused tracks, expected 0 to 1")
         self._tracker.make_up_for(unused)
 
+    def limit_load(self, share: float) -> None:
+        """Change `frontend.max_load` from now on: for live use, by what a clock on the wall has shown.
+
+        Raises:
+            RecordingError: negative or not finite.
+        """
+        if not 0.0 <= share < math.inf:
+            raise RecordingError(
+                f"found {share} for the share of a processor core, expected a positive number, or 0 for any"
+            )
+        self._tracker.limit_load(share)
+
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""
         return self._tracker.statistics()
+
+    def _turns(self, t_ns: IntArray, gyroscope: RecordArray) -> RecordArray:
+        """How the image rolls in a packet: TURN_DTYPE."""
+        found = [
+            (begin, self._roll_rate_in(gyroscope, start_ns, start_ns + _ROLL_STEP_NS))
+            for begin, start_ns in _steps(t_ns)
+        ]
+        return np.array(found, dtype=TURN_DTYPE)
 
     def _roll_rate_in(self, gyroscope: RecordArray, start_ns: int, end_ns: int) -> float:
         """Rate of the image's roll [rad/s], against the camera's; without samples, as it was."""
@@ -131,13 +152,11 @@ def gyroscope_in_camera(recording: EventRecording) -> RecordArray:
     return turned
 
 
-def _steps(events: RecordArray) -> Iterator[tuple[RecordArray, int, int]]:
-    """Non-empty pieces of a packet over which the roll's rate is constant, with the times they span."""
-    t_ns = events["t_ns"]
+def _steps(t_ns: IntArray) -> Iterator[tuple[int, int]]:
+    """Spans of a packet over which the roll's rate is constant: index of the first event, start [ns]."""
     begin = 0
-    while begin < events.size:
+    while begin < t_ns.size:
         # From edge to edge of a grid that begins with the packet; silence, however long, is passed over.
         start_ns = int(t_ns[begin]) - int(t_ns[begin] - t_ns[0]) % _ROLL_STEP_NS
-        end = int(np.searchsorted(t_ns, start_ns + _ROLL_STEP_NS))
-        yield events[begin:end], start_ns, start_ns + _ROLL_STEP_NS
-        begin = end
+        yield begin, start_ns
+        begin = int(np.searchsorted(t_ns, start_ns + _ROLL_STEP_NS))

@@ -23,7 +23,7 @@ from asyneio.frontend.features import (
 from asyneio.frontend.flow import find_flow
 from asyneio.frontend.gradient_template import learn, match, synthesise
 from asyneio.frontend.patch import blur, draw_patch, restrict, seen_lag, shift_patch, weigh
-from asyneio.frontend.record import Record
+from asyneio.frontend.record import INNER, Record
 from asyneio.frontend.upkeep import place
 from asyneio.types import RecordArray
 
@@ -66,7 +66,7 @@ class GradientSettings(NamedTuple):
     covariance_scale: float = 0.1  # of residual times inverse Hessian: blurred noise is correlated
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def try_birth(
     feature: Record,
     rings: RecordArray,
@@ -75,7 +75,7 @@ def try_birth(
     roll: float,
     roll_rate: float,
     reach_px: int,
-    settings: GradientSettings,
+    settings: Record,
     work: Record,
 ) -> bool:
     """Cut the template once the collected events span enough motion. False while they do not.
@@ -83,7 +83,7 @@ def try_birth(
     The search for the velocity starts at that of the frame `work` and goes `reach_px` far.
     """
     newest = feature.written - 1
-    count, first, mean, last = newest_events(feature, rings, slot, RING, settings.max_window_ns)
+    count, first, mean, last = newest_events(feature, rings, slot, np.int64(RING), settings.max_window_ns)
     span_s = (last - first) * 1e-9
     work.t_ns, work.x, work.y, work.roll, work.roll_rate = mean, feature.x, feature.y, 0.0, roll_rate
     sharpening = 0.0
@@ -131,7 +131,7 @@ def try_birth(
     return True
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def _wait(feature: Record, rings: RecordArray, slot: int) -> None:
     """Look again when there is half as much more to see, and at a full ring in any case before it is
     thinned."""
@@ -142,8 +142,8 @@ def _wait(feature: Record, rings: RecordArray, slot: int) -> None:
     feature.fresh = 0
 
 
-@nb.njit(cache=True)
-def _schedule(feature: Record, settings: GradientSettings) -> None:
+@nb.njit(**INNER)
+def _schedule(feature: Record, settings: Record) -> None:
     """Set after how many kept events the next update is due."""
     speed = np.hypot(feature.vx, feature.vy)
     step_px = min(max(speed * settings.step_s, settings.step_px), settings.max_step_px)
@@ -152,7 +152,7 @@ def _schedule(feature: Record, settings: GradientSettings) -> None:
     feature.fresh = 0
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def _place_offset(feature: Record, work: Record) -> None:
     """Report the centroid of the patch's own edges: at a depth edge, what stands out most is what is
     followed."""
@@ -166,7 +166,7 @@ def _place_offset(feature: Record, work: Record) -> None:
     feature.offset_y = v_sum / max(weight, 1e-9)
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def update(
     feature: Record,
     rings: RecordArray,
@@ -174,7 +174,7 @@ def update(
     slot: int,
     roll: float,
     roll_rate: float,
-    settings: GradientSettings,
+    settings: Record,
     width: int,
     height: int,
     work: Record,
@@ -234,8 +234,8 @@ def update(
     return MOVED
 
 
-@nb.njit(cache=True)
-def _is_trusted(feature: Record, settings: GradientSettings, out: Record) -> bool:
+@nb.njit(**INNER)
+def _is_trusted(feature: Record, settings: Record, out: Record) -> bool:
     """Whether the patch still moves as one and is still matched sharply.
 
     Where a patch spans two depths, or its template has crept away, its halves pull apart long before the

@@ -5,99 +5,127 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from asyneio.frontend.budget import EVENT_NS, FED_NS, grant_tests, has_credit, is_shed, shed_features
 from asyneio.frontend.detection import SCRATCH, is_corner
 from asyneio.frontend.features import FREE, GROWING, RING, Features, begin
-from asyneio.frontend.gradient_feature import MOVED, GradientSettings, try_birth, update
-from asyneio.frontend.record import Record
-from asyneio.frontend.registration import BUCKET, BUCKET_FEATURES, Registration, move, register
+from asyneio.frontend.gradient_feature import MOVED, try_birth, update
+from asyneio.frontend.prefetch import prefetch
+from asyneio.frontend.record import INNER, Record
+from asyneio.frontend.registration import BUCKET_FEATURES, FINE, Tables, enter, follow
 from asyneio.frontend.surface import HOT_NS, Surface, record_event, refresh_hot_pixels
-from asyneio.frontend.upkeep import LoopSettings, balance, emit, guess_velocity, place, release, remove_idle
+from asyneio.frontend.upkeep import (
+    balance,
+    emit,
+    guess_velocity,
+    place,
+    release,
+    remove_idle,
+    turn,
+)
 from asyneio.types import RecordArray
 
 #: How often features are looked over, by the events' own time: how a stream is cut into packets changes
 #: nothing.
 CHECK_NS = 5_000_000
-#: How many pixels a feature may run ahead of its registration before it is moved there.
-_SLACK_PX = 1.5
+#: So many events ahead, the surface is fetched from memory.
+_FETCHED = 24
 
 
 @nb.njit(cache=True, nogil=True)
 def process_events(
     events: RecordArray,
     start: int,
+    turns: RecordArray,
     surface: Surface,
     features: Features,
-    registration: Registration,
-    loop: LoopSettings,
-    settings: GradientSettings,
+    tables: Tables,
+    loops: RecordArray,
+    all_settings: RecordArray,
     workspace: RecordArray,
     states: RecordArray,
     observations: RecordArray,
 ) -> tuple[int, int]:
     """Process events from `start` on; the next event to process and the number of observations written.
 
-    Stops early when `observations` may not hold what follows.
+    Stops early when `observations` may not hold what follows. An event that concerns no feature and can be no
+    corner costs some nanoseconds: it is put on the surface, which was fetched before, and finds an empty
+    bucket.
     """
     height, width = surface.hot.shape
     latest_ns, fired, hot = surface.latest_ns, surface.fired, surface.hot
-    records, rings, buckets = features.records, features.rings, registration.buckets
+    flat_ns, flat_fired, flat_hot = latest_ns.reshape(-1), fired.reshape(-1), hot.reshape(-1)
+    records, rings = features.records, features.rings
+    counts, buckets = tables.feeding.counts, tables.feeding.buckets
     scratch = np.empty(SCRATCH, dtype=np.int64)
-    state = states[0]
-    written = 0
-    reach = max(settings.feed_radius_px, loop.spacing_px) + _SLACK_PX
+    in_disc = np.empty(BUCKET_FEATURES, dtype=np.int64)
+    state, loop, settings = states[0], loops[0], all_settings[0]
+    # Not a plain number, for which Numba would compile what it is given to once more.
+    written = int(np.int64(0))
     feed2 = settings.feed_radius_px**2
     spacing2 = loop.spacing_px**2
     nearest_edge = loop.border_px + 3
+    limited = state.load > 0.0
+    turned, last = 0, int(events.size - 1)
+    while turned < turns.size and turns[turned].first < start:
+        turned += 1
+    next_turn = turns[turned].first if turned < turns.size else -1
     for i in range(start, events.size):
-        event = events[i]
+        event, later = events[np.uint64(i)], events[np.uint64(min(i + _FETCHED, last))]
+        if not limited or state.credit_ns > 0.0:
+            pixel = np.int64(later.y) * width + np.int64(later.x)
+            prefetch(flat_ns, 2 * pixel)
+            prefetch(flat_fired, pixel)
+            prefetch(flat_hot, pixel)
         t_ns, x, y, p = event.t_ns, np.int64(event.x), np.int64(event.y), np.int64(event.p)
         if written + 2 * BUCKET_FEATURES > observations.size:
             return i, written
+        if i == next_turn:
+            turn(state, t_ns, turns[turned].rate)
+            turned += 1
+            next_turn = turns[turned].first if turned < turns.size else -1
         if t_ns - state.checked_ns > CHECK_NS:
-            state.checked_ns = t_ns
-            remove_idle(records, registration, t_ns, loop, state)
-            balance(state)
-            if t_ns - state.hot_ns > HOT_NS:
-                state.hot_pixels = refresh_hot_pixels(surface, (t_ns - state.hot_ns) * 1e-9)
-                state.hot_ns = t_ns
+            look_over(records, tables, surface, t_ns, loop, state)
+        row, column = np.uint64(y >> FINE), np.uint64(x >> FINE)
+        count = np.int64(counts[row, column])
+        if limited:
+            if not has_credit(state, t_ns) and is_shed(state, count):
+                continue
+            state.credit_ns -= EVENT_NS
         first_of_edge = record_event(latest_ns, fired, t_ns, x, y, p, loop.silence_ns)
-        if hot[y, x]:
+        if hot[np.uint64(y), np.uint64(x)]:
             state.hot_events += 1
             continue
-        state.seen[p] += 1.0
-        bucket = buckets[y // BUCKET, x // BUCKET]
-        near = False
-        k = bucket.count
-        while k > 0:
-            k -= 1
-            # An update may take features out of this very bucket.
-            if k >= bucket.count:
-                continue
-            slot = np.int64(bucket.slots[k])
-            feature = records[slot]
+        state.seen[np.uint64(p)] += 1.0
+        near, fed = False, 0
+        # First who is fed, without a branch that the processor would have to guess; newest entry first.
+        for k in range(count):
+            listed = np.int64(buckets[row, column].slots[np.uint64(count - 1 - k)])
+            feature = records[np.uint64(listed)]
             ahead_s = (t_ns - feature.t_ns) * 1e-9
             dx = x - feature.x - feature.vx * ahead_s
             dy = y - feature.y - feature.vy * ahead_s
             distance2 = dx * dx + dy * dy
-            near = near or distance2 < spacing2
-            if distance2 > feed2:
-                continue
+            near |= distance2 < spacing2
+            in_disc[np.uint64(fed)] = listed
+            fed += int(distance2 <= feed2)
+        for k in range(fed):
+            slot = int(in_disc[np.uint64(k)])
+            feature = records[np.uint64(slot)]
             feature.skipped += 1
             if feature.skipped < feature.stride:
                 continue
             feature.skipped = 0
-            kept = rings[slot, feature.written & (RING - 1)]
+            kept = rings[np.uint64(slot), np.uint64(feature.written & (RING - 1))]
             kept.t_ns, kept.x, kept.y = t_ns, x, y
-            kept.w = state.worth[p] * feature.stride
+            kept.w = state.worth[np.uint64(p)] * feature.stride
             feature.written += 1
             feature.fresh += 1
             if feature.fresh >= feature.due:
                 written += _act(
                     features,
-                    registration,
+                    tables,
                     slot,
                     t_ns,
-                    reach,
                     width,
                     height,
                     loop,
@@ -107,32 +135,72 @@ def process_events(
                     observations,
                     written,
                 )
-        if near or not first_of_edge or state.alive >= state.places:
+        state.fed += fed
+        if limited:
+            state.credit_ns -= FED_NS * fed
+        if near or not first_of_edge or state.alive >= state.places or state.alive >= state.allowed:
             continue
         if not (nearest_edge <= x < width - nearest_edge and nearest_edge <= y < height - nearest_edge):
             continue
+        if state.tests < 1.0:
+            state.untested += 1
+            continue
+        if tables.wide and is_near(records, tables, t_ns, x, y, spacing2):
+            continue
+        state.tests -= 1.0
         if is_corner(latest_ns, p, x, y, scratch):
-            slot = np.int64(0)
+            slot = int(np.int64(0))
             while records[slot].state != FREE:
                 slot += 1
             begin(records[slot], t_ns, x, y, settings.birth_events)
             state.corners += 1
             state.alive += 1
-            register(registration, slot, x, y, reach)
+            enter(tables, slot, float(x), float(y))
     return events.size, written
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
+def look_over(
+    records: RecordArray, tables: Tables, surface: Surface, t_ns: int, loop: Record, state: Record
+) -> None:
+    """What is done every few milliseconds of event time."""
+    grant_tests(state, t_ns - state.checked_ns)
+    state.checked_ns = t_ns
+    remove_idle(records, tables, t_ns, loop, state)
+    balance(state)
+    if state.load > 0.0:
+        shed_features(records, tables, state)
+    if t_ns - state.hot_ns > HOT_NS:
+        state.hot_pixels = refresh_hot_pixels(surface, (t_ns - state.hot_ns) * 1e-9)
+        state.hot_ns = t_ns
+
+
+@nb.njit(**INNER)
+def is_near(records: RecordArray, tables: Tables, t_ns: int, x: int, y: int, spacing2: float) -> bool:
+    """Whether a feature is so near that no corner may begin."""
+    shift = tables.spacing.shift
+    row, column = np.uint64(y >> shift), np.uint64(x >> shift)
+    slots = tables.spacing.buckets[row, column].slots
+    for k in range(np.int64(tables.spacing.counts[row, column])):
+        feature = records[np.uint64(slots[np.uint64(k)])]
+        ahead_s = (t_ns - feature.t_ns) * 1e-9
+        dx = x - feature.x - feature.vx * ahead_s
+        dy = y - feature.y - feature.vy * ahead_s
+        if dx * dx + dy * dy < spacing2:
+            return True
+    return False
+
+
+@nb.njit(**INNER)
 def _act(
     features: Features,
-    registration: Registration,
+    tables: Tables,
     slot: int,
     t_ns: int,
-    reach: float,
     width: int,
     height: int,
-    loop: LoopSettings,
-    settings: GradientSettings,
+    loop: Record,
+    settings: Record,
     workspace: RecordArray,
     state: Record,
     observations: RecordArray,
@@ -147,13 +215,13 @@ def _act(
         if try_birth(feature, rings, evidence, slot, roll, rate, reach_px, settings, work):
             feature.id = state.tracks
             state.tracks += 1
-            move(registration, slot, feature.x, feature.y, reach)
+            follow(tables, slot, feature.x, feature.y)
         return 0
     status = update(feature, rings, evidence, slot, roll, rate, settings, width, height, work)
     u, v, b = feature.x, feature.y, loop.border_px
     outside = u < b or v < b or u > width - 1 - b or v > height - 1 - b
     if status < 0 or outside:
-        release(feature, registration, slot, state)
+        release(feature, tables, slot, state)
         if outside:
             state.border += 1
         else:
@@ -161,7 +229,7 @@ def _act(
         return 0
     if status != MOVED:
         return 0
-    move(registration, slot, u, v, reach)
+    follow(tables, slot, u, v)
     scale, count = settings.covariance_scale, 0
     if feature.founded_ns:
         # Confirmed: what founded the feature is its first observation.

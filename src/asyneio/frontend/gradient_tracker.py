@@ -6,15 +6,18 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend.border import EventBorder
+from asyneio.frontend.budget import THINNING
 from asyneio.frontend.extents import neighbourhood_px, spacing_px
 from asyneio.frontend.features import TRACKING, make_features
 from asyneio.frontend.gradient_feature import GradientSettings
 from asyneio.frontend.gradient_kernel import process_events
 from asyneio.frontend.patch import make_workspace
 from asyneio.frontend.pieces import in_pieces
-from asyneio.frontend.registration import make_registration
+from asyneio.frontend.record import record_of
+from asyneio.frontend.registration import make_tables
 from asyneio.frontend.statistics import FrontendStatistics
 from asyneio.frontend.surface import make_surface
+from asyneio.frontend.turns import TURN_DTYPE
 from asyneio.frontend.upkeep import LoopSettings, make_state
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, RecordArray
 
@@ -43,7 +46,7 @@ class GradientTracker:
         self, config: FrontendConfig, width: int, height: int, settings: GradientSettings | None = None
     ) -> None:
         self.settings = settings or GradientSettings()
-        self._loop = LoopSettings(
+        loop = LoopSettings(
             silence_ns=_SILENCE_NS,
             spacing_px=spacing_px(config.spacing, width),
             neighbourhood_px=neighbourhood_px(width),
@@ -53,14 +56,15 @@ class GradientTracker:
             t_max_ns=round(config.max_silence_s * NS_PER_S),
             birth_max_ns=_BIRTH_MAX_NS,
         )
+        self._loop, self._settings = record_of(loop), record_of(self.settings)
         self._wanted = config.max_features
         capacity = _MOST * config.max_features
         self.features = make_features(capacity)
         self._border = EventBorder(width, height)
         self._surface = make_surface(width, height)
-        self._registration = make_registration(width, height, capacity)
+        self._tables = make_tables(width, height, capacity, self.settings.feed_radius_px, loop.spacing_px)
         self._work = make_workspace(self.settings.mask_sigma_px)
-        self._state = make_state(config.max_features)
+        self._state = make_state(config.max_features, config.max_load)
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
         self._events = 0
 
@@ -71,15 +75,23 @@ class GradientTracker:
             RecordingError: events that do not fit, see `EventBorder.admitted`.
         """
         events = self._border.admitted(events)
-        if events.size:
-            self._turn(int(events["t_ns"][0]), roll_rate)
+        return self.follow(events, np.array([(0, roll_rate)], dtype=TURN_DTYPE))
+
+    def follow(self, events: RecordArray, turns: RecordArray) -> RecordArray:
+        """Observations that a packet as `EventBorder.admitted` returns it leads to; `turns` TURN_DTYPE."""
         self._events += events.size
-        return in_pieces(events, self._buffer, self._step)
+        return in_pieces(events, self._buffer, lambda part, start: self._step(part, start, turns))
 
     def make_up_for(self, unused: float) -> None:
         """Follow as many more features as leave `max_features` where that share of all is of no use."""
         places = self._wanted / max(1.0 - unused, 1.0 / _MOST)
         self._state[0]["places"] = min(round(places), _MOST * self._wanted)
+
+    def limit_load(self, share: float) -> None:
+        """From now on, use so much of a processor core by nominal costs; zero: any."""
+        self._state[0]["load"] = share
+        if share == 0.0:
+            self._state[0]["allowed"] = np.inf
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""
@@ -94,25 +106,24 @@ class GradientTracker:
             ended_untrusted=int(state["untrusted"] + state["crowded"]),
             ended_silent=int(state["silent"]),
             ended_border=int(state["border"]),
+            untested=int(state["untested"]),
+            fed=int(state["fed"]),
+            shed_events=int(state["shed_events"]),
+            shed_feature_events=int(state["shed_fed"] - state["shed_fed"] // THINNING),
+            shed_features=int(state["shed_features"]),
         )
 
-    def _step(self, events: RecordArray, start: int) -> tuple[int, int]:
+    def _step(self, events: RecordArray, start: int, turns: RecordArray) -> tuple[int, int]:
         return process_events(
             events,
             start,
+            turns,
             self._surface,
             self.features,
-            self._registration,
+            self._tables,
             self._loop,
-            self.settings,
+            self._settings,
             self._work,
             self._state,
             self._buffer,
         )
-
-    def _turn(self, t_ns: int, roll_rate: float) -> None:
-        """Integrate the roll up to a time, and go on at another rate."""
-        state = self._state[0]
-        if self._events:
-            state["roll"] += state["roll_rate"] * (t_ns - state["roll_ns"]) * 1e-9
-        state["roll_ns"], state["roll_rate"] = t_ns, roll_rate

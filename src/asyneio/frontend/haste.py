@@ -18,7 +18,6 @@ from asyneio.frontend.extents import spacing_px
 from asyneio.frontend.haste_kernel import FREE, GROWING, HASTE_DTYPE, RADIUS, TRACKING, feed
 from asyneio.frontend.pieces import in_pieces
 from asyneio.frontend.registration import (
-    BUCKET,
     BUCKET_FEATURES,
     Registration,
     make_registration,
@@ -28,6 +27,7 @@ from asyneio.frontend.registration import (
 )
 from asyneio.frontend.statistics import FrontendStatistics
 from asyneio.frontend.surface import HOT_NS, NEVER_NS, Surface, make_surface, record_event, refresh_hot_pixels
+from asyneio.frontend.turns import STILL
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, IntArray, RecordArray
 
 #: Indices of the counters: features alive, founded, tracked; ended by silence, at the border; events of hot
@@ -85,7 +85,6 @@ def give_birth(
     t_ns: int,
     x: int,
     y: int,
-    reach: float,
     counters: IntArray,
 ) -> None:
     """Found a feature on a corner event, in the first free slot; there must be one."""
@@ -100,7 +99,7 @@ def give_birth(
     feature.written = 0
     counters[ALIVE] += 1
     counters[BIRTHS] += 1
-    register(registration, slot, x, y, reach)
+    register(registration, slot, x, y)
     feed(feature, t_ns, x, y)
 
 
@@ -125,7 +124,7 @@ def process_events(
     height, width = hot.shape
     border = settings.border_px
     spacing2 = settings.spacing_px**2
-    reach = max(float(RADIUS), settings.spacing_px)
+    shift = registration.shift
     scratch = np.zeros(SCRATCH, dtype=np.int64)
     written = 0
     for i in range(start, events.size):
@@ -143,10 +142,11 @@ def process_events(
         if hot[y, x]:
             counters[HOT_EVENTS] += 1
             continue
-        bucket = buckets[y // BUCKET, x // BUCKET]
+        row, column = y >> shift, x >> shift
+        bucket = buckets[row, column]
         near = False
         # Backwards: a feature that leaves the bucket or comes anew trades places only with those served.
-        for k in range(bucket.count - 1, -1, -1):
+        for k in range(np.int64(registration.counts[row, column]) - 1, -1, -1):
             slot = np.int64(bucket.slots[k])
             feature = features[slot]
             dx, dy = x - feature.x, y - feature.y
@@ -165,7 +165,7 @@ def process_events(
                 release(features, registration, slot, counters)
                 counters[AT_BORDER] += 1
                 continue
-            move(registration, slot, u, v, reach)
+            move(registration, slot, u, v)
             if feature.t_ns - feature.reported_ns >= settings.t_min_ns:
                 feature.reported_ns = feature.t_ns
                 observation = observations[written]
@@ -181,7 +181,7 @@ def process_events(
         if x < border or y < border or x > width - 1 - border or y > height - 1 - border:
             continue
         if is_corner(latest_ns, p, x, y, scratch):
-            give_birth(features, registration, t_ns, x, y, reach, counters)
+            give_birth(features, registration, t_ns, x, y, counters)
     return events.size, written
 
 
@@ -205,7 +205,8 @@ class HasteTracker:
         self.counters = np.zeros(COUNTERS, dtype=np.int64)
         self._border = EventBorder(width, height)
         self._surface = make_surface(width, height)
-        self._registration = make_registration(width, height, config.max_features)
+        reach = max(float(RADIUS), self.settings.spacing_px)
+        self._registration = make_registration(width, height, config.max_features, reach)
         self._clock = np.full(2, NEVER_NS, dtype=np.int64)
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
         self._events = 0
@@ -220,12 +221,18 @@ class HasteTracker:
         Raises:
             RecordingError: events that do not fit, see `EventBorder.admitted`.
         """
-        events = self._border.admitted(events)
+        return self.follow(self._border.admitted(events), STILL)
+
+    def follow(self, events: RecordArray, turns: RecordArray) -> RecordArray:
+        """As `process`, of a packet as `EventBorder.admitted` returns it; `turns` are not asked for."""
         self._events += events.size
         return in_pieces(events, self._buffer, self._step)
 
     def make_up_for(self, unused: float) -> None:
         """Nothing: the baseline follows as many features as it was published with."""
+
+    def limit_load(self, share: float) -> None:
+        """Nothing: the baseline sheds no load."""
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""

@@ -47,10 +47,12 @@ def record_event(
     latest_ns: IntArray, fired: np.ndarray, t_ns: int, x: int, y: int, p: int, silence_ns: int
 ) -> bool:
     """Put an event on a surface; whether it is the first of an edge, so that it may found a corner."""
-    own = latest_ns[y, x, p]
-    other = latest_ns[y, x, 1 - p]
-    latest_ns[y, x, p] = t_ns
-    fired[y, x] += 1
+    # Unsigned: no index counts from the end, which would be checked.
+    row, column, sign = np.uint64(y), np.uint64(x), np.uint64(p)
+    own = latest_ns[row, column, sign]
+    other = latest_ns[row, column, sign ^ np.uint64(1)]
+    latest_ns[row, column, sign] = t_ns
+    fired[row, column] += np.int32(1)
     return other > own or t_ns - own > silence_ns
 
 

@@ -8,8 +8,8 @@ import numba as nb
 import numpy as np
 
 from asyneio.frontend.features import FREE, GROWING, TRACKING
-from asyneio.frontend.record import Record
-from asyneio.frontend.registration import Registration, unregister
+from asyneio.frontend.record import INNER, Record
+from asyneio.frontend.registration import Tables, leave
 from asyneio.frontend.surface import NEVER_NS
 from asyneio.types import RecordArray
 
@@ -28,8 +28,18 @@ STATE_DTYPE = np.dtype(
         ("worth", "<f8", (2,)),  # signed weight of an off and of an on event
         ("alive", "<i8"),  # features, growing or tracked,
         ("places", "<i8"),  # and up to how many of them new ones may begin
+        ("tests", "<f8"),  # of corners that may be made now
+        ("load", "<f8"),  # share of a core that may be used, by nominal costs; zero: any
+        ("credit_ns", "<f8"),  # of computing, by nominal costs
+        ("credited_ns", "<i8"),  # when that was last added to
+        ("allowed", "<f8"),  # features, so that the load is borne
         ("hot_pixels", "<i8"),
         ("hot_events", "<i8"),
+        ("fed", "<i8"),  # events given to features, each once for every feature
+        ("untested", "<i8"),  # events that might have been corners
+        ("shed_events", "<i8"),  # that concern no feature,
+        ("shed_fed", "<i8"),  # that some feature might have used
+        ("shed_features", "<i8"),
         ("corners", "<i8"),
         ("tracks", "<i8"),
         ("untrusted", "<i8"),  # ended by distrust,
@@ -54,37 +64,45 @@ class LoopSettings(NamedTuple):
     birth_max_ns: int
 
 
-def make_state(places: int) -> RecordArray:
-    """State (1,) STATE_DTYPE before the first event, with so many places for features."""
+def make_state(places: int, load: float) -> RecordArray:
+    """State (1,) STATE_DTYPE before the first event, with so many places for features; `load`: share of a
+    core that may be used, zero for any."""
     state = np.zeros(1, dtype=STATE_DTYPE)
-    state["checked_ns"] = state["hot_ns"] = NEVER_NS
+    state["checked_ns"] = state["hot_ns"] = state["roll_ns"] = state["credited_ns"] = NEVER_NS
     state["worth"] = -1.0, 1.0
     state["places"] = places
+    state["load"], state["allowed"] = load, np.inf
     return state
 
 
-@nb.njit(cache=True)
-def release(feature: Record, registration: Registration, slot: int, state: Record) -> None:
+@nb.njit(**INNER)
+def turn(state: Record, t_ns: int, rate: float) -> None:
+    """Integrate the roll up to a time, and go on at another rate."""
+    if state.roll_ns != NEVER_NS:
+        state.roll += state.roll_rate * (t_ns - state.roll_ns) * 1e-9
+    state.roll_ns, state.roll_rate = t_ns, rate
+
+
+@nb.njit(**INNER)
+def release(feature: Record, tables: Tables, slot: int, state: Record) -> None:
     """End a feature."""
-    unregister(registration, slot)
+    leave(tables, slot)
     feature.state = FREE
     state.alive -= 1
 
 
-@nb.njit(cache=True)
-def remove_idle(
-    records: RecordArray, registration: Registration, t_ns: int, loop: LoopSettings, state: Record
-) -> None:
+@nb.njit(**INNER)
+def remove_idle(records: RecordArray, tables: Tables, t_ns: int, loop: Record, state: Record) -> None:
     """Release features that are silent, that never began to move, or that ran into an older one."""
     for slot in range(records.size):
         feature = records[slot]
         if feature.state == GROWING and t_ns - feature.born_ns > loop.birth_max_ns:
-            release(feature, registration, slot, state)
+            release(feature, tables, slot, state)
             state.abandoned += 1
         if feature.state != TRACKING:
             continue
         if t_ns - feature.t_ns > loop.t_max_ns:
-            release(feature, registration, slot, state)
+            release(feature, tables, slot, state)
             state.silent += 1
             continue
         for k in range(records.size):
@@ -92,12 +110,12 @@ def remove_idle(
             dx, dy = feature.x - other.x, feature.y - other.y
             beside = dx * dx + dy * dy < loop.crowding_px**2
             if beside and other.state == TRACKING and other.born_ns < feature.born_ns:
-                release(feature, registration, slot, state)
+                release(feature, tables, slot, state)
                 state.crowded += 1
                 break
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def balance(state: Record) -> None:
     """On and off thresholds of a sensor differ; over time both polarities carry the same change of
     brightness."""
@@ -108,7 +126,7 @@ def balance(state: Record) -> None:
         state.seen[0], state.seen[1] = 0.5 * off, 0.5 * on
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def guess_velocity(records: RecordArray, feature: Record, within_px: float, work: Record) -> bool:
     """Mean velocity of the three nearest tracked features, into the frame `work`; False, and zero, unless
     three are near enough."""
@@ -134,7 +152,7 @@ def guess_velocity(records: RecordArray, feature: Record, within_px: float, work
     return True
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def place(feature: Record, roll: float, lag_share: float) -> tuple[float, float]:
     """Where the point that a feature reports is in the image: ahead of its picture by the lag of events.
 
@@ -147,7 +165,7 @@ def place(feature: Record, roll: float, lag_share: float) -> tuple[float, float]
     return u, v
 
 
-@nb.njit(cache=True)
+@nb.njit(**INNER)
 def emit(
     feature: Record,
     work: Record,
