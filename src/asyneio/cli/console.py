@@ -38,8 +38,8 @@ class RunProgress:
             self._compiling = False
         elapsed_s = self._bar.tasks[self._task].elapsed or 0.0
         rate = f"{done_s / elapsed_s:.1f}x real time" if elapsed_s > 0.5 else ""
-        done = {"completed": done_s, "total": total_s}
-        self._bar.update(self._task, description=str(health), rate=rate, unit=" s", **done)
+        self._bar.update(self._task, completed=done_s, total=total_s)
+        self._bar.update(self._task, description=str(health), rate=rate, unit=" s")
 
 
 @contextmanager
