@@ -112,7 +112,7 @@ def _subtract_camera(system: LinearSystem, border: FloatArray, model: Model) -> 
     """Take what landmarks say between camera and knots, `border` (18K,c), and of the camera off H, b."""
     knots = system.W.shape[2]
     at = (24 * np.arange(knots)[:, None] + model.landmark_columns).ravel()
-    camera = slice(24 * knots, None)
+    camera = slice(24 * knots, 24 * knots + border.shape[1])
     W = system.W_camera.reshape(-1, border.shape[1])
     system.H[at, camera] -= border
     system.H[camera, at] -= border.T

@@ -47,7 +47,7 @@ class OptimizerReport:
 class Solution:
     """Optimised problem, the reduced normal equations it was last solved with, and the report.
 
-    `information` (24K+c,24K+c) is the Schur complement of the landmarks plus the prior, last linearised;
+    `information` (24K+c+s,24K+c+s) is the Schur complement of the landmarks plus the prior, last linearised;
     what it says of coordinates that are not active (`problem.model.active`) means nothing.
     """
 
@@ -71,7 +71,7 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
     Raises:
         EstimationError: the system stays singular at any damping, or the cost is not finite.
     """
-    prior_delta = difference(problem.states, prior, problem.camera)
+    prior_delta = difference(problem.states, prior, problem.camera, problem.imu)
     damping = 0.0
     initial_cost = cost = float("inf")
     iterations = 0
@@ -115,7 +115,7 @@ def _damped_step(
         step = _solve(system, problem.model.active, diagonal, damping)
         if step is not None:
             candidate = retract(problem, system, step)
-            delta = difference(candidate.states, prior, candidate.camera)
+            delta = difference(candidate.states, prior, candidate.camera, candidate.imu)
             new_cost = evaluate_cost(candidate) + prior_cost(prior, delta)
             # Equal costs count: at the minimum rounding decides.
             if new_cost <= cost * (1.0 + 1e-9):
@@ -137,8 +137,9 @@ def _predicted_decrease(system: LinearSystem, step: FloatArray) -> float:
 
 
 def _solve(system: LinearSystem, active: IntArray, diagonal: FloatArray, damping: float) -> FloatArray | None:
-    """Step (24K+c,), zero where not active, or None where the matrix is not positive definite."""
-    chosen = active_in_window(active, *divmod(len(diagonal), KNOT_DOF))
+    """Step (24K+c+s,), zero where not active, or None where the matrix is not positive definite."""
+    knots, behind = divmod(len(diagonal), KNOT_DOF)
+    chosen = active_in_window(active, knots, behind)
     H = active_part(system.H, active).copy()
     H[np.diag_indices_from(H)] += damping * diagonal[chosen]
     try:
@@ -148,4 +149,4 @@ def _solve(system: LinearSystem, active: IntArray, diagonal: FloatArray, damping
     step = -cho_solve(factor, system.b[chosen], check_finite=False)
     if not np.isfinite(step).all():
         return None
-    return with_inactive_zero(step, active)
+    return with_inactive_zero(step, active, behind)
