@@ -16,7 +16,9 @@ import numpy as np
 from asyneio.config import FrontendConfig
 from asyneio.estimation import interval_terms, visual_terms
 from asyneio.estimation.active import active_coordinates
+from asyneio.estimation.correction_terms import add_correction_terms
 from asyneio.estimation.elimination import eliminate_landmarks
+from asyneio.estimation.inertial_calibration import IMU_DOF
 from asyneio.estimation.landmarks import born_landmark, camera_poses
 from asyneio.estimation.linear_system import LinearSystem, linearize
 from asyneio.estimation.problem import (
@@ -115,6 +117,9 @@ def compile_intervals() -> None:
     interval_terms.accelerometer_terms(
         problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
     )
+    H, b, chain = np.zeros((63, 63)), np.zeros(63), np.zeros((1, 48, 48))
+    estimated = problem._replace(imu=problem.imu._replace(columns=np.arange(IMU_DOF)))
+    add_correction_terms(estimated, local, local, chain, H, b)
     resting = problem._replace(rest=rest_of(np.ones(1, dtype=np.bool_), problem.model))
     rest_terms(resting, True, np.zeros((48, 48)), np.zeros(48))
 
