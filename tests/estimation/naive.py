@@ -36,8 +36,8 @@ _AT_ONCE = 64
 @dataclass(frozen=True)
 class Point:
     """All unknowns, leading axes omitted: poses `T` (K,4,4), rates `varpi` (K,2,6), biases `bias` (K,6), of
-    the camera `offset` () and `C_bc` (3,3), of the IMU `correction` (15,), bearings `kappa` (L,3) that move along `tangent` (L,3,2), inverse
-    distances `rho` (L,).
+    the camera `offset` () and `C_bc` (3,3), of the IMU `correction` (15,), bearings `kappa` (L,3) that move
+    along `tangent` (L,3,2), inverse distances `rho` (L,).
 
     `columns` (c,) of [offset, rotation] and `imu_columns` (s,) of the correction are unknowns; `dof` of a
     landmark: 1 or 3.

@@ -1,5 +1,5 @@
-"""Scale factors and misalignment of the IMU as unknowns: normal equations, minimum, marginalisation and covariance
-against the dense oracle, and whole windows whose sensors are off."""
+"""Scale factors and misalignment of the IMU as unknowns: normal equations, minimum, marginalisation and
+covariance against the dense oracle, and whole windows whose sensors are off."""
 
 from __future__ import annotations
 
@@ -211,8 +211,8 @@ def spoilt(toy: Toy, coordinates: Array) -> Toy:
 
 
 def test_wrong_scale_factors_are_found() -> None:
-    """Noise-free measurements, true states; what the motion shows of the sensors is found, the rest stays within
-    its own standard deviation."""
+    """Noise-free measurements, true states; what the motion shows of the sensors is found, the rest stays
+    within its own standard deviation."""
     # Sensors so bad that eight knots tell something of them.
     settings = replace(SETTINGS, imu=correction_settings(0.2, 0.1, 0.0))
     toy = make_toy(noise=0.0, count=8, landmarks=40, settings=settings)

@@ -49,7 +49,8 @@ def active_part(matrix: FloatArray, active: IntArray) -> FloatArray:
 
 
 def with_inactive_zero(values: FloatArray, active: IntArray, behind: int) -> FloatArray:
-    """`values` (..., n K + c) of the active coordinates, with zeros (..., 24 K + c) for the others; c = `behind`.
+    """`values` (..., n K + c) of the active coordinates and the c = `behind` ones after the knots, with zeros
+    for the others: (..., 24 K + c).
 
     Where all are active these are the values themselves.
     """

@@ -1,5 +1,5 @@
-"""What the inertial samples say of their own scale factors and misalignment (`inertial_calibration`): sums over
-the factors (21), against the trajectory and against themselves."""
+"""What the inertial samples say of their own scale factors and misalignment (`inertial_calibration`): sums
+over the factors (21), against the trajectory and against themselves."""
 
 from __future__ import annotations
 
@@ -19,7 +19,12 @@ from asyneio.types import FloatArray
 
 
 def add_correction_terms(
-    problem: Problem, local: FloatArray, local_lin: FloatArray, chain: FloatArray, H: FloatArray, b: FloatArray
+    problem: Problem,
+    local: FloatArray,
+    local_lin: FloatArray,
+    chain: FloatArray,
+    H: FloatArray,
+    b: FloatArray,
 ) -> None:
     """Add rows and columns of the IMU's coordinates, the last ones of `H` (24K+c+s,24K+c+s), `b` (24K+c+s,).
 
@@ -139,7 +144,7 @@ def _accumulate(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Sums of one interval; `residual` (n,3) and `jacobian` (n,3,48) are whitened, `reading` (n,3) not yet."""
+    """Sums of one interval: `residual` (n,3) and `jacobian` (n,3,48) are whitened, `reading` (n,3) is not."""
     size = directions.shape[0]
     white = np.empty(3)
     row = np.empty((3, size))

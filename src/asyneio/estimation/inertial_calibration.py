@@ -1,13 +1,13 @@
-"""Scale factors and misalignment of both inertial sensors as unknowns of the window, common to all its samples.
+"""Scale factors and misalignment of both inertial sensors as unknowns of the window, common to all samples.
 
 A data sheet allows a scale factor to be off by one percent and axes to lean by as much. That is no noise: it
 is the same in every sample and grows with the motion, so neither the noise nor the bias can stand for it.
 
-*Correction instead of error.* What is estimated makes readings true, `(I + S) reading = truth + bias + noise`:
-residuals (21) keep their form with corrected values in the place of readings, and their derivative by S is the
-reading, whatever the trajectory does. S of the gyroscope is symmetric: its axes are those of the body, by the
-calibration against the camera, so a part that is a rotation would be the camera's. That of the accelerometer
-has all nine elements. Values that stand for the samples of an interval (`inertial.projection`) are linear in
+*Correction instead of error.* What is estimated makes readings true, `(I + S) reading = truth + bias +
+noise`: residuals (21) keep their form with corrected values in the place of readings, and their derivative
+by S is the reading, whatever the trajectory does. S of the gyroscope is symmetric: its axes are those of the
+body, by the calibration against the camera, so a part that is a rotation would be the camera's. That of the
+accelerometer has all nine elements. Values that stand for the samples of an interval (`inertial.projection`) are linear in
 them, and so are corrected alike. The bias that a knot holds is that of corrected values.
 
 The coordinates (15): gyroscope's scale x, y, z, its cross-axis shares yz, xz, xy; accelerometer's scale x, y,

@@ -41,8 +41,8 @@ _RELATIVE_PIVOT = 1e-13
 
 
 def marginalize_oldest(problem: Problem, prior: Prior, walk: FloatArray | None = None) -> Prior:
-    """The prior on knots 1..m, and on what is estimated of camera and IMU, that replaces knot 0, its landmarks
-    and their factors.
+    """The prior on knots 1..m, and on what is estimated of camera and IMU, that replaces knot 0, its
+    landmarks and their factors.
 
     `walk` (c+s,): variance that the coordinates of camera [s^2, rad^2] and IMU gain over the interval.
 

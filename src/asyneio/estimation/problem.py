@@ -148,8 +148,8 @@ class Landmarks(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """Square-root prior over the first m knots and the c + s coordinates of camera and IMU that are estimated,
-    and where it was linearised."""
+    """Square-root prior over the first m knots and the c + s coordinates of camera and IMU that are
+    estimated, and where it was linearised."""
 
     R: FloatArray  # (rank, 24 m + c + s)
     information: FloatArray  # (24 m + c + s, 24 m + c + s) R^T R, kept because every iteration adds it

@@ -117,9 +117,9 @@ def compile_intervals() -> None:
     interval_terms.accelerometer_terms(
         problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
     )
-    H, b, chain = np.zeros((63, 63)), np.zeros(63), np.zeros((1, 48, 48))
     estimated = problem._replace(imu=problem.imu._replace(columns=np.arange(IMU_DOF)))
-    add_correction_terms(estimated, local, local, chain, H, b)
+    size, chain = 48 + IMU_DOF, np.zeros((1, 48, 48))
+    add_correction_terms(estimated, local, local, chain, np.zeros((size, size)), np.zeros(size))
     resting = problem._replace(rest=rest_of(np.ones(1, dtype=np.bool_), problem.model))
     rest_terms(resting, True, np.zeros((48, 48)), np.zeros(48))
 
