@@ -7,8 +7,9 @@ is the same in every sample and grows with the motion, so neither the noise nor 
 noise`: residuals (21) keep their form with corrected values in the place of readings, and their derivative
 by S is the reading, whatever the trajectory does. S of the gyroscope is symmetric: its axes are those of the
 body, by the calibration against the camera, so a part that is a rotation would be the camera's. That of the
-accelerometer has all nine elements. Values that stand for the samples of an interval (`inertial.projection`) are linear in
-them, and so are corrected alike. The bias that a knot holds is that of corrected values.
+accelerometer has all nine elements. Values that stand for the samples of an interval
+(`inertial.projection`) are linear in them, and so are corrected alike. The bias that a knot holds is that of
+corrected values.
 
 The coordinates (15): gyroscope's scale x, y, z, its cross-axis shares yz, xz, xy; accelerometer's scale x, y,
 z, its cross-axis shares xy, xz, yx, yz, zx, zy.
