@@ -62,7 +62,7 @@ class CameraSummary:
 @dataclass(frozen=True)
 class ImuScaleSummary:
     """What the last segment made of the IMU's scale factors: by how much readings of the axes x, y, z are too
-    small [%], and standard deviations; the largest misalignment found [%]. A sigma of zero: taken as read."""
+    large [%], and standard deviations; the largest misalignment found [%]. A sigma of zero: taken as read."""
 
     gyroscope_percent: tuple[float, ...]
     gyroscope_sigma_percent: tuple[float, ...]
@@ -170,10 +170,10 @@ def imu_scale_summary(found: CalibrationEstimate | None) -> ImuScaleSummary | No
     if found is None or found.imu is None:
         return None
     imu = found.imu
-    too_small = [100.0 * (matrix - np.eye(3)) for matrix in (imu.gyroscope, imu.accelerometer)]
+    too_large = [100.0 * (matrix - np.eye(3)) for matrix in (imu.gyroscope, imu.accelerometer)]
     sigma = [100.0 * matrix for matrix in (imu.gyroscope_sigma, imu.accelerometer_sigma)]
-    diagonals = [tuple(float(v) for v in np.diag(matrix)) for matrix in (*too_small, *sigma)]
-    aside = [np.abs(matrix - np.diag(np.diag(matrix))).max() for matrix in too_small]
+    diagonals = [tuple(float(v) for v in np.diag(matrix)) for matrix in (*too_large, *sigma)]
+    aside = [np.abs(matrix - np.diag(np.diag(matrix))).max() for matrix in too_large]
     return ImuScaleSummary(diagonals[0], diagonals[2], diagonals[1], diagonals[3], float(max(aside)))
 
 

@@ -103,10 +103,10 @@ class Calibration:
 
 @dataclass(frozen=True)
 class ImuCorrectionEstimate:
-    """What makes readings of the IMU true: `matrix reading = truth + bias + noise`, for both sensors.
+    """How the IMU reads: `reading = matrix (truth + bias) + noise`, for both sensors.
 
-    `gyroscope`, `accelerometer` (3,3): the matrices, near identity; on the diagonal corrections of scale
-    factors, beside it of misalignment. `gyroscope_sigma`, `accelerometer_sigma` (3,3): standard deviations of
+    `gyroscope`, `accelerometer` (3,3): the matrices, near identity; on the diagonal scale factors, beside it
+    misalignment. `gyroscope_sigma`, `accelerometer_sigma` (3,3): standard deviations of
     the elements, zero where readings are taken as they are. Biases of estimates are those of corrected
     readings.
     """

@@ -214,20 +214,15 @@ def accelerometer_gain(correction: Array) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _corrected(value: Array, before: Array, after: Array) -> Array:
-    """Values (N,3) that were corrected by `before` (3,3), by `after` (..., 3,3) instead."""
-    readings = value @ np.linalg.inv(before).T
-    return np.asarray(readings @ np.swapaxes(after, -1, -2))
-
-
 def gyroscope_residuals(problem: Problem, local: Array, point: Point) -> Array:
     samples = problem.gyroscope
     i, used = _interval_of(samples.start), _used(samples)
     gamma = samples.weights[used] @ local[..., i, :, :]
     omega = times(right_jacobian(gamma[..., 0, :]), gamma[..., 1, :])[..., :3]
-    before, after = (gyroscope_gain(c) for c in (problem.imu.coordinates, point.correction))
-    value = _corrected(samples.value[used], before, after)
-    error = value - omega - _bias_at(samples, i, point.bias)[..., :3]
+    # The problem holds corrected values; noise is that of readings.
+    reading = samples.value[used] @ gyroscope_gain(problem.imu.coordinates).T
+    felt = omega + _bias_at(samples, i, point.bias)[..., :3]
+    error = reading - felt @ np.swapaxes(gyroscope_gain(point.correction), -1, -2)
     return _rows(_whitened(samples, error), 2)
 
 
@@ -255,9 +250,9 @@ def accelerometer_residuals(problem: Problem, local: Array, point: Point) -> Arr
     else:
         moving = times(np.swapaxes(exp_se3(xi)[..., :3, :3], -1, -2), xi_ddot[..., 3:])
     force = moving - problem.model.gravity_w @ C
-    before, after = (accelerometer_gain(c) for c in (problem.imu.coordinates, point.correction))
-    value = _corrected(samples.value[used], before, after)
-    error = value - force - _bias_at(samples, i, point.bias)[..., 3:]
+    reading = samples.value[used] @ accelerometer_gain(problem.imu.coordinates).T
+    felt = force + _bias_at(samples, i, point.bias)[..., 3:]
+    error = reading - felt @ np.swapaxes(accelerometer_gain(point.correction), -1, -2)
     return _rows(_whitened(samples, error), 2)
 
 

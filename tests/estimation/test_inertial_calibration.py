@@ -21,7 +21,7 @@ from asyneio.estimation.elimination import eliminate_landmarks
 from asyneio.estimation.inertial_calibration import (
     correction_settings,
     first_correction,
-    matrices,
+    gains,
     with_moved_imu,
 )
 from asyneio.estimation.linear_system import evaluate_cost, linearize
@@ -194,18 +194,18 @@ def test_the_gyroscope_defines_the_axes() -> None:
     """No coordinate of its correction is a rotation; those of the accelerometer span everything."""
     step = np.arange(1.0, 16.0)
     imu = first_correction(correction_settings(SCALE, MISALIGNMENT, 0.0))._replace(coordinates=step)
-    first, second = (matrix - np.eye(3) for matrix in matrices(imu))
+    first, second = (matrix - np.eye(3) for matrix in gains(imu))
     np.testing.assert_array_equal(first, [[1, 6, 5], [6, 2, 4], [5, 4, 3]])
     np.testing.assert_array_equal(second, [[7, 10, 11], [12, 8, 13], [14, 15, 9]])
 
 
 def spoilt(toy: Toy, coordinates: Array) -> Toy:
-    """The same with readings that need a correction of `coordinates` (15,) to be true."""
+    """The same with readings that are off by `coordinates` (15,)."""
     imu = first_correction(toy.settings.imu)._replace(coordinates=coordinates)
     streams = []
-    for samples, matrix in zip((toy.gyroscope, toy.accelerometer), matrices(imu), strict=True):
+    for samples, gain in zip((toy.gyroscope, toy.accelerometer), gains(imu), strict=True):
         read = samples.copy()
-        read["xyz"] = samples["xyz"] @ np.linalg.inv(matrix).T
+        read["xyz"] = samples["xyz"] @ gain.T
         streams.append(read)
     return replace(toy, gyroscope=streams[0], accelerometer=streams[1])
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.estimation.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF, readings
+from asyneio.estimation.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF, gains
 from asyneio.estimation.interval_terms import whiten
 from asyneio.estimation.problem import Inertial, Problem, States
 from asyneio.factors.gp_inertial import (
@@ -34,24 +34,22 @@ def add_correction_terms(
     states, linearization, model = problem.states, problem.linearization, problem.model
     columns = problem.imu.columns
     split = int(np.searchsorted(columns, GYROSCOPE_DOF))
-    values = readings(problem)
+    first, second = gains(problem.imu)
     begin = len(b) - len(columns)
-    for reading, mine, at in (
-        (values[0], columns[:split], begin),
-        (values[1], columns[split:], begin + split),
-    ):
+    for gain, mine, at in ((first, columns[:split], begin), (second, columns[split:], begin + split)):
         size = len(mine)
         if size == 0:
             continue
         directions = np.ascontiguousarray(DIRECTIONS[mine])
         border, own, slope = np.zeros((len(local), 48, size)), np.zeros((size, size)), np.zeros(size)
-        sums = (directions, border, own, slope)
+        sums = (gain, directions, border, own, slope)
         if mine[0] < GYROSCOPE_DOF:
-            gyroscope_correction(problem.gyroscope, reading, states.bias, local, local_lin, *sums)
+            biases = (states.bias, linearization.bias)
+            gyroscope_correction(problem.gyroscope, *biases, local, local_lin, *sums)
         else:
             space = model.motion_model.space
             fields = (model.gravity_w, space, local, local_lin)
-            accelerometer_correction(problem.accelerometer, reading, states, linearization, *fields, *sums)
+            accelerometer_correction(problem.accelerometer, states, linearization, *fields, *sums)
         end = at + size
         H[at:end, at:end] += own
         b[at:end] += slope
@@ -64,43 +62,47 @@ def add_correction_terms(
 @njit(cache=True)
 def gyroscope_correction(
     samples: Inertial,
-    reading: FloatArray,
     bias: FloatArray,
+    bias_lin: FloatArray,
     local: FloatArray,
     local_lin: FloatArray,
+    gain: FloatArray,
     directions: FloatArray,
     border: FloatArray,
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Adds to `border` (I,48,s) against the local coordinates, `H` (s,s), `b` (s,); `reading` (N,3) are the
-    values before their correction, `directions` (s,3,3) what each coordinate adds to it."""
+    """Adds to `border` (I,48,s) against the local coordinates, `H` (s,s), `b` (s,).
+
+    `gain` (3,3) is I + E, `directions` (s,3,3) what a unit of each coordinate adds to it.
+    """
     most = samples.root_information.shape[1]
-    residual = np.empty((most, 3))
+    residual, expected = np.empty((most, 3)), np.empty((most, 3))
     jacobian = np.empty((most, 3, 48))
     for i in range(local.shape[0]):
         begin, end = samples.start[i], samples.start[i + 1]
         for n in range(begin, end):
-            weights, alpha = samples.weights[n], samples.alpha[n]
-            gyroscope_residual(
-                samples.value[n], local[i], weights, bias[i : i + 2], alpha, residual[n - begin]
-            )
-            gyroscope_jacobian(local_lin[i], weights, alpha, jacobian[n - begin])
+            value, weights, alpha, k = samples.value[n], samples.weights[n], samples.alpha[n], n - begin
+            gyroscope_residual(value, local_lin[i], weights, bias_lin[i : i + 2], alpha, expected[k])
+            for a in range(3):
+                expected[k, a] = value[a] - expected[k, a]
+            gyroscope_residual(value, local[i], weights, bias[i : i + 2], alpha, residual[k])
+            gyroscope_jacobian(local_lin[i], weights, alpha, jacobian[k])
         root = samples.root_information[begin:end]
-        whiten(root, residual, jacobian, True)
-        _accumulate(root, reading[begin:end], residual, jacobian, directions, border[i], H, b)
+        whiten(root, gain, residual, jacobian, True)
+        _accumulate(root, expected, residual, jacobian, directions, border[i], H, b)
 
 
 @njit(cache=True)
 def accelerometer_correction(
     samples: Inertial,
-    reading: FloatArray,
     states: States,
     linearization: States,
     gravity_w: FloatArray,
     space: int,
     local: FloatArray,
     local_lin: FloatArray,
+    gain: FloatArray,
     directions: FloatArray,
     border: FloatArray,
     H: FloatArray,
@@ -108,35 +110,30 @@ def accelerometer_correction(
 ) -> None:
     """As `gyroscope_correction`."""
     most = samples.root_information.shape[1]
-    residual = np.empty((most, 3))
+    residual, expected = np.empty((most, 3)), np.empty((most, 3))
     jacobian = np.empty((most, 3, 48))
     for i in range(local.shape[0]):
         begin, end = samples.start[i], samples.start[i + 1]
+        biases, biases_lin = states.bias[i : i + 2], linearization.bias[i : i + 2]
+        C, C_lin = states.C[i], linearization.C[i]
         for n in range(begin, end):
-            weights, alpha = samples.weights[n], samples.alpha[n]
+            value, weights, alpha, k = samples.value[n], samples.weights[n], samples.alpha[n], n - begin
             accelerometer_residual(
-                samples.value[n],
-                states.C[i],
-                local[i],
-                weights,
-                states.bias[i : i + 2],
-                alpha,
-                gravity_w,
-                space,
-                residual[n - begin],
+                value, C_lin, local_lin[i], weights, biases_lin, alpha, gravity_w, space, expected[k]
             )
-            accelerometer_jacobian(
-                linearization.C[i], local_lin[i], weights, alpha, gravity_w, space, jacobian[n - begin]
-            )
+            for a in range(3):
+                expected[k, a] = value[a] - expected[k, a]
+            accelerometer_residual(value, C, local[i], weights, biases, alpha, gravity_w, space, residual[k])
+            accelerometer_jacobian(C_lin, local_lin[i], weights, alpha, gravity_w, space, jacobian[k])
         root = samples.root_information[begin:end]
-        whiten(root, residual, jacobian, True)
-        _accumulate(root, reading[begin:end], residual, jacobian, directions, border[i], H, b)
+        whiten(root, gain, residual, jacobian, True)
+        _accumulate(root, expected, residual, jacobian, directions, border[i], H, b)
 
 
 @njit(cache=True)
 def _accumulate(
     root: FloatArray,
-    reading: FloatArray,
+    expected: FloatArray,
     residual: FloatArray,
     jacobian: FloatArray,
     directions: FloatArray,
@@ -144,7 +141,8 @@ def _accumulate(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Sums of one interval: `residual` (n,3) and `jacobian` (n,3,48) are whitened, `reading` (n,3) is not."""
+    """Sums of one interval: `residual` (n,3) and `jacobian` (n,3,48) are whitened; `expected` (n,3), truth and
+    bias by the trajectory, is not."""
     size = directions.shape[0]
     white = np.empty(3)
     row = np.empty((3, size))
@@ -152,10 +150,10 @@ def _accumulate(
         for a in range(3):
             white[a] = 0.0
             for m in range(n + 1):
-                white[a] += root[n, m] * reading[m, a]
+                white[a] += root[n, m] * expected[m, a]
         for p in range(size):
             for a in range(3):
-                row[a, p] = (
+                row[a, p] = -(
                     directions[p, a, 0] * white[0]
                     + directions[p, a, 1] * white[1]
                     + directions[p, a, 2] * white[2]

@@ -3,13 +3,15 @@
 A data sheet allows a scale factor to be off by one percent and axes to lean by as much. That is no noise: it
 is the same in every sample and grows with the motion, so neither the noise nor the bias can stand for it.
 
-*Correction instead of error.* What is estimated makes readings true, `(I + S) reading = truth + bias +
-noise`: residuals (21) keep their form with corrected values in the place of readings, and their derivative
-by S is the reading, whatever the trajectory does. S of the gyroscope is symmetric: its axes are those of the
-body, by the calibration against the camera, so a part that is a rotation would be the camera's. That of the
-accelerometer has all nine elements. Values that stand for the samples of an interval
-(`inertial.projection`) are linear in them, and so are corrected alike. The bias that a knot holds is that of
-corrected values.
+A reading is `(I + E) (truth + bias) + noise`. Residuals (21) keep their form with corrected values,
+`(I + E)^-1 reading`, in the place of readings; what is left is brought back to the readings, whose noise is
+known. That matters: if the corrected values were taken to have the noise of readings, a smaller correction
+would make their errors look smaller, and vibration would pull scale factors down (by 6 % on a drone). The
+derivative by E is what the trajectory says of truth and bias. Values that stand for the samples of an interval
+(`inertial.projection`) are linear in them, and so are corrected alike.
+
+E of the gyroscope is symmetric: its axes are those of the body, by the calibration against the camera, so a
+part that is a rotation would be the camera's. That of the accelerometer has all nine elements.
 
 The coordinates (15): gyroscope's scale x, y, z, its cross-axis shares yz, xz, xy; accelerometer's scale x, y,
 z, its cross-axis shares xy, xz, yx, yz, zx, zy.
@@ -29,7 +31,7 @@ IMU_DOF, GYROSCOPE_DOF = 15, 6
 
 
 def _directions() -> FloatArray:
-    """Matrices (15,3,3): what a unit of each coordinate adds to S of its sensor."""
+    """Matrices (15,3,3): what a unit of each coordinate adds to E of its sensor."""
     out = np.zeros((IMU_DOF, 3, 3))
     for k in range(3):
         out[k, k, k] = out[GYROSCOPE_DOF + k, k, k] = 1.0
@@ -72,9 +74,9 @@ def first_correction(settings: CorrectionSettings) -> ImuCorrection:
     return ImuCorrection(np.zeros(IMU_DOF), settings.columns)
 
 
-def matrices(imu: ImuCorrection) -> tuple[FloatArray, FloatArray]:
-    """`I + S` (3,3) of the gyroscope and of the accelerometer."""
-    parts = np.einsum("k,kij->kij", imu.coordinates, DIRECTIONS)
+def gains(imu: ImuCorrection) -> tuple[FloatArray, FloatArray]:
+    """`I + E` (3,3) of the gyroscope and of the accelerometer."""
+    parts = imu.coordinates[:, None, None] * DIRECTIONS
     return np.eye(3) + parts[:GYROSCOPE_DOF].sum(axis=0), np.eye(3) + parts[GYROSCOPE_DOF:].sum(axis=0)
 
 
@@ -84,17 +86,10 @@ def corrected(
     """Values of both sensors, corrected as `since` says until now, as `imu` says."""
     if imu.coordinates is since.coordinates:
         return gyroscope, accelerometer
-    pairs = zip((gyroscope, accelerometer), matrices(imu), matrices(since), strict=True)
+    pairs = zip((gyroscope, accelerometer), gains(imu), gains(since), strict=True)
     first, second = (
-        samples._replace(value=samples.value @ (new @ np.linalg.inv(old)).T) for samples, new, old in pairs
+        samples._replace(value=samples.value @ np.linalg.solve(new, old).T) for samples, new, old in pairs
     )
-    return first, second
-
-
-def readings(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Values (N,3) of both sensors before their correction."""
-    pairs = zip((problem.gyroscope, problem.accelerometer), matrices(problem.imu), strict=True)
-    first, second = (samples.value @ np.linalg.inv(matrix).T for samples, matrix in pairs)
     return first, second
 
 

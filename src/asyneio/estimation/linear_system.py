@@ -20,6 +20,7 @@ from asyneio.estimation.interval_terms import (
     interval_locals,
     motion_terms,
 )
+from asyneio.estimation.inertial_calibration import gains
 from asyneio.estimation.preintegration_terms import preintegration_terms
 from asyneio.estimation.problem import Problem
 from asyneio.estimation.propagated_terms import propagated_terms
@@ -100,7 +101,8 @@ def _terms(
     states = problem.states
     H, b = by_interval
     cost = motion_terms(problem, local, with_jacobian, H, b)
-    cost += gyroscope_terms(problem.gyroscope, states.bias, local, local_lin, with_jacobian, H, b)
+    first, second = gains(problem.imu)
+    cost += gyroscope_terms(problem.gyroscope, states.bias, local, local_lin, first, with_jacobian, H, b)
     cost += accelerometer_terms(
         problem.accelerometer,
         states,
@@ -109,6 +111,7 @@ def _terms(
         problem.model.motion_model.space,
         local,
         local_lin,
+        second,
         with_jacobian,
         H,
         b,

@@ -55,7 +55,7 @@ class Camera(NamedTuple):
 
 
 class ImuCorrection(NamedTuple):
-    """What makes readings of the inertial sensors true but for bias and noise, common to the window: scale
+    """By how much readings of the inertial sensors are off besides bias and noise, common to the window: scale
     factors and misalignment (`inertial_calibration`)."""
 
     coordinates: FloatArray  # (15,) of both sensors

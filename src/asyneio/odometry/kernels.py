@@ -113,9 +113,10 @@ def compile_intervals() -> None:
     interval_terms.interval_locals(states, space, local)
     interval_terms.interval_chains(states, np.ones(1, dtype=np.bool_), space, np.zeros((1, 48, 48)))
     interval_terms.motion_terms(problem, local, True, H, b)
-    interval_terms.gyroscope_terms(problem.gyroscope, states.bias, local, local, True, H, b)
+    gain = np.eye(3)
+    interval_terms.gyroscope_terms(problem.gyroscope, states.bias, local, local, gain, True, H, b)
     interval_terms.accelerometer_terms(
-        problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
+        problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, gain, True, H, b
     )
     estimated = problem._replace(imu=problem.imu._replace(columns=np.arange(IMU_DOF)))
     size, chain = 48 + IMU_DOF, np.zeros((1, 48, 48))

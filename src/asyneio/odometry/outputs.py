@@ -13,7 +13,7 @@ from asyneio.estimation.covariance import (
     joint_covariance,
     newest_covariance,
 )
-from asyneio.estimation.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF, IMU_DOF, matrices
+from asyneio.estimation.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF, IMU_DOF, gains
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
@@ -90,4 +90,4 @@ def _imu_of(window: Window, solution: Solution) -> ImuCorrectionEstimate:
     # Each element belongs to one coordinate.
     of_elements = np.einsum("k,kij->kij", sigma, DIRECTIONS)
     first, second = of_elements[:GYROSCOPE_DOF].sum(axis=0), of_elements[GYROSCOPE_DOF:].sum(axis=0)
-    return ImuCorrectionEstimate(*matrices(window.imu), first, second)
+    return ImuCorrectionEstimate(*gains(window.imu), first, second)
