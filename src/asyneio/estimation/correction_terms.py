@@ -141,8 +141,8 @@ def _accumulate(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Sums of one interval: `residual` (n,3) and `jacobian` (n,3,48) are whitened; `expected` (n,3), truth and
-    bias by the trajectory, is not."""
+    """Sums of one interval: `residual` (n,3) and `jacobian` (n,3,48) are whitened; `expected` (n,3), truth
+    and bias by the trajectory, is not."""
     size = directions.shape[0]
     white = np.empty(3)
     row = np.empty((3, size))

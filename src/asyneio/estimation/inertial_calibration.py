@@ -7,8 +7,8 @@ A reading is `(I + E) (truth + bias) + noise`. Residuals (21) keep their form wi
 `(I + E)^-1 reading`, in the place of readings; what is left is brought back to the readings, whose noise is
 known. That matters: if the corrected values were taken to have the noise of readings, a smaller correction
 would make their errors look smaller, and vibration would pull scale factors down (by 6 % on a drone). The
-derivative by E is what the trajectory says of truth and bias. Values that stand for the samples of an interval
-(`inertial.projection`) are linear in them, and so are corrected alike.
+derivative by E is what the trajectory says of truth and bias. Values that stand for the samples of an
+interval (`inertial.projection`) are linear in them, and so are corrected alike.
 
 E of the gyroscope is symmetric: its axes are those of the body, by the calibration against the camera, so a
 part that is a rotation would be the camera's. That of the accelerometer has all nine elements.

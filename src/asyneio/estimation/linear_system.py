@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from asyneio.estimation.correction_terms import add_correction_terms
+from asyneio.estimation.inertial_calibration import gains
 from asyneio.estimation.interval_terms import (
     accelerometer_terms,
     gyroscope_terms,
@@ -20,7 +21,6 @@ from asyneio.estimation.interval_terms import (
     interval_locals,
     motion_terms,
 )
-from asyneio.estimation.inertial_calibration import gains
 from asyneio.estimation.preintegration_terms import preintegration_terms
 from asyneio.estimation.problem import Problem
 from asyneio.estimation.propagated_terms import propagated_terms

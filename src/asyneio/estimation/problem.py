@@ -55,8 +55,8 @@ class Camera(NamedTuple):
 
 
 class ImuCorrection(NamedTuple):
-    """By how much readings of the inertial sensors are off besides bias and noise, common to the window: scale
-    factors and misalignment (`inertial_calibration`)."""
+    """By how much readings of the inertial sensors are off besides bias and noise, common to the window:
+    scale factors and misalignment (`inertial_calibration`)."""
 
     coordinates: FloatArray  # (15,) of both sensors
     columns: IntArray  # (s,) those that are solved for, ascending
