@@ -29,11 +29,12 @@ from asyneio.estimation.marginalization import marginalize_oldest
 from asyneio.estimation.optimizer import OptimizerSettings, optimize
 from asyneio.estimation.prior_terms import add_prior, difference
 from asyneio.estimation.problem import Prior, Problem
+from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.trajectory.model import MotionModel
 from tests.estimation import naive
 from tests.estimation.test_camera_calibration import SIGMA, assert_same
 from tests.estimation.test_motion_models import _without_oldest
-from tests.estimation.toy import SETTINGS, Toy, make_toy, moved
+from tests.estimation.toy import ACCELEROMETER_SIGMA, GYROSCOPE_SIGMA, SETTINGS, Toy, make_toy, moved
 from tests.models import MODELS
 
 Array = NDArray[np.float64]
@@ -229,6 +230,29 @@ def test_wrong_scale_factors_are_found() -> None:
     error = window.imu.coordinates - true
     assert np.abs(error / sigma).max() < 2.0
     assert (np.abs(error[known]) < 0.4 * np.abs(true[known])).all()
+
+
+def test_noise_does_not_pull_scale_factors_down() -> None:
+    """At the truth the gradient by the scale factors is that of the noise: zero on average. If corrected
+    values were taken to have the noise of readings, it would be the number of values."""
+    noisy = 200.0
+    noise = InertialNoise(
+        SensorNoise(noisy * GYROSCOPE_SIGMA, 1.0), SensorNoise(noisy * ACCELEROMETER_SIGMA, 1.0)
+    )
+    settings = replace(SETTINGS, noise=noise, imu=correction_settings(SCALE, MISALIGNMENT, 0.0))
+    gradient, information, values = np.zeros(15), np.zeros(15), 0
+    for seed in range(40):
+        toy = make_toy(count=KNOTS, landmarks=1, seed=seed, noise=noisy, settings=settings)
+        problem = toy.window(toy.truth).problem()
+        system = linearize(problem)
+        gradient += system.b[-15:]
+        information += system.H.diagonal()[-15:]
+        values += len(problem.gyroscope.value)
+    scales = [0, 1, 2, 6, 7, 8]
+    assert (np.abs(gradient) < 4.0 * np.sqrt(information)).all()
+    # The test can tell: of the gyroscope the wrong gradient would stand out.
+    assert (values > 8.0 * np.sqrt(information[:3])).all()
+    assert (information[scales] > 0.0).all()
 
 
 def test_what_is_not_estimated_is_taken_as_read() -> None:
