@@ -55,10 +55,9 @@ def inertial_seconds(problem: Problem, repeats: int) -> float:
     states = problem.states
 
     def work(_: None) -> None:
-        gain, gravity_w = np.eye(3), problem.model.gravity_w
-        gyroscope_terms(problem.gyroscope, states.bias, local, local, gain, True, H, b)
+        gyroscope_terms(problem.gyroscope, states.bias, local, local, True, H, b)
         accelerometer_terms(
-            problem.accelerometer, states, states, gravity_w, space, local, local, gain, True, H, b
+            problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
         )
 
     return median_seconds(work, repeats) / len(problem.gyroscope.value)

@@ -219,10 +219,10 @@ def gyroscope_residuals(problem: Problem, local: Array, point: Point) -> Array:
     i, used = _interval_of(samples.start), _used(samples)
     gamma = samples.weights[used] @ local[..., i, :, :]
     omega = times(right_jacobian(gamma[..., 0, :]), gamma[..., 1, :])[..., :3]
-    # The problem holds corrected values; noise is that of readings.
-    reading = samples.value[used] @ gyroscope_gain(problem.imu.coordinates).T
-    felt = omega + _bias_at(samples, i, point.bias)[..., :3]
-    error = reading - felt @ np.swapaxes(gyroscope_gain(point.correction), -1, -2)
+    # The problem holds corrected values.
+    change = gyroscope_gain(point.correction) - gyroscope_gain(problem.imu.coordinates)
+    value = samples.value[used] - samples.smooth[used] @ np.swapaxes(change, -1, -2)
+    error = value - omega - _bias_at(samples, i, point.bias)[..., :3]
     return _rows(_whitened(samples, error), 2)
 
 
@@ -250,9 +250,9 @@ def accelerometer_residuals(problem: Problem, local: Array, point: Point) -> Arr
     else:
         moving = times(np.swapaxes(exp_se3(xi)[..., :3, :3], -1, -2), xi_ddot[..., 3:])
     force = moving - problem.model.gravity_w @ C
-    reading = samples.value[used] @ accelerometer_gain(problem.imu.coordinates).T
-    felt = force + _bias_at(samples, i, point.bias)[..., 3:]
-    error = reading - felt @ np.swapaxes(accelerometer_gain(point.correction), -1, -2)
+    change = accelerometer_gain(point.correction) - accelerometer_gain(problem.imu.coordinates)
+    value = samples.value[used] - samples.smooth[used] @ np.swapaxes(change, -1, -2)
+    error = value - force - _bias_at(samples, i, point.bias)[..., 3:]
     return _rows(_whitened(samples, error), 2)
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.estimation.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF, gains
+from asyneio.estimation.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF
 from asyneio.estimation.interval_terms import whiten
 from asyneio.estimation.problem import Inertial, Problem, States
 from asyneio.factors.gp_inertial import (
@@ -34,18 +34,16 @@ def add_correction_terms(
     states, linearization, model = problem.states, problem.linearization, problem.model
     columns = problem.imu.columns
     split = int(np.searchsorted(columns, GYROSCOPE_DOF))
-    first, second = gains(problem.imu)
     begin = len(b) - len(columns)
-    for gain, mine, at in ((first, columns[:split], begin), (second, columns[split:], begin + split)):
+    for mine, at in ((columns[:split], begin), (columns[split:], begin + split)):
         size = len(mine)
         if size == 0:
             continue
         directions = np.ascontiguousarray(DIRECTIONS[mine])
         border, own, slope = np.zeros((len(local), 48, size)), np.zeros((size, size)), np.zeros(size)
-        sums = (gain, directions, border, own, slope)
+        sums = (directions, border, own, slope)
         if mine[0] < GYROSCOPE_DOF:
-            biases = (states.bias, linearization.bias)
-            gyroscope_correction(problem.gyroscope, *biases, local, local_lin, *sums)
+            gyroscope_correction(problem.gyroscope, states.bias, local, local_lin, *sums)
         else:
             space = model.motion_model.space
             fields = (model.gravity_w, space, local, local_lin)
@@ -63,34 +61,27 @@ def add_correction_terms(
 def gyroscope_correction(
     samples: Inertial,
     bias: FloatArray,
-    bias_lin: FloatArray,
     local: FloatArray,
     local_lin: FloatArray,
-    gain: FloatArray,
     directions: FloatArray,
     border: FloatArray,
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Adds to `border` (I,48,s) against the local coordinates, `H` (s,s), `b` (s,).
-
-    `gain` (3,3) is I + E, `directions` (s,3,3) what a unit of each coordinate adds to it.
-    """
+    """Adds to `border` (I,48,s) against the local coordinates, `H` (s,s), `b` (s,); `directions` (s,3,3) are
+    what a unit of each coordinate adds to E."""
     most = samples.root_information.shape[1]
-    residual, expected = np.empty((most, 3)), np.empty((most, 3))
+    residual = np.empty((most, 3))
     jacobian = np.empty((most, 3, 48))
     for i in range(local.shape[0]):
         begin, end = samples.start[i], samples.start[i + 1]
         for n in range(begin, end):
             value, weights, alpha, k = samples.value[n], samples.weights[n], samples.alpha[n], n - begin
-            gyroscope_residual(value, local_lin[i], weights, bias_lin[i : i + 2], alpha, expected[k])
-            for a in range(3):
-                expected[k, a] = value[a] - expected[k, a]
             gyroscope_residual(value, local[i], weights, bias[i : i + 2], alpha, residual[k])
             gyroscope_jacobian(local_lin[i], weights, alpha, jacobian[k])
         root = samples.root_information[begin:end]
-        whiten(root, gain, residual, jacobian, True)
-        _accumulate(root, expected, residual, jacobian, directions, border[i], H, b)
+        whiten(root, residual, jacobian, True)
+        _accumulate(root, samples.smooth[begin:end], residual, jacobian, directions, border[i], H, b)
 
 
 @njit(cache=True)
@@ -102,7 +93,6 @@ def accelerometer_correction(
     space: int,
     local: FloatArray,
     local_lin: FloatArray,
-    gain: FloatArray,
     directions: FloatArray,
     border: FloatArray,
     H: FloatArray,
@@ -110,30 +100,25 @@ def accelerometer_correction(
 ) -> None:
     """As `gyroscope_correction`."""
     most = samples.root_information.shape[1]
-    residual, expected = np.empty((most, 3)), np.empty((most, 3))
+    residual = np.empty((most, 3))
     jacobian = np.empty((most, 3, 48))
     for i in range(local.shape[0]):
         begin, end = samples.start[i], samples.start[i + 1]
-        biases, biases_lin = states.bias[i : i + 2], linearization.bias[i : i + 2]
+        biases = states.bias[i : i + 2]
         C, C_lin = states.C[i], linearization.C[i]
         for n in range(begin, end):
             value, weights, alpha, k = samples.value[n], samples.weights[n], samples.alpha[n], n - begin
-            accelerometer_residual(
-                value, C_lin, local_lin[i], weights, biases_lin, alpha, gravity_w, space, expected[k]
-            )
-            for a in range(3):
-                expected[k, a] = value[a] - expected[k, a]
             accelerometer_residual(value, C, local[i], weights, biases, alpha, gravity_w, space, residual[k])
             accelerometer_jacobian(C_lin, local_lin[i], weights, alpha, gravity_w, space, jacobian[k])
         root = samples.root_information[begin:end]
-        whiten(root, gain, residual, jacobian, True)
-        _accumulate(root, expected, residual, jacobian, directions, border[i], H, b)
+        whiten(root, residual, jacobian, True)
+        _accumulate(root, samples.smooth[begin:end], residual, jacobian, directions, border[i], H, b)
 
 
 @njit(cache=True)
 def _accumulate(
     root: FloatArray,
-    expected: FloatArray,
+    smooth: FloatArray,
     residual: FloatArray,
     jacobian: FloatArray,
     directions: FloatArray,
@@ -141,8 +126,7 @@ def _accumulate(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Sums of one interval: `residual` (n,3) and `jacobian` (n,3,48) are whitened; `expected` (n,3), truth
-    and bias by the trajectory, is not."""
+    """Sums of one interval: `residual` (n,3) and `jacobian` (n,3,48) are whitened, `smooth` (n,3) is not."""
     size = directions.shape[0]
     white = np.empty(3)
     row = np.empty((3, size))
@@ -150,7 +134,7 @@ def _accumulate(
         for a in range(3):
             white[a] = 0.0
             for m in range(n + 1):
-                white[a] += root[n, m] * expected[m, a]
+                white[a] += root[n, m] * smooth[m, a]
         for p in range(size):
             for a in range(3):
                 row[a, p] = -(

@@ -3,12 +3,12 @@
 A data sheet allows a scale factor to be off by one percent and axes to lean by as much. That is no noise: it
 is the same in every sample and grows with the motion, so neither the noise nor the bias can stand for it.
 
-A reading is `(I + E) (truth + bias) + noise`. Residuals (21) keep their form with corrected values,
-`(I + E)^-1 reading`, in the place of readings; what is left is brought back to the readings, whose noise is
-known. That matters: if the corrected values were taken to have the noise of readings, a smaller correction
-would make their errors look smaller, and vibration would pull scale factors down (by 6 % on a drone). The
-derivative by E is what the trajectory says of truth and bias. Values that stand for the samples of an
-interval (`inertial.projection`) are linear in them, and so are corrected alike.
+A reading is `truth + bias + E smooth + noise`, where `smooth` is what readings around it say of it
+(`smoothed`): a number that is known, so residuals (21) keep their form with corrected values, `reading - E
+smooth`, in the place of readings, and their derivative by E is constant. Neither the reading itself nor the
+rates of the trajectory would do in the place of `smooth`: both contain the reading's own noise, which then
+looks like an error in proportion to it. Smaller corrected values have smaller errors, and smaller rates less
+jerk: where rotors shake an IMU, that moved scale factors by -6 % and by +1.4 %.
 
 E of the gyroscope is symmetric: its axes are those of the body, by the calibration against the camera, so a
 part that is a rotation would be the camera's. That of the accelerometer has all nine elements.
@@ -20,6 +20,7 @@ z, its cross-axis shares xy, xz, yx, yz, zx, zy.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -43,6 +44,9 @@ def _directions() -> FloatArray:
 
 
 DIRECTIONS = _directions()
+#: Readings are smoothed over so long on each side of the middle of their interval [ns]: a hand turns little
+#: faster than a parabola in it, and a rotor much. Fewer values stay as they are.
+SMOOTH_NS, _FEWEST = 175_000_000, 8
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,23 @@ def gains(imu: ImuCorrection) -> tuple[FloatArray, FloatArray]:
     return np.eye(3) + parts[:GYROSCOPE_DOF].sum(axis=0), np.eye(3) + parts[GYROSCOPE_DOF:].sum(axis=0)
 
 
+def smoothed(start: IntArray, t_ns: IntArray, value: FloatArray) -> FloatArray:
+    """Values (N,3) at `t_ns` (N,), ascending, smoothed: for each interval the parabola through the values
+    around its own, of intervals outside the window too. `start` (I+1,) as in `Inertial`."""
+    out = value.copy()
+    for begin, end in pairwise(start):
+        if end == begin:
+            continue
+        middle = (t_ns[begin] + t_ns[end - 1]) // 2
+        first, last = np.searchsorted(t_ns, [middle - SMOOTH_NS, middle + SMOOTH_NS])
+        if last - first < _FEWEST or first > begin or last < end:
+            continue
+        basis = np.vander((t_ns[first:last] - middle) / SMOOTH_NS, 3)
+        coefficients = np.linalg.solve(basis.T @ basis, basis.T @ value[first:last])
+        out[begin:end] = basis[begin - first : end - first] @ coefficients
+    return out
+
+
 def corrected(
     gyroscope: Inertial, accelerometer: Inertial, imu: ImuCorrection, since: ImuCorrection = NO_CORRECTION
 ) -> tuple[Inertial, Inertial]:
@@ -88,7 +109,7 @@ def corrected(
         return gyroscope, accelerometer
     pairs = zip((gyroscope, accelerometer), gains(imu), gains(since), strict=True)
     first, second = (
-        samples._replace(value=samples.value @ np.linalg.solve(new, old).T) for samples, new, old in pairs
+        samples._replace(value=samples.value - samples.smooth @ (new - old).T) for samples, new, old in pairs
     )
     return first, second
 

@@ -123,12 +123,11 @@ def gyroscope_terms(
     bias: FloatArray,
     local: FloatArray,
     local_lin: FloatArray,
-    gain: FloatArray,
     with_jacobian: bool,
     H: FloatArray,
     b: FloatArray,
 ) -> float:
-    """Gyroscope samples (21); `bias` (K,6), `gain` (3,3) of their noise (`inertial_calibration`)."""
+    """Gyroscope samples (21); `bias` (K,6)."""
     most = samples.root_information.shape[1]
     residual = np.empty((most, 3))
     jacobian = np.empty((most, 3, 48))
@@ -143,7 +142,7 @@ def gyroscope_terms(
             if with_jacobian:
                 gyroscope_jacobian(local_lin[i], weights, alpha, jacobian[n - begin])
         root = samples.root_information[begin:end]
-        cost += whiten(root, gain, residual, jacobian, with_jacobian)
+        cost += whiten(root, residual, jacobian, with_jacobian)
         if with_jacobian:
             for n in range(end - begin):
                 _accumulate(jacobian[n], residual[n], H[i], b[i])
@@ -159,12 +158,11 @@ def accelerometer_terms(
     space: int,
     local: FloatArray,
     local_lin: FloatArray,
-    gain: FloatArray,
     with_jacobian: bool,
     H: FloatArray,
     b: FloatArray,
 ) -> float:
-    """Accelerometer samples (21); `gain` as above."""
+    """Accelerometer samples (21)."""
     most = samples.root_information.shape[1]
     residual = np.empty((most, 3))
     jacobian = np.empty((most, 3, 48))
@@ -189,7 +187,7 @@ def accelerometer_terms(
                     linearization.C[i], local_lin[i], weights, alpha, gravity_w, space, jacobian[n - begin]
                 )
         root = samples.root_information[begin:end]
-        cost += whiten(root, gain, residual, jacobian, with_jacobian)
+        cost += whiten(root, residual, jacobian, with_jacobian)
         if with_jacobian:
             for n in range(end - begin):
                 _accumulate(jacobian[n], residual[n], H[i], b[i])
@@ -197,13 +195,10 @@ def accelerometer_terms(
 
 
 @njit(cache=True)
-def whiten(
-    root: FloatArray, gain: FloatArray, residual: FloatArray, jacobian: FloatArray, with_jacobian: bool
-) -> float:
+def whiten(root: FloatArray, residual: FloatArray, jacobian: FloatArray, with_jacobian: bool) -> float:
     """In place, the samples of one interval by their common `root` (n,n), lower triangular; their cost.
 
-    `gain` (3,3) makes residuals of corrected values those of the readings, whose noise is known. `residual`
-    (n,3), `jacobian` (n,3,48). The last row first: each takes from those before it alone.
+    `residual` (n,3), `jacobian` (n,3,48). The last row first: each takes from those before it alone.
     """
     cost = 0.0
     for n in range(root.shape[0] - 1, -1, -1):
@@ -212,21 +207,13 @@ def whiten(
             for m in range(n + 1):
                 s += root[n, m] * residual[m, a]
             residual[n, a] = s
+            cost += 0.5 * s * s
             if with_jacobian:
                 for p in range(48):
                     jacobian[n, a, p] *= root[n, n]
                 for m in range(n):
                     for p in range(48):
                         jacobian[n, a, p] += root[n, m] * jacobian[m, a, p]
-        x, y, z = residual[n]
-        for a in range(3):
-            residual[n, a] = gain[a, 0] * x + gain[a, 1] * y + gain[a, 2] * z
-            cost += 0.5 * residual[n, a] ** 2
-        if with_jacobian:
-            for p in range(48):
-                x, y, z = jacobian[n, 0, p], jacobian[n, 1, p], jacobian[n, 2, p]
-                for a in range(3):
-                    jacobian[n, a, p] = gain[a, 0] * x + gain[a, 1] * y + gain[a, 2] * z
     return cost
 
 

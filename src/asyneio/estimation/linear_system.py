@@ -13,7 +13,6 @@ import numpy as np
 from numba import njit
 
 from asyneio.estimation.correction_terms import add_correction_terms
-from asyneio.estimation.inertial_calibration import gains
 from asyneio.estimation.interval_terms import (
     accelerometer_terms,
     gyroscope_terms,
@@ -101,8 +100,7 @@ def _terms(
     states = problem.states
     H, b = by_interval
     cost = motion_terms(problem, local, with_jacobian, H, b)
-    first, second = gains(problem.imu)
-    cost += gyroscope_terms(problem.gyroscope, states.bias, local, local_lin, first, with_jacobian, H, b)
+    cost += gyroscope_terms(problem.gyroscope, states.bias, local, local_lin, with_jacobian, H, b)
     cost += accelerometer_terms(
         problem.accelerometer,
         states,
@@ -111,7 +109,6 @@ def _terms(
         problem.model.motion_model.space,
         local,
         local_lin,
-        second,
         with_jacobian,
         H,
         b,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.errors import EstimationError
+from asyneio.estimation.inertial_calibration import SMOOTH_NS, smoothed
 from asyneio.estimation.problem import (
     NOTHING_PREINTEGRATED,
     NOTHING_PROPAGATED,
@@ -48,6 +49,7 @@ class InertialBuffer:
         self._value: FloatArray = np.empty((0, 3))
         self._weights: FloatArray = np.empty((0, 3, 5))
         self._alpha: FloatArray = np.empty(0)
+        self._t_ns: IntArray = np.empty(0, dtype=np.int64)
         self._root: list[FloatArray] = []
 
     def append(self, samples: DirectSamples, interval: int, start_ns: int, end_ns: int) -> None:
@@ -58,15 +60,19 @@ class InertialBuffer:
         self._value = np.concatenate([self._value, samples.value])
         self._weights = np.concatenate([self._weights, weights])
         self._alpha = np.concatenate([self._alpha, alpha])
+        self._t_ns = np.concatenate([self._t_ns, samples.t_ns])
         self._root.extend(samples.root)
 
     def drop_before(self, interval: int) -> None:
-        """Forget the samples of intervals before `interval`."""
+        """Forget the samples of intervals before `interval`, but for those that smooth the ones after it."""
         n = int(np.searchsorted(self._interval, interval))
+        if n < len(self._t_ns):
+            n = int(np.searchsorted(self._t_ns, self._t_ns[n] - 2 * SMOOTH_NS))
         self._interval = self._interval[n:]
         self._value = self._value[n:]
         self._weights = self._weights[n:]
         self._alpha = self._alpha[n:]
+        self._t_ns = self._t_ns[n:]
         self._root = self._root[n:]
 
     def arrays(self, first: int, intervals: int) -> Inertial:
@@ -75,7 +81,8 @@ class InertialBuffer:
         root = np.zeros((len(self._root), max((len(row) for row in self._root), default=0)))
         for n, row in enumerate(self._root):
             root[n, : len(row)] = row
-        return Inertial(start, self._value, self._weights, self._alpha, root)
+        smooth = smoothed(start, self._t_ns, self._value)
+        return Inertial(start, self._value, self._weights, self._alpha, root, smooth)
 
 
 class PreintegrationBuffer:

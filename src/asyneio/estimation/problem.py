@@ -41,6 +41,7 @@ class Inertial(NamedTuple):
     weights: FloatArray  # (N,3,5) interpolation weights (20)
     alpha: FloatArray  # (N,) fraction of the interval that has passed
     root_information: FloatArray  # (N,Q), Q the most that an interval holds
+    smooth: FloatArray  # (N,3) readings without their noise, for errors in proportion to them
 
 
 class Camera(NamedTuple):

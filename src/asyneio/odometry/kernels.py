@@ -113,10 +113,9 @@ def compile_intervals() -> None:
     interval_terms.interval_locals(states, space, local)
     interval_terms.interval_chains(states, np.ones(1, dtype=np.bool_), space, np.zeros((1, 48, 48)))
     interval_terms.motion_terms(problem, local, True, H, b)
-    gain = np.eye(3)
-    interval_terms.gyroscope_terms(problem.gyroscope, states.bias, local, local, gain, True, H, b)
+    interval_terms.gyroscope_terms(problem.gyroscope, states.bias, local, local, True, H, b)
     interval_terms.accelerometer_terms(
-        problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, gain, True, H, b
+        problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
     )
     estimated = problem._replace(imu=problem.imu._replace(columns=np.arange(IMU_DOF)))
     size, chain = 48 + IMU_DOF, np.zeros((1, 48, 48))
@@ -140,7 +139,8 @@ def _tiny_problem() -> Problem:
     """Two knots at rest, one sample of each kind, one landmark."""
     states = States(np.stack([np.eye(3)] * 2), np.zeros((2, 3)), np.zeros((2, 2, 6)), np.zeros((2, 6)))
     start = np.array([0, 1])
-    inertial = Inertial(start, np.zeros((1, 3)), np.zeros((1, 3, 5)), np.full(1, 0.5), np.ones((1, 1)))
+    value, root = np.zeros((1, 3)), np.ones((1, 1))
+    inertial = Inertial(start, value, np.zeros((1, 3, 5)), np.full(1, 0.5), root, value)
     kappa = np.array([[0.0, 0.0, 1.0]])
     return Problem(
         states=states,
