@@ -137,9 +137,9 @@ class CalibrationConfig(_Section):
         0.002, ge=0.0, description="how the rotation may drift, deg/sqrt(s): a mount that warms up"
     )
     estimate_imu_scale: bool = Field(
-        True,
-        description="scale factors and misalignment of gyroscope and accelerometer; only where every sample "
-        "is a factor (inertial.scheme gpif)",
+        False,
+        description="scale factors and misalignment of gyroscope and accelerometer, for an IMU that was not "
+        "calibrated to better than 1 %; only where every sample is a factor (inertial.scheme gpif)",
     )
     imu_scale_sigma: float = Field(0.01, gt=0.0, description="how far a scale factor may be off, 1 is 100 %")
     imu_misalignment_sigma: float = Field(
