@@ -78,11 +78,14 @@ class InertialBuffer:
     def arrays(self, first: int, intervals: int) -> Inertial:
         """Arrays for the intervals `first .. first + intervals - 1`."""
         start = np.searchsorted(self._interval, first + np.arange(intervals + 1))
-        root = np.zeros((len(self._root), max((len(row) for row in self._root), default=0)))
-        for n, row in enumerate(self._root):
-            root[n, : len(row)] = row
         smooth = smoothed(start, self._t_ns, self._value)
-        return Inertial(start, self._value, self._weights, self._alpha, root, smooth)
+        used = slice(start[0], start[-1])
+        rows = self._root[used]
+        root = np.zeros((len(rows), max((len(row) for row in rows), default=0)))
+        for n, row in enumerate(rows):
+            root[n, : len(row)] = row
+        columns = self._value[used], self._weights[used], self._alpha[used], root, smooth[used]
+        return Inertial(start - start[0], *columns)
 
 
 class PreintegrationBuffer:
