@@ -51,7 +51,7 @@ def _inertial(value: FloatArray, density: float) -> Inertial:
     start = np.searchsorted(interval, np.arange(KNOTS))
     root = np.zeros((len(t), int(np.diff(start).max())))
     root[np.arange(len(t)), np.arange(len(t)) - start[interval]] = 1.0 / (density * IMU_HZ**0.5)
-    return Inertial(start, value, weights, alpha, root)
+    return Inertial(start, value, weights, alpha, root, value)
 
 
 def _visual(points: FloatArray, anchor: IntArray, rng: np.random.Generator) -> Visual:

@@ -142,6 +142,18 @@ class CalibrationConfig(_Section):
     extrinsic_rotation_walk_deg: float = Field(
         0.002, ge=0.0, description="how the rotation may drift, deg/sqrt(s): a mount that warms up"
     )
+    estimate_imu_scale: bool = Field(
+        False,
+        description="scale factors and misalignment of gyroscope and accelerometer, for an IMU that was not "
+        "calibrated to better than 1 %; only where every sample is a factor (inertial.scheme gpif)",
+    )
+    imu_scale_sigma: float = Field(0.01, gt=0.0, description="how far a scale factor may be off, 1 is 100 %")
+    imu_misalignment_sigma: float = Field(
+        0.007, gt=0.0, description="how much of an axis another one may see, 1 is 100 % (so radians)"
+    )
+    imu_scale_walk: float = Field(
+        1e-5, ge=0.0, description="how scale factors and misalignment may drift, 1/sqrt(s)"
+    )
 
 
 class OptimizerConfig(_Section):

@@ -24,7 +24,15 @@ from asyneio.io.health_files import write_attitudes, write_health
 from asyneio.odometry import Odometry
 from asyneio.odometry.kernels import are_compiled, compile_kernels
 from asyneio.packets import calibration_of, observations_of, packets, usable_span
-from asyneio.summary import Costs, Grid, Summary, camera_summary, imu_noise_summary, summarize
+from asyneio.summary import (
+    Costs,
+    Grid,
+    Summary,
+    camera_summary,
+    imu_noise_summary,
+    imu_scale_summary,
+    summarize,
+)
 from asyneio.tracking import ObservationStream, ReplayedStream
 from asyneio.types import (
     NS_PER_S,
@@ -173,6 +181,7 @@ def run_recording(
         summary,
         notes=notes,
         camera=camera_summary(estimator.calibration()),
+        imu_scale=imu_scale_summary(estimator.calibration()),
         imu_noise=imu_noise_summary(calibration_of(recording).noise, run.reports),
     )
     return RunResult(run, summary, given, tuple(origins.values()))

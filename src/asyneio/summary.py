@@ -60,6 +60,18 @@ class CameraSummary:
 
 
 @dataclass(frozen=True)
+class ImuScaleSummary:
+    """What the last segment made of the IMU's scale factors: by how much readings of the axes x, y, z are too
+    large [%], and standard deviations; the largest misalignment found [%]. A sigma of zero: taken as read."""
+
+    gyroscope_percent: tuple[float, ...]
+    gyroscope_sigma_percent: tuple[float, ...]
+    accelerometer_percent: tuple[float, ...]
+    accelerometer_sigma_percent: tuple[float, ...]
+    largest_misalignment_percent: float
+
+
+@dataclass(frozen=True)
 class SensorNoiseSummary:
     """White noise of one inertial sensor [unit/sqrt(Hz)]: declared by the calibration, effective (learned
     from the samples; median and largest over the run), and vibration [unit], root mean square, largest. Unit
@@ -88,7 +100,8 @@ class Summary:
     counted apart. Of events, `frontend_s` is what tracking took, in its own thread beside the rest; `events`
     are 0 for a recording of tracks. `first_estimate_s` counts from the start of the recording. `health` is
     the last one, `health_s` the seconds in each. `failure` says why the output is missing or incomplete,
-    empty when it is whole. `camera` is None without a segment at the end, `imu_noise` without a single step.
+    empty when it is whole. `camera` and `imu_scale` are None without a segment at the end, `imu_noise`
+    without a single step.
     """
 
     recording: str
@@ -115,6 +128,7 @@ class Summary:
     notes: tuple[str, ...]
     camera: CameraSummary | None = None
     imu_noise: ImuNoiseSummary | None = None
+    imu_scale: ImuScaleSummary | None = None
 
     def to_json(self) -> str:
         """The summary as JSON text; what is not finite becomes null."""
@@ -149,6 +163,18 @@ def camera_summary(found: CalibrationEstimate | None) -> CameraSummary | None:
         return None
     sigma_deg = math.degrees(float(found.sigma[1:].max()))
     return CameraSummary(float(found.time_offset_s), float(found.sigma[0]), sigma_deg)
+
+
+def imu_scale_summary(found: CalibrationEstimate | None) -> ImuScaleSummary | None:
+    """What of it belongs into a summary."""
+    if found is None or found.imu is None:
+        return None
+    imu = found.imu
+    too_large = [100.0 * (matrix - np.eye(3)) for matrix in (imu.gyroscope, imu.accelerometer)]
+    sigma = [100.0 * matrix for matrix in (imu.gyroscope_sigma, imu.accelerometer_sigma)]
+    diagonals = [tuple(float(v) for v in np.diag(matrix)) for matrix in (*too_large, *sigma)]
+    aside = [np.abs(matrix - np.diag(np.diag(matrix))).max() for matrix in too_large]
+    return ImuScaleSummary(diagonals[0], diagonals[2], diagonals[1], diagonals[3], float(max(aside)))
 
 
 def imu_noise_summary(declared: ImuNoise, reports: Sequence[StepReport]) -> ImuNoiseSummary | None:

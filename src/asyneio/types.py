@@ -102,16 +102,34 @@ class Calibration:
 
 
 @dataclass(frozen=True)
+class ImuCorrectionEstimate:
+    """How the IMU reads: `reading = matrix (truth + bias) + noise`, for both sensors.
+
+    `gyroscope`, `accelerometer` (3,3): the matrices, near identity; on the diagonal scale factors, beside it
+    misalignment. `gyroscope_sigma`, `accelerometer_sigma` (3,3): standard deviations of
+    the elements, zero where readings are taken as they are. Biases of estimates are those of corrected
+    readings.
+    """
+
+    gyroscope: FloatArray
+    accelerometer: FloatArray
+    gyroscope_sigma: FloatArray
+    accelerometer_sigma: FloatArray
+
+
+@dataclass(frozen=True)
 class CalibrationEstimate:
     """What the odometry believes of the camera now: `t_imu = t_cam + timeshift_ns + time_offset_s`.
 
     `C_b_c` (3,3) maps camera to body directions. `sigma` (4,) are standard deviations of [time offset (s),
-    rotation on the right of `C_b_c` (3, rad)], zero where the calibration is taken as it is.
+    rotation on the right of `C_b_c` (3, rad)], zero where the calibration is taken as it is. `imu`: the same
+    of the IMU; None where nobody says.
     """
 
     time_offset_s: float
     C_b_c: FloatArray
     sigma: FloatArray
+    imu: ImuCorrectionEstimate | None = None
 
 
 @dataclass(frozen=True)

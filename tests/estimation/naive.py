@@ -36,10 +36,11 @@ _AT_ONCE = 64
 @dataclass(frozen=True)
 class Point:
     """All unknowns, leading axes omitted: poses `T` (K,4,4), rates `varpi` (K,2,6), biases `bias` (K,6), of
-    the camera `offset` () and `C_bc` (3,3), bearings `kappa` (L,3) that move along `tangent` (L,3,2), inverse
-    distances `rho` (L,).
+    the camera `offset` () and `C_bc` (3,3), of the IMU `correction` (15,), bearings `kappa` (L,3) that move
+    along `tangent` (L,3,2), inverse distances `rho` (L,).
 
-    `columns` (c,) of [offset, rotation] are unknowns; `dof` of a landmark: 1 or 3.
+    `columns` (c,) of [offset, rotation] and `imu_columns` (s,) of the correction are unknowns; `dof` of a
+    landmark: 1 or 3.
     """
 
     T: Array
@@ -47,36 +48,44 @@ class Point:
     bias: Array
     offset: Array
     C_bc: Array
+    correction: Array
     kappa: Array
     rho: Array
     tangent: Array
     columns: NDArray[np.int64]
+    imu_columns: NDArray[np.int64]
     dof: int
 
     @property
     def size(self) -> int:
-        return 24 * self.T.shape[-3] + len(self.columns) + self.dof * self.rho.shape[-1]
+        behind = len(self.columns) + len(self.imu_columns)
+        return 24 * self.T.shape[-3] + behind + self.dof * self.rho.shape[-1]
 
     def moved(self, delta: Array) -> Point:
         """Poses and the camera's rotation on the right, everything else added; `delta` (..., size), knots
-        first, then the camera."""
+        first, then camera and IMU."""
         n, lead = 24 * self.T.shape[-3], delta.shape[:-1]
         m = n + len(self.columns)
+        end = m + len(self.imu_columns)
         knots = delta[..., :n].reshape(*lead, -1, 24)
         camera = np.zeros((*lead, 4))
         camera[..., self.columns] = delta[..., n:m]
+        correction = np.zeros((*lead, 15))
+        correction[..., self.imu_columns] = delta[..., m:end]
         step = np.zeros((*lead, self.rho.shape[-1], 3))
-        step[..., : self.dof] = delta[..., m:].reshape(*lead, -1, self.dof)
+        step[..., : self.dof] = delta[..., end:].reshape(*lead, -1, self.dof)
         return Point(
             self.T @ exp_se3(knots[..., :6]),
             self.varpi + knots[..., 6:18].reshape(*lead, -1, 2, 6),
             self.bias + knots[..., 18:],
             self.offset + camera[..., 0],
             self.C_bc @ exp_so3(camera[..., 1:]),
+            self.correction + correction,
             self.kappa + times(self.tangent, step[..., 1:]),
             self.rho + step[..., 0],
             self.tangent,
             self.columns,
+            self.imu_columns,
             self.dof,
         )
 
@@ -90,10 +99,12 @@ def at(states: States, problem: Problem) -> Point:
         states.bias,
         np.asarray(camera.time_offset),
         camera.C_bc,
+        problem.imu.coordinates,
         landmarks.kappa,
         landmarks.rho,
         landmarks.tangent,
         camera.columns,
+        problem.imu.columns,
         problem.model.landmark_dof,
     )
 
@@ -189,12 +200,29 @@ def _bias_at(samples: Inertial, i: NDArray[np.int64], bias: Array) -> Array:
     return np.asarray((1.0 - alpha) * bias[..., i, :] + alpha * bias[..., i + 1, :])
 
 
-def gyroscope_residuals(problem: Problem, local: Array, bias: Array) -> Array:
+def gyroscope_gain(correction: Array) -> Array:
+    """Identity plus a symmetric matrix (..., 3,3), from its diagonal and its elements yz, xz, xy."""
+    x, y, z, yz, xz, xy = np.moveaxis(correction[..., :6], -1, 0)
+    rows = [[1.0 + x, xy, xz], [xy, 1.0 + y, yz], [xz, yz, 1.0 + z]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def accelerometer_gain(correction: Array) -> Array:
+    """Identity plus any matrix (..., 3,3), from its diagonal and its elements xy, xz, yx, yz, zx, zy."""
+    x, y, z, xy, xz, yx, yz, zx, zy = np.moveaxis(correction[..., 6:], -1, 0)
+    rows = [[1.0 + x, xy, xz], [yx, 1.0 + y, yz], [zx, zy, 1.0 + z]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def gyroscope_residuals(problem: Problem, local: Array, point: Point) -> Array:
     samples = problem.gyroscope
     i, used = _interval_of(samples.start), _used(samples)
     gamma = samples.weights[used] @ local[..., i, :, :]
     omega = times(right_jacobian(gamma[..., 0, :]), gamma[..., 1, :])[..., :3]
-    error = samples.value[used] - omega - _bias_at(samples, i, bias)[..., :3]
+    # The problem holds corrected values.
+    change = gyroscope_gain(point.correction) - gyroscope_gain(problem.imu.coordinates)
+    value = samples.value[used] - samples.smooth[used] @ np.swapaxes(change, -1, -2)
+    error = value - omega - _bias_at(samples, i, point.bias)[..., :3]
     return _rows(_whitened(samples, error), 2)
 
 
@@ -222,7 +250,9 @@ def accelerometer_residuals(problem: Problem, local: Array, point: Point) -> Arr
     else:
         moving = times(np.swapaxes(exp_se3(xi)[..., :3, :3], -1, -2), xi_ddot[..., 3:])
     force = moving - problem.model.gravity_w @ C
-    error = samples.value[used] - force - _bias_at(samples, i, point.bias)[..., 3:]
+    change = accelerometer_gain(point.correction) - accelerometer_gain(problem.imu.coordinates)
+    value = samples.value[used] - samples.smooth[used] @ np.swapaxes(change, -1, -2)
+    error = value - force - _bias_at(samples, i, point.bias)[..., 3:]
     return _rows(_whitened(samples, error), 2)
 
 
@@ -298,6 +328,9 @@ def prior_residuals(prior: Prior, point: Point) -> Array:
     delta = _rows(np.concatenate([pose, rates, point.bias[..., :m, :] - lin.bias], axis=-1), 2)
     if prior.camera is not None:
         delta = np.concatenate([delta, camera_error(point, prior.camera)], axis=-1)
+    if prior.imu is not None:
+        changed = (point.correction - prior.imu.coordinates)[..., point.imu_columns]
+        delta = np.concatenate([delta, changed], axis=-1)
     return times(prior.R, delta) + prior.r_0
 
 
@@ -316,7 +349,7 @@ def residuals(problem: Problem, prior: Prior | None, point: Point, weights: Arra
         visual = visual * np.sqrt(weights)[:, None]
     rows = [
         *motion_residuals(problem, local, point.bias),
-        gyroscope_residuals(problem, local, point.bias),
+        gyroscope_residuals(problem, local, point),
         accelerometer_residuals(problem, local, point),
         _rows(visual, 2),
     ]
@@ -340,24 +373,24 @@ def jacobian(problem: Problem, prior: Prior | None, point: Point, weights: Array
 
 @dataclass(frozen=True)
 class Normal:
-    """Dense normal equations `H`, gradient `b`, and the cost; knots (24 K) first, then what is estimated of
-    the camera (c), then landmarks."""
+    """Dense normal equations `H`, gradient `b`, and the cost; knots (24 K) first, then the coordinates of
+    camera and IMU (`behind`), then landmarks."""
 
     H: Array
     b: Array
     cost: float
     knots: int
-    camera: int = 0
+    behind: int = 0
 
     def damped(self, damping: Array) -> Normal:
         """With information `damping` (dof,) on the diagonal of every landmark."""
-        H, n = self.H.copy(), 24 * self.knots + self.camera
+        H, n = self.H.copy(), 24 * self.knots + self.behind
         H[n:, n:] += np.diag(np.tile(damping, (len(H) - n) // len(damping)))
-        return Normal(H, self.b, self.cost, self.knots, self.camera)
+        return Normal(H, self.b, self.cost, self.knots, self.behind)
 
     def reduced(self) -> tuple[Array, Array]:
-        """Schur complement of everything behind knots and camera."""
-        return schur(self.H, self.b, 24 * self.knots + self.camera)
+        """Schur complement of the landmarks."""
+        return schur(self.H, self.b, 24 * self.knots + self.behind)
 
 
 def schur(H: Array, b: Array, n: int) -> tuple[Array, Array]:
@@ -372,15 +405,18 @@ def normal_equations(problem: Problem, prior: Prior | None = None, weights: Arra
     """Jacobian at the linearisation point, residual at the states."""
     r = residuals(problem, prior, at(problem.states, problem), weights)
     J = jacobian(problem, prior, at(problem.linearization, problem), weights)
-    return Normal(J.T @ J, J.T @ r, 0.5 * float(r @ r), len(problem.states.r), len(problem.camera.columns))
+    behind = len(problem.camera.columns) + len(problem.imu.columns)
+    return Normal(J.T @ J, J.T @ r, 0.5 * float(r @ r), len(problem.states.r), behind)
 
 
 def unknowns(problem: Problem) -> NDArray[np.int64]:
-    """Indices of what may move: the active coordinates of every knot, the camera's, then the landmarks."""
+    """Indices of what may move: the active coordinates of every knot, those of camera and IMU, then the
+    landmarks."""
     knots, model = len(problem.states.r), problem.model
     of_knots = [24 * k + c for k in range(knots) for c in model.active]
-    behind = len(problem.camera.columns) + model.landmark_dof * len(problem.landmarks.rho)
-    return np.r_[of_knots, 24 * knots + np.arange(behind)]
+    behind = len(problem.camera.columns) + len(problem.imu.columns)
+    landmarks = model.landmark_dof * len(problem.landmarks.rho)
+    return np.r_[of_knots, 24 * knots + np.arange(behind + landmarks)]
 
 
 def gauss_newton(problem: Problem, prior: Prior, iterations: int) -> tuple[Point, float]:

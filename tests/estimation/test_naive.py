@@ -47,7 +47,7 @@ def test_truth_explains_noise_free_measurements(scheme: str, projection: float, 
     point = naive.at(problem.states, problem)
     local = naive.local_variables(problem, point)
     # What is left is the difference between the motion and its interpolation, here far below the noise.
-    assert np.abs(naive.gyroscope_residuals(problem, local, point.bias)).max(initial=0.0) < 0.02
+    assert np.abs(naive.gyroscope_residuals(problem, local, point)).max(initial=0.0) < 0.02
     assert np.abs(naive.accelerometer_residuals(problem, local, point)).max(initial=0.0) < 0.1
     assert np.abs(naive.reprojection_residuals(problem, local, point)).max() < projection
     assert (len(problem.propagated.tau) > 0) == (scheme == "gpp")

@@ -78,3 +78,30 @@ def test_a_fixed_bearing_cannot_follow_the_time_offset() -> None:
     assert found is not None
     assert found.time_offset_s == 0.0
     assert found.sigma[0] == 0.0
+
+
+SCALES = np.array([0.03, -0.03, 0.03])
+
+
+def test_wrong_scale_factors_of_the_gyroscope_are_found() -> None:
+    """Three standard deviations of the prior off: more is found of them than was believed beforehand."""
+    recording = simulated().recording
+    gyroscope = recording.gyroscope.copy()
+    gyroscope["xyz"] *= 1.0 + SCALES
+    outcome = run(replace(recording, gyroscope=gyroscope), switched(estimate_imu_scale=True))
+    assert outcome.reports[-1].health is Health.TRACKING
+    found = outcome.odometry.calibration()
+    assert found is not None
+    assert found.imu is not None
+    off, sigma = np.diag(found.imu.gyroscope) - 1.0, np.diag(found.imu.gyroscope_sigma)
+    assert (sigma < 0.008).all()
+    np.testing.assert_allclose(off, SCALES, atol=0.015)
+    assert (found.imu.accelerometer_sigma > 0.0).all()
+
+
+def test_readings_are_taken_as_they_are_unless_asked() -> None:
+    found = plain_run().odometry.calibration()
+    assert found is not None
+    assert found.imu is not None
+    np.testing.assert_array_equal(found.imu.gyroscope, np.eye(3))
+    assert not found.imu.accelerometer_sigma.any()

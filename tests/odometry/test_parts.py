@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from asyneio.config import Config
 from asyneio.errors import CalibrationError
-from asyneio.estimation import interval_terms, visual_terms
+from asyneio.estimation import correction_terms, interval_terms, visual_terms
 from asyneio.estimation.linear_system import linearize
 from asyneio.estimation.problem import States
 from asyneio.inertial.noise import InertialNoise
@@ -253,8 +253,10 @@ def test_rates_from_samples_on_both_sides() -> None:
 def test_kernels_are_compiled_for_the_types_in_use() -> None:
     """Compiling ahead must give the very kernels that the window calls, or it is compiled twice."""
     problem, _ = make_toy(count=3, landmarks=4).problem()
-    linearize(problem)
+    linearize(problem._replace(imu=problem.imu._replace(columns=np.arange(15))))
     watched = [
+        correction_terms.gyroscope_correction,
+        correction_terms.accelerometer_correction,
         visual_terms.visual_terms,
         interval_terms.accelerometer_terms,
         interval_terms.gyroscope_terms,

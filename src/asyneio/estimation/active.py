@@ -5,7 +5,7 @@ motion has a use for all: white noise on acceleration knows no varpi_dot. Coordi
 keep the value they were predicted with: what is solved, marginalised and inverted holds the active ones
 only, and the rows and columns of the others in a covariance or a prior are zero.
 
-Behind the knots may stand the few coordinates of the camera that are estimated: all of them are active.
+Behind the knots may stand the few coordinates of camera and IMU that are estimated: all of them are active.
 """
 
 from __future__ import annotations
@@ -48,14 +48,15 @@ def active_part(matrix: FloatArray, active: IntArray) -> FloatArray:
     return matrix[np.ix_(indices, indices)]
 
 
-def with_inactive_zero(values: FloatArray, active: IntArray) -> FloatArray:
-    """`values` (..., n K + c) of the active coordinates, with zeros (..., 24 K + c) for the others, c < n.
+def with_inactive_zero(values: FloatArray, active: IntArray, behind: int) -> FloatArray:
+    """`values` (..., n K + c) of the active coordinates and the c = `behind` ones after the knots, with zeros
+    for the others: (..., 24 K + c).
 
     Where all are active these are the values themselves.
     """
     if len(active) == KNOT_DOF:
         return values
-    knots, behind = divmod(values.shape[-1], len(active))
+    knots = (values.shape[-1] - behind) // len(active)
     out = np.zeros((*values.shape[:-1], KNOT_DOF * knots + behind))
     out[..., active_in_window(active, knots, behind)] = values
     return out

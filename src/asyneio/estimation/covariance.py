@@ -38,19 +38,27 @@ def newest_covariance(solution: Solution) -> FloatArray:
 
 def camera_covariance(solution: Solution) -> FloatArray:
     """Covariance (c,c) of what is estimated of the camera [s, rad]."""
-    return _last_covariance(solution)[KNOT_DOF:, KNOT_DOF:]
+    end = KNOT_DOF + len(solution.problem.camera.columns)
+    return _last_covariance(solution)[KNOT_DOF:end, KNOT_DOF:end]
+
+
+def imu_covariance(solution: Solution) -> FloatArray:
+    """Covariance (s,s) of what is estimated of the IMU's scale factors and misalignment."""
+    begin = KNOT_DOF + len(solution.problem.camera.columns)
+    return _last_covariance(solution)[begin:, begin:]
 
 
 def _last_covariance(solution: Solution) -> FloatArray:
-    """Covariance (24+c,24+c) of the newest knot and of the camera, which stands behind it.
+    """Covariance (24+c+s,24+c+s) of the newest knot, and of camera and IMU, which stand behind it.
 
     With H = L L^T the last block of H^{-1} needs the last block of L alone.
     """
     active = solution.problem.model.active
-    n = len(active) + len(solution.problem.camera.columns)
+    behind = len(solution.problem.camera.columns) + len(solution.problem.imu.columns)
+    n = len(active) + behind
     L = _factor(solution)
     inverse = solve_triangular(L[-n:, -n:], np.eye(n), lower=True, check_finite=False)
-    inverse = with_inactive_zero(inverse, active)
+    inverse = with_inactive_zero(inverse, active, behind)
     covariance: FloatArray = inverse.T @ inverse
     return covariance
 
@@ -89,6 +97,8 @@ def relative_scale_sigma(solution: Solution) -> float:
     W = system.W.dense(landmarks.anchor, dof)[finite]
     c[:, solution.problem.model.landmark_columns] = np.einsum("ld,ldkc->kc", row, W) / finite.sum()
     of_camera = np.einsum("ld,ldc->c", row, system.W_camera[finite]) / finite.sum()
-    mean = np.append(c.ravel()[active_in_window(solution.problem.model.active, len(c))], of_camera)
+    of_knots = c.ravel()[active_in_window(solution.problem.model.active, len(c))]
+    # No landmark depends on the IMU but through the knots.
+    mean = np.concatenate([of_knots, of_camera, np.zeros(len(solution.problem.imu.columns))])
     solved = cho_solve((_factor(solution), True), mean, check_finite=False)
     return float(np.sqrt(max(float(mean @ solved), 0.0)))

@@ -83,7 +83,7 @@ def eliminate_landmarks(system: LinearSystem, landmarks: Landmarks, model: Model
     """
     W, dof = system.W, model.landmark_dof
     _whiten_landmarks(W, system.W_camera, system.H_l, system.b_l, landmarks.anchor, model.landmark_damping)
-    camera = system.W_camera.shape[2]
+    camera, behind = system.W_camera.shape[2], 24 * len(W.width)
     for a in range(len(W.width)):
         rows = W.group(a, dof)
         if not rows.size:
@@ -93,16 +93,17 @@ def eliminate_landmarks(system: LinearSystem, landmarks: Landmarks, model: Model
         square = dsyrk(1.0, rows.T)
         gradient = rows.T @ system.b_l[mine, :dof].ravel()
         border = rows.T @ system.W_camera[mine].reshape(len(rows), camera)
-        _subtract(a, square, gradient, border, model.landmark_columns, system.H, system.b)
+        _subtract(a, behind, square, gradient, border, model.landmark_columns, system.H, system.b)
     if camera:
-        of_camera, behind = system.W_camera.reshape(-1, camera), slice(len(system.b) - camera, None)
-        system.H[behind, behind] -= of_camera.T @ of_camera
-        system.b[behind] -= of_camera.T @ system.b_l[:, :dof].ravel()
+        of_camera, at = system.W_camera.reshape(-1, camera), slice(behind, behind + camera)
+        system.H[at, at] -= of_camera.T @ of_camera
+        system.b[at] -= of_camera.T @ system.b_l[:, :dof].ravel()
 
 
 @njit(cache=True, nogil=True)
 def _subtract(
     anchor: int,
+    behind: int,
     square: FloatArray,
     gradient: FloatArray,
     border: FloatArray,
@@ -111,8 +112,8 @@ def _subtract(
     b: FloatArray,
 ) -> None:
     """Take the upper triangle of `square` (n,n), in Fortran's order, `gradient` (n,) and `border` (n,c) off
-    the `columns` (18,) of the knots from `anchor` on, and of the camera behind them, in `H`, `b`."""
-    n, behind = gradient.shape[0], b.shape[0] - border.shape[1]
+    the `columns` (18,) of the knots from `anchor` on, and of the camera from `behind` on, in `H`, `b`."""
+    n = gradient.shape[0]
     at = np.empty(n, dtype=np.int64)
     for p in range(n):
         at[p] = 24 * (anchor + p // 18) + columns[p % 18]

@@ -142,7 +142,7 @@ def gyroscope_terms(
             if with_jacobian:
                 gyroscope_jacobian(local_lin[i], weights, alpha, jacobian[n - begin])
         root = samples.root_information[begin:end]
-        cost += _whiten(root, residual, jacobian, with_jacobian)
+        cost += whiten(root, residual, jacobian, with_jacobian)
         if with_jacobian:
             for n in range(end - begin):
                 _accumulate(jacobian[n], residual[n], H[i], b[i])
@@ -187,7 +187,7 @@ def accelerometer_terms(
                     linearization.C[i], local_lin[i], weights, alpha, gravity_w, space, jacobian[n - begin]
                 )
         root = samples.root_information[begin:end]
-        cost += _whiten(root, residual, jacobian, with_jacobian)
+        cost += whiten(root, residual, jacobian, with_jacobian)
         if with_jacobian:
             for n in range(end - begin):
                 _accumulate(jacobian[n], residual[n], H[i], b[i])
@@ -195,7 +195,7 @@ def accelerometer_terms(
 
 
 @njit(cache=True, nogil=True)
-def _whiten(root: FloatArray, residual: FloatArray, jacobian: FloatArray, with_jacobian: bool) -> float:
+def whiten(root: FloatArray, residual: FloatArray, jacobian: FloatArray, with_jacobian: bool) -> float:
     """In place, the samples of one interval by their common `root` (n,n), lower triangular; their cost.
 
     `residual` (n,3), `jacobian` (n,3,48). The last row first: each takes from those before it alone.

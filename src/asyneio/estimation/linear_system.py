@@ -1,4 +1,4 @@
-"""Linearisation of the window (39): normal equations of the knots and of what is estimated of the camera;
+"""Linearisation of the window (39): normal equations of the knots and of what is estimated of camera and IMU;
 landmarks are kept apart for their Schur complement (`elimination.py`).
 
 Jacobians are taken at `problem.linearization`, residuals at `problem.states`: the two differ for knots that
@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from asyneio.estimation.correction_terms import add_correction_terms
 from asyneio.estimation.couplings import Couplings
 from asyneio.estimation.interval_terms import (
     accelerometer_terms,
@@ -30,8 +31,8 @@ from asyneio.types import BoolArray, FloatArray
 
 
 class LinearSystem(NamedTuple):
-    """Normal equations. `H` (24K+c,24K+c) symmetric, `b` (24K+c,) gradient: K knots, then the c coordinates
-    of the camera that are estimated.
+    """Normal equations. `H` (24K+c+s,24K+c+s) symmetric, `b` (24K+c+s,) gradient: K knots, then the c
+    coordinates of the camera and the s of the IMU that are estimated.
 
     Landmarks: `W` coupling with the coordinates `Model.landmark_columns` of the knots, `H_l` (L,3,3), `b_l`
     (L,3), `W_camera` (L,dof,c) coupling with the camera. `cost` is the total, `visual_cost` that of the
@@ -60,7 +61,7 @@ def linearize(problem: Problem) -> LinearSystem:
     interval_chains(problem.linearization, needed, problem.model.motion_model.space, chain)
     H_local, b_local = np.zeros((knots - 1, 48, 48)), np.zeros((knots - 1, 48))
     sums = empty_sums(problem)
-    size = 24 * knots + len(problem.camera.columns)
+    size = 24 * knots + len(problem.camera.columns) + len(problem.imu.columns)
     H, b = np.zeros((size, size)), np.zeros(size)
     by_interval, by_knot = (H_local, b_local), (H, b)
     squared = np.empty(len(problem.visual.tau))
@@ -68,6 +69,8 @@ def linearize(problem: Problem) -> LinearSystem:
         problem, local, local_lin, chain, True, by_interval, by_knot, sums, squared
     )
     _move_to_knots(needed, chain, H_local, b_local, sums, H, b)
+    if len(problem.imu.columns):
+        add_correction_terms(problem, local, local_lin, chain, H, b)
     return LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.W_camera, cost, visual_cost, rejected, squared)
 
 

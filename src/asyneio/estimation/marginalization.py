@@ -40,11 +40,11 @@ from asyneio.types import BoolArray, FloatArray, IntArray
 _RELATIVE_PIVOT = 1e-13
 
 
-def marginalize_oldest(problem: Problem, prior: Prior, camera_walk: FloatArray | None = None) -> Prior:
-    """The prior on knots 1..m, and on what is estimated of the camera, that replaces knot 0, its landmarks
-    and their factors.
+def marginalize_oldest(problem: Problem, prior: Prior, walk: FloatArray | None = None) -> Prior:
+    """The prior on knots 1..m, and on what is estimated of camera and IMU, that replaces knot 0, its
+    landmarks and their factors.
 
-    `camera_walk` (c,): variance that the camera's coordinates gain over the interval [s^2, rad^2].
+    `walk` (c+s,): variance that the coordinates of camera [s^2, rad^2] and IMU gain over the interval.
 
     Raises:
         EstimationError: the oldest knot is not constrained.
@@ -52,11 +52,11 @@ def marginalize_oldest(problem: Problem, prior: Prior, camera_walk: FloatArray |
     part = _factors_of_oldest(problem, prior)
     knots = len(part.states.r)
     system = linearize(part)
-    add_prior(system, prior, difference(problem.states, prior, problem.camera))
+    add_prior(system, prior, difference(problem.states, prior, problem.camera, problem.imu))
     eliminate_landmarks(system, part.landmarks, part.model)
-    active, camera = part.model.active, len(part.camera.columns)
+    active, camera, imu = part.model.active, len(part.camera.columns), len(part.imu.columns)
     n = len(active)
-    H, b = active_part(system.H, active), system.b[active_in_window(active, knots, camera)]
+    H, b = active_part(system.H, active), system.b[active_in_window(active, knots, camera + imu)]
     try:
         factor = cho_factor(H[:n, :n], lower=True, check_finite=False)
     except np.linalg.LinAlgError as error:
@@ -66,14 +66,21 @@ def marginalize_oldest(problem: Problem, prior: Prior, camera_walk: FloatArray |
     gain = cho_solve(factor, H[:n, n:], check_finite=False)
     information = H[n:, n:] - H[n:, :n] @ gain
     gradient = b[n:] - gain.T @ b[:n]
-    if camera_walk is not None:
-        information, gradient = after_walk(information, gradient, camera_walk)
+    if walk is not None:
+        information, gradient = after_walk(information, gradient, walk)
     linearization = States(*(a[1:knots].copy() for a in problem.linearization))
     root, y = _square_root(0.5 * (information + information.T), gradient)
-    R = with_inactive_zero(root, active)
+    R = with_inactive_zero(root, active, camera + imu)
     # Gradient R^T (R delta + r_0) at the present delta, which is zero for knots frozen only now.
-    shifted = Prior(R, R.T @ R, np.zeros(len(R)), linearization, problem.camera if camera else None)
-    delta = difference(States(*(a[1:] for a in problem.states)), shifted, problem.camera)
+    shifted = Prior(
+        R,
+        R.T @ R,
+        np.zeros(len(R)),
+        linearization,
+        problem.camera if camera else None,
+        problem.imu if imu else None,
+    )
+    delta = difference(States(*(a[1:] for a in problem.states)), shifted, problem.camera, problem.imu)
     return shifted._replace(r_0=y - R @ delta)
 
 

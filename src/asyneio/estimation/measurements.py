@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.errors import EstimationError
+from asyneio.estimation.inertial_calibration import SMOOTH_NS, smoothed
 from asyneio.estimation.problem import (
     NOTHING_PREINTEGRATED,
     NOTHING_PROPAGATED,
@@ -50,12 +51,15 @@ def _with_rows(matrix: FloatArray, rows: FloatArray) -> FloatArray:
 class InertialBuffer:
     """Samples of one inertial sensor inside the window, on a trajectory with the given motion prior."""
 
-    def __init__(self, prior: int) -> None:
+    def __init__(self, prior: int, smooths: bool = False) -> None:
+        """`smooths`: whether smoothed values are asked for as well."""
         self._prior = prior
+        self._smooths = smooths
         self._interval: IntArray = np.empty(0, dtype=np.int64)
         self._value: FloatArray = np.empty((0, 3))
         self._weights: FloatArray = np.empty((0, 3, 5))
         self._alpha: FloatArray = np.empty(0)
+        self._t_ns: IntArray = np.empty(0, dtype=np.int64)
         self._root: FloatArray = np.empty((0, 0))
 
     def append(self, samples: DirectSamples, interval: int, start_ns: int, end_ns: int) -> None:
@@ -66,21 +70,29 @@ class InertialBuffer:
         self._value = np.concatenate([self._value, samples.value])
         self._weights = np.concatenate([self._weights, weights])
         self._alpha = np.concatenate([self._alpha, alpha])
+        self._t_ns = np.concatenate([self._t_ns, samples.t_ns])
         self._root = _with_rows(self._root, samples.root)
 
     def drop_before(self, interval: int) -> None:
-        """Forget the samples of intervals before `interval`."""
+        """Forget the samples of intervals before `interval`, but for those that smooth the ones after it."""
         n = int(np.searchsorted(self._interval, interval))
+        if self._smooths and n < len(self._t_ns):
+            n = int(np.searchsorted(self._t_ns, self._t_ns[n] - 2 * SMOOTH_NS))
         self._interval = self._interval[n:]
         self._value = self._value[n:]
         self._weights = self._weights[n:]
         self._alpha = self._alpha[n:]
+        self._t_ns = self._t_ns[n:]
         self._root = self._root[n:]
 
     def arrays(self, first: int, intervals: int) -> Inertial:
         """Arrays for the intervals `first .. first + intervals - 1`."""
         start = np.searchsorted(self._interval, first + np.arange(intervals + 1))
-        return Inertial(start, self._value, self._weights, self._alpha, self._root)
+        used = slice(start[0], start[-1])
+        value = self._value[used]
+        smooth = smoothed(start, self._t_ns, self._value)[used] if self._smooths else value
+        columns = value, self._weights[used], self._alpha[used], self._root[used], smooth
+        return Inertial(start - start[0], *columns)
 
 
 class PreintegrationBuffer:

@@ -48,7 +48,7 @@ class Solution:
     """Optimised problem, the squared norms (M,) of its observations' whitened residuals, the reduced normal
     equations it was last solved with, and the report.
 
-    `information` (24K+c,24K+c) is the Schur complement of the landmarks plus the prior, last linearised;
+    `information` (24K+c+s,24K+c+s) is the Schur complement of the landmarks plus the prior, last linearised;
     what it says of coordinates that are not active (`problem.model.active`) means nothing. `factor` is the
     lower Cholesky factor of its active part, with anything above the diagonal; None where the last step was
     damped.
@@ -128,14 +128,14 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
 def _linearized(problem: Problem, prior: Prior) -> _Point:
     """The normal equations, with the prior."""
     system = linearize(problem)
-    delta = difference(problem.states, prior, problem.camera)
+    delta = difference(problem.states, prior, problem.camera, problem.imu)
     cost = float(system.cost + add_prior(system, prior, delta))
     return _Point(problem, delta, cost, system.squared, system)
 
 
 def _evaluated(problem: Problem, prior: Prior) -> _Point:
     """The cost alone, a sixth of the time."""
-    delta = difference(problem.states, prior, problem.camera)
+    delta = difference(problem.states, prior, problem.camera, problem.imu)
     cost, squared = evaluate(problem)
     return _Point(problem, delta, cost + prior_cost(prior, delta), squared, None)
 
@@ -180,9 +180,11 @@ def _predicted_decrease(system: LinearSystem, step: FloatArray) -> float:
 def _solve(
     system: LinearSystem, active: IntArray, diagonal: FloatArray, damping: float
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Step (24K+c,), zero where not active, and the Cholesky factor of the active part; None where the matrix
-    is not positive definite."""
-    chosen = active_in_window(active, *divmod(len(diagonal), KNOT_DOF))
+    """Step (24K+c+s,), zero where not active, and the Cholesky factor of the active part; None where the
+    matrix is not positive definite."""
+    knots = len(system.W.width)
+    behind = len(diagonal) - KNOT_DOF * knots
+    chosen = active_in_window(active, knots, behind)
     H = active_part(system.H, active)
     if damping > 0.0:
         H = H.copy()
@@ -195,4 +197,4 @@ def _solve(
     step = -cho_solve((factor, True), system.b[chosen], check_finite=False)
     if not np.isfinite(step).all():
         return None
-    return with_inactive_zero(step, active), factor
+    return with_inactive_zero(step, active, behind), factor

@@ -9,7 +9,7 @@ from numba import njit
 from asyneio.estimation.active import KNOT_DOF
 from asyneio.estimation.camera_calibration import camera_difference
 from asyneio.estimation.linear_system import LinearSystem
-from asyneio.estimation.problem import Camera, Prior, States
+from asyneio.estimation.problem import Camera, ImuCorrection, Prior, States
 from asyneio.factors.marginal_prior import knot_difference
 from asyneio.types import FloatArray
 
@@ -17,8 +17,9 @@ from asyneio.types import FloatArray
 def add_prior(system: LinearSystem, prior: Prior, delta: FloatArray) -> float:
     """Add the marginal prior to the normal equations; returns its cost."""
     residual = prior.R @ delta + prior.r_0
-    # What it knows of the camera stands behind its knots, in the system behind all knots.
-    n, behind = KNOT_DOF * prior.knots, prior.R.shape[1] % KNOT_DOF
+    # What it knows of camera and IMU stands behind its knots, in the system behind all knots.
+    n = KNOT_DOF * prior.knots
+    behind = prior.R.shape[1] - n
     gradient = prior.R.T @ residual
     system.H[:n, :n] += prior.information[:n, :n]
     system.b[:n] += gradient[:n]
@@ -31,19 +32,24 @@ def add_prior(system: LinearSystem, prior: Prior, delta: FloatArray) -> float:
 
 
 def prior_cost(prior: Prior, delta: FloatArray) -> float:
-    """Cost of the marginal prior at the difference `delta` (24 m + c,) from its linearisation point."""
+    """Cost of the marginal prior at the difference `delta` (24 m + c + s,) from its linearisation point."""
     residual = prior.R @ delta + prior.r_0
     return 0.5 * float(residual @ residual)
 
 
-def difference(states: States, prior: Prior, camera: Camera | None = None) -> FloatArray:
-    """`delta` (24 m + c,) of the first m knots, and of the camera where the prior knows something of it, from
-    the prior's linearisation point."""
+def difference(
+    states: States, prior: Prior, camera: Camera | None = None, imu: ImuCorrection | None = None
+) -> FloatArray:
+    """`delta` (24 m + c + s,) of the first m knots, and of camera and IMU where the prior knows something of
+    them, from the prior's linearisation point."""
     out = np.empty((prior.knots, KNOT_DOF))
     _difference(prior.linearization, states, out)
-    if prior.camera is None or camera is None:
-        return out.ravel()
-    return np.concatenate([out.ravel(), camera_difference(camera, prior.camera)])
+    parts = [out.ravel()]
+    if prior.camera is not None and camera is not None:
+        parts.append(camera_difference(camera, prior.camera))
+    if prior.imu is not None and imu is not None:
+        parts.append(imu.coordinates[imu.columns] - prior.imu.coordinates[imu.columns])
+    return np.concatenate(parts)
 
 
 @njit(cache=True, nogil=True)

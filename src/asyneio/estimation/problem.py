@@ -41,6 +41,7 @@ class Inertial(NamedTuple):
     weights: FloatArray  # (N,3,5) interpolation weights (20)
     alpha: FloatArray  # (N,) fraction of the interval that has passed
     root_information: FloatArray  # (N,Q), Q the most that an interval holds
+    smooth: FloatArray  # (N,3) readings without their noise, for errors in proportion to them
 
 
 class Camera(NamedTuple):
@@ -52,6 +53,18 @@ class Camera(NamedTuple):
     C_bc: FloatArray  # (3,3) camera in body
     time_offset: float  # s; an observation stamped t shows what the body saw at t + time_offset
     columns: IntArray  # (c,) those of the four coordinates that are solved for, ascending
+
+
+class ImuCorrection(NamedTuple):
+    """By how much readings of the inertial sensors are off besides bias and noise, common to the window:
+    scale factors and misalignment (`inertial_calibration`)."""
+
+    coordinates: FloatArray  # (15,) of both sensors
+    columns: IntArray  # (s,) those that are solved for, ascending
+
+
+#: Readings are taken as they are.
+NO_CORRECTION = ImuCorrection(np.zeros(15), np.zeros(0, dtype=np.int64))
 
 
 class Visual(NamedTuple):
@@ -136,19 +149,20 @@ class Landmarks(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """Square-root prior over the first m knots and the c coordinates of the camera that are estimated, and
-    where it was linearised."""
+    """Square-root prior over the first m knots and the c + s coordinates of camera and IMU that are
+    estimated, and where it was linearised."""
 
-    R: FloatArray  # (rank, 24 m + c)
-    information: FloatArray  # (24 m + c, 24 m + c) R^T R, kept because every iteration adds it
+    R: FloatArray  # (rank, 24 m + c + s)
+    information: FloatArray  # (24 m + c + s, 24 m + c + s) R^T R, kept because every iteration adds it
     r_0: FloatArray  # (rank,) residual at the linearisation point
     linearization: States  # m knots
     camera: Camera | None = None  # None where nothing of the camera is estimated
+    imu: ImuCorrection | None = None  # the same of the IMU
 
     @property
     def knots(self) -> int:
         """Number of knots it touches."""
-        return self.R.shape[1] // 24
+        return len(self.linearization.r)
 
 
 #: Coordinates of a knot that an observation between two knots of a GP trajectory depends on.
@@ -211,6 +225,7 @@ class Problem(NamedTuple):
     preintegrated: Preintegrated = NOTHING_PREINTEGRATED
     propagated: Propagated = NOTHING_PROPAGATED
     rest: Rest = NOTHING_AT_REST
+    imu: ImuCorrection = NO_CORRECTION
 
 
 def bearing_tangent(kappa: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ from numba import njit
 from asyneio.estimation.active import KNOT_DOF
 from asyneio.estimation.camera_calibration import at_offset, moved_camera
 from asyneio.estimation.elimination import landmark_steps
+from asyneio.estimation.inertial_calibration import with_moved_imu
 from asyneio.estimation.linear_system import LinearSystem
 from asyneio.estimation.problem import Landmarks, Problem, States
 from asyneio.geometry.linalg import set_block
@@ -16,8 +17,10 @@ from asyneio.types import FloatArray
 
 
 def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem:
-    """The problem after a step (24K+c,) of knots and camera and the step of the landmarks that follows."""
-    of_knots, of_camera = np.split(step, [KNOT_DOF * len(problem.states.r)])
+    """The problem after a step (24K+c+s,) of knots, camera and IMU and the step of the landmarks that
+    follows."""
+    knots, camera_end = KNOT_DOF * len(problem.states.r), len(step) - len(problem.imu.columns)
+    of_knots, of_camera, of_imu = np.split(step, [knots, camera_end])
     knot_steps = of_knots.reshape(-1, KNOT_DOF)
     states = problem.states.copied()
     linearization = problem.linearization.copied()
@@ -27,6 +30,7 @@ def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem
     landmark_steps(system, landmarks.anchor, columns, of_camera, landmark_step)
     _retract(states, linearization, problem.frozen, knot_steps, landmarks, landmark_step)
     moved = problem._replace(states=states, linearization=linearization, landmarks=landmarks)
+    moved = with_moved_imu(moved, of_imu)
     if not len(of_camera):
         return moved
     camera = moved_camera(problem.camera, of_camera)

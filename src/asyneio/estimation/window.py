@@ -7,6 +7,7 @@ import numpy as np
 from asyneio.estimation.active import active_coordinates
 from asyneio.estimation.births import Births
 from asyneio.estimation.camera_calibration import first_camera, with_camera
+from asyneio.estimation.inertial_calibration import corrected, first_correction, with_imu
 from asyneio.estimation.landmarks import LandmarkTable
 from asyneio.estimation.marginalization import marginalize_oldest
 from asyneio.estimation.measurements import InertialBuffer, PreintegrationBuffer, VisualBuffer
@@ -44,11 +45,14 @@ class Window:
         self.states = states.copied()
         self._linearization = states.copied()
         self.camera = first_camera(settings.T_b_c[:3, :3], settings.calibration)
-        self.prior = with_camera(prior, self.camera, settings.calibration)
+        self.imu = first_correction(settings.imu)
+        prior = with_camera(prior, self.camera, settings.calibration)
+        self.prior = with_imu(prior, self.imu, settings.imu)
         self._frozen = 0
         prior_kind = settings.motion_model.prior
-        self._gyroscope = InertialBuffer(prior_kind)
-        self._accelerometer = InertialBuffer(prior_kind)
+        smooths = len(self.imu.columns) > 0
+        self._gyroscope = InertialBuffer(prior_kind, smooths)
+        self._accelerometer = InertialBuffer(prior_kind, smooths)
         self._preintegrations = PreintegrationBuffer()
         self._visual = VisualBuffer(prior_kind)
         self._still: BoolArray = np.empty(0, dtype=np.bool_)
@@ -146,13 +150,18 @@ class Window:
             self.landmarks.index_of(self._visual.track), self.landmarks.anchor, self.first, intervals
         )
         model = self._model()
+        gyroscope, accelerometer = corrected(
+            self._gyroscope.arrays(self.first, intervals),
+            self._accelerometer.arrays(self.first, intervals),
+            self.imu,
+        )
         return Problem(
             states=self.states,
             linearization=self._linearization,
             frozen=self._frozen,
             motion=np.ones(intervals, dtype=np.bool_),
-            gyroscope=self._gyroscope.arrays(self.first, intervals),
-            accelerometer=self._accelerometer.arrays(self.first, intervals),
+            gyroscope=gyroscope,
+            accelerometer=accelerometer,
             visual=visual,
             landmarks=self.landmarks.arrays(self.first),
             camera=self.camera,
@@ -160,6 +169,7 @@ class Window:
             preintegrated=self._preintegrations.arrays(self.first, intervals),
             propagated=propagated,
             rest=rest_of(self._still, model),
+            imu=self.imu,
         )
 
     def _model(self) -> Model:
@@ -188,7 +198,7 @@ class Window:
         self._linearization = solution.problem.linearization
         self.landmarks.kappa = solution.problem.landmarks.kappa
         self.landmarks.rho = solution.problem.landmarks.rho
-        self.camera = solution.problem.camera
+        self.camera, self.imu = solution.problem.camera, solution.problem.imu
         if self._moves_in_time:
             self._visual.move_to(self.camera.time_offset, self.preintegrations, self.first)
         # Propagated poses may have been asked for anew.
@@ -197,7 +207,8 @@ class Window:
 
     def marginalize_oldest(self) -> None:
         """Replace the oldest knot, and the landmarks anchored there, by the marginal prior."""
-        walk = self._settings.calibration.walk[self.camera.columns]
+        s = self._settings
+        walk = np.concatenate([s.calibration.walk[self.camera.columns], s.imu.walk[self.imu.columns]])
         interval_s = float(self.t_ns[1] - self.t_ns[0]) * 1e-9
         self.prior = marginalize_oldest(self.problem(), self.prior, walk**2 * interval_s)
         anchored = self.landmarks.anchor == self.first
@@ -214,7 +225,7 @@ class Window:
         self.t_ns = self.t_ns[1:]
         self.states = States(*(a[1:] for a in self.states))
         self._linearization = States(*(a[1:] for a in self._linearization))
-        if self._settings.frozen_linearization:
+        if s.frozen_linearization:
             self._frozen = self.prior.knots
 
     def remove_tracks(self, ids: IntArray) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.estimation.camera_calibration import FIXED_CALIBRATION, CalibrationSettings
+from asyneio.estimation.inertial_calibration import AS_READ, CorrectionSettings
 from asyneio.estimation.schemes import Scheme
 from asyneio.inertial.noise import InertialNoise
 from asyneio.trajectory.model import MotionModel
@@ -33,6 +34,7 @@ class WindowSettings:
     min_observations: int
     frozen_linearization: bool
     calibration: CalibrationSettings = FIXED_CALIBRATION
+    imu: CorrectionSettings = AS_READ
 
 
 @dataclass(frozen=True)

@@ -179,7 +179,8 @@ def _tiny_problem() -> Problem:
     """Two knots at rest, one sample of each kind, one landmark."""
     states = States(np.stack([np.eye(3)] * 2), np.zeros((2, 3)), np.zeros((2, 2, 6)), np.zeros((2, 6)))
     start = np.array([0, 1])
-    inertial = Inertial(start, np.zeros((1, 3)), np.zeros((1, 3, 5)), np.full(1, 0.5), np.ones((1, 1)))
+    value, root = np.zeros((1, 3)), np.ones((1, 1))
+    inertial = Inertial(start, value, np.zeros((1, 3, 5)), np.full(1, 0.5), root, value)
     kappa = np.array([[0.0, 0.0, 1.0]])
     return Problem(
         states=states,

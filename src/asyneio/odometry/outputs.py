@@ -7,13 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from asyneio.estimation.camera_calibration import CAMERA_DOF
-from asyneio.estimation.covariance import camera_covariance, joint_covariance, newest_covariance
+from asyneio.estimation.covariance import (
+    camera_covariance,
+    imu_covariance,
+    joint_covariance,
+    newest_covariance,
+)
+from asyneio.estimation.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF, IMU_DOF, gains
 from asyneio.estimation.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.settings import Settings
 from asyneio.trajectory.gp_trajectory import GPTrajectory
-from asyneio.types import CalibrationEstimate, Estimate, FloatArray
+from asyneio.types import CalibrationEstimate, Estimate, FloatArray, ImuCorrectionEstimate
 
 
 def estimate_of(window: Window, k: int, covariance: FloatArray, segment: int) -> Estimate:
@@ -71,7 +77,17 @@ def trajectory_of(
 
 
 def camera_of(window: Window, solution: Solution) -> CalibrationEstimate:
-    """What is believed of the camera."""
+    """What is believed of camera and IMU."""
     sigma = np.zeros(CAMERA_DOF)
     sigma[window.camera.columns] = np.sqrt(camera_covariance(solution).diagonal())
-    return CalibrationEstimate(window.camera.time_offset, window.camera.C_bc.copy(), sigma)
+    imu = _imu_of(window, solution)
+    return CalibrationEstimate(window.camera.time_offset, window.camera.C_bc.copy(), sigma, imu)
+
+
+def _imu_of(window: Window, solution: Solution) -> ImuCorrectionEstimate:
+    sigma = np.zeros(IMU_DOF)
+    sigma[window.imu.columns] = np.sqrt(imu_covariance(solution).diagonal())
+    # Each element belongs to one coordinate.
+    of_elements = np.einsum("k,kij->kij", sigma, DIRECTIONS)
+    first, second = of_elements[:GYROSCOPE_DOF].sum(axis=0), of_elements[GYROSCOPE_DOF:].sum(axis=0)
+    return ImuCorrectionEstimate(*gains(window.imu), first, second)

@@ -8,8 +8,9 @@ import numpy as np
 
 from asyneio.config import CalibrationConfig, Config, MotionPriorConfig
 from asyneio.estimation.camera_calibration import CalibrationSettings
+from asyneio.estimation.inertial_calibration import AS_READ, CorrectionSettings, correction_settings
 from asyneio.estimation.optimizer import OptimizerSettings
-from asyneio.estimation.schemes import SCHEMES
+from asyneio.estimation.schemes import SCHEMES, Scheme
 from asyneio.estimation.window_settings import WindowSettings
 from asyneio.inertial.noise import InertialNoise
 from asyneio.trajectory.model import motion_model_named
@@ -63,6 +64,7 @@ def resolve(config: Config, calibration: Calibration, noise: InertialNoise) -> S
         min_observations=visual.min_observations,
         frozen_linearization=config.window.frozen_linearization,
         calibration=_calibration(config.calibration, visual.estimate_bearing),
+        imu=_correction(config.calibration, SCHEMES[inertial.scheme]),
     )
     optimizer = config.optimizer
     return Settings(
@@ -103,6 +105,13 @@ def _calibration(config: CalibrationConfig, refines_bearing: bool) -> Calibratio
         sigma=np.append(config.time_offset_sigma_s, np.full(3, rotation[0])),
         walk=np.append(config.time_offset_walk, np.full(3, rotation[1])),
     )
+
+
+def _correction(config: CalibrationConfig, scheme: Scheme) -> CorrectionSettings:
+    """What is estimated of the IMU: increments do not tell what they would be with other scale factors."""
+    if not (config.estimate_imu_scale and scheme.direct):
+        return AS_READ
+    return correction_settings(config.imu_scale_sigma, config.imu_misalignment_sigma, config.imu_scale_walk)
 
 
 def _root_density(prior: MotionPriorConfig) -> FloatArray:
