@@ -1,0 +1,162 @@
+"""Does the installed program give the right answer for inputs that went wrong once?
+
+Each folder of cases holds `gen.py`, which makes an input, and a `README` with its commands. Every case is
+copied to a temporary folder, made, run and judged by `case_expectations`. A case without expectations, a
+command that is not in the case's README, and an expectation without a case are wrong too. The input is made
+from a simulated sequence, which takes some seconds once.
+
+    python benchmarks/cases.py [--cases FOLDER] [--only E07 H01 ...] [--jobs 1] [--verbose] [--keep FOLDER]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from case_expectations import EXPECTATIONS, Step
+from common import data_folder, parallel, table
+
+_ANSI = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a case: reasons why it is wrong (empty: right), outputs of its commands, time taken."""
+
+    name: str
+    kind: str
+    wrong: tuple[str, ...]
+    output: str
+    seconds: float
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the cases; 0 if all are right, 1 if any is wrong, 2 if there is none."""
+    options = _options(arguments)
+    folder: Path = options.cases
+    names = sorted(path.parent.name for path in folder.glob("*/gen.py")) if folder.is_dir() else []
+    chosen = [name for name in names if not options.only or name in options.only]
+    unknown = sorted(set(options.only or ()) - set(names))
+    if unknown or not chosen:
+        print(f"No case {', '.join(unknown) or 'at all'} in {folder}. Name the folder: --cases FOLDER")
+        return 2
+    with tempfile.TemporaryDirectory(prefix="asyneio-cases-") as temporary:
+        work = Path(options.keep or temporary)
+        work.mkdir(parents=True, exist_ok=True)
+        shutil.copy(folder / "common.py", work)
+        _base(work)
+        outcomes = parallel(partial(_judged, folder, work), chosen, "cases", options.jobs)
+    missing = [] if options.only else sorted(set(EXPECTATIONS) - set(names))
+    _report(outcomes, missing, options.verbose)
+    return 1 if missing or any(outcome.wrong for outcome in outcomes) else 0
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser.add_argument(
+        "--cases", type=Path, default=data_folder().parent / "cases", help="folder of the cases"
+    )
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="these cases alone")
+    parser.add_argument("--jobs", type=int, default=1, help="cases at the same time")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="work here and leave everything there")
+    parser.add_argument("--verbose", action="store_true", help="print what the commands of wrong cases said")
+    return parser.parse_args(arguments)
+
+
+def _environment(work: Path) -> dict[str, str]:
+    """That of the caller, with the program of this Python first and lines that are not broken."""
+    programs = str(Path(sys.executable).parent)
+    changed = {
+        "PATH": programs + os.pathsep + os.environ.get("PATH", ""),
+        "BUGS_BASE": str(work / "_base"),
+        "ASYNEIO_DATA": str(data_folder().resolve()),
+        "COLUMNS": "200",
+        "NO_COLOR": "1",
+    }
+    return {**os.environ, **changed}
+
+
+def _base(work: Path) -> None:
+    """Simulates the sequence that the inputs are made from; `common.py` of the cases does it."""
+    script = "import common; common.base()"
+    subprocess.run([sys.executable, "-c", script], cwd=work, env=_environment(work), check=True)
+
+
+def _judged(folder: Path, work: Path, name: str) -> Outcome:
+    """A case made, run and compared with its expectations."""
+    start = time.perf_counter()
+    place = work / name
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(folder / name, place)
+    readme = (place / "README").read_text(encoding="utf-8")
+    kind = re.search(r"kind (\w)", readme)
+    made = _run(f'"{sys.executable}" gen.py', place, _environment(work), 300)
+    steps = EXPECTATIONS.get(name, ())
+    wrong, outputs = [] if steps else ["no expectations in benchmarks/case_expectations"], []
+    if made[0]:
+        wrong, steps = [f"gen.py ended with {made[0]}: {made[1][-200:]}"], ()
+    for step in steps:
+        if step.root and os.geteuid() != 0:
+            continue
+        if not step.own and step.run not in readme:
+            wrong.append(f"not a command of the README: {step.run}")
+            continue
+        status, said = _run(step.run, place, _environment(work), step.seconds)
+        outputs.append(f"$ {step.run}\n{said}[exit {status}]\n")
+        wrong.extend(f"`{step.run}`: {reason}" for reason in _faults(step, status, said, place))
+    shown = kind.group(1) if kind else "?"
+    return Outcome(name, shown, tuple(wrong), "".join(outputs), time.perf_counter() - start)
+
+
+def _run(command: str, place: Path, environment: dict[str, str], seconds: float) -> tuple[int, str]:
+    """Exit status (124 after `seconds`) and both outputs of a command."""
+    bounded = ["timeout", "--kill-after=5", str(seconds), "bash", "-c", command]
+    done = subprocess.run(
+        bounded, cwd=place, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, check=False,
+    )  # fmt: skip
+    return done.returncode, _ANSI.sub("", done.stdout.decode("utf-8", errors="replace"))
+
+
+def _faults(step: Step, status: int, said: str, place: Path) -> list[str]:
+    """Expectations that the command does not meet, in words."""
+    text = " ".join(said.split())
+    faults = []
+    if status not in step.status:
+        faults.append(f"exit {status}, not {' or '.join(map(str, step.status))}")
+    faults += [f"does not say /{p}/" for p in step.says if not re.search(p, text, re.IGNORECASE)]
+    faults += [f"says /{p}/" for p in step.silent if re.search(p, text, re.IGNORECASE)]
+    faults += [f"no file {p}" for p in step.files if not any(place.glob(p))]
+    faults += [f"there is a file {p}" for p in step.absent if any(place.glob(p))]
+    return faults
+
+
+def _report(outcomes: Sequence[Outcome], missing: Sequence[str], verbose: bool) -> None:
+    """The table, what wrong cases said if wanted, and the sum."""
+    if verbose:
+        for outcome in outcomes:
+            if outcome.wrong:
+                print(f"===== {outcome.name}\n{outcome.output}")
+    rows = [
+        [o.kind, o.name, "WRONG" if o.wrong else "right", f"{o.seconds:.0f}", "; ".join(o.wrong)]
+        for o in sorted(outcomes, key=lambda o: (o.kind, o.name))
+    ]
+    print(table(["kind", "case", "verdict", "s", "what is wrong"], rows))
+    for name in missing:
+        print(f"WRONG: {name} has expectations, but no folder among the cases")
+    right = sum(not outcome.wrong for outcome in outcomes)
+    print(f"\n{right} of {len(outcomes)} cases are right.")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
