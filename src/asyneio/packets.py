@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.inertial.gravity_witness import ask_gravity
 from asyneio.types import (
     OBSERVATION_DTYPE,
     Calibration,
@@ -106,3 +107,17 @@ def calibration_of(recording: Recording | EventRecording) -> Calibration:
             "--calibration and --imu; --preset fills in what is published of a camera"
         )
     return recording.calibration
+
+
+def check_inertial_scales(recording: Recording | EventRecording) -> None:
+    """Refuse inertial samples whose scale gravity contradicts: positions would be off by metres.
+
+    Raises:
+        RecordingError: gravity is far from 9.81 m/s^2, or turns far from how the gyroscope says.
+    """
+    witness = ask_gravity(recording.gyroscope, recording.accelerometer)
+    if witness is None:
+        return
+    complaint = witness.force_complaint() or witness.gyroscope_complaint()
+    if complaint:
+        raise RecordingError(f"{recording.name}: {complaint}. `asyneio doctor` examines the recording further")

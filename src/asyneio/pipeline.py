@@ -23,7 +23,7 @@ from asyneio.io.atomic import write_text
 from asyneio.io.health_files import write_attitudes, write_health
 from asyneio.odometry import Odometry
 from asyneio.odometry.kernels import are_compiled, compile_kernels
-from asyneio.packets import calibration_of, observations_of, packets, usable_span
+from asyneio.packets import calibration_of, check_inertial_scales, observations_of, packets, usable_span
 from asyneio.summary import Costs, Grid, Summary, camera_summary, imu_noise_summary, summarize
 from asyneio.tracking import ObservationStream, ReplayedStream
 from asyneio.types import (
@@ -122,8 +122,8 @@ def run_recording(
     cause stands in `summary.failure`.
 
     Raises:
-        RecordingError: the recording is shorter than two knot intervals, or has events without the inertial
-            samples or the calibration that the estimator needs.
+        RecordingError: the recording is shorter than two knot intervals, has events without the inertial
+            samples or the calibration that the estimator needs, or samples whose scale gravity contradicts.
     """
     interval_ns = round(config.window.knot_interval_s * NS_PER_S)
     start_ns, end_ns = usable_span(recording)
@@ -134,6 +134,7 @@ def run_recording(
             f"{(end_ns - start_ns) / NS_PER_S:.3f} s; at least two knot intervals "
             f"of {config.window.knot_interval_s} s are needed"
         )
+    check_inertial_scales(recording)
     run, error = Run(), ""
     origins: dict[int, Estimate] = {}
     ends_ns = start_ns + interval_ns * np.arange(total + 1, dtype=np.int64)

@@ -11,6 +11,7 @@ from asyneio.doctor.camera_rates import CameraRates
 from asyneio.doctor.event_scan import EventFigures
 from asyneio.doctor.rest import Rest, find_rest
 from asyneio.doctor.verdict import Severity, Verdict
+from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
 from asyneio.io.contents import Samples
 from asyneio.io.inertial_files import InertialStreams
 from asyneio.types import Calibration, CameraIntrinsics, PoseTrajectory, RecordArray
@@ -77,6 +78,11 @@ class Evidence:
     def rest(self) -> Rest:
         """Where the inertial sensors lie still."""
         return find_rest(self.streams) if self.streams is not None else Rest(0, (), ())
+
+    @cached_property
+    def gravity(self) -> GravityWitness | None:
+        """What gravity tells of the scales of the inertial sensors."""
+        return ask_gravity(self.streams.gyroscope, self.streams.accelerometer) if self.streams else None
 
     def span_ns(self) -> tuple[int, int] | None:
         """First and last time of what the camera saw, camera clock."""

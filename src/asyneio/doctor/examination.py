@@ -17,6 +17,7 @@ from asyneio.doctor.event_time import (
 from asyneio.doctor.evidence import Evidence, fail, ok
 from asyneio.doctor.extrinsics import check_extrinsics, check_time_offset
 from asyneio.doctor.gathering import gather
+from asyneio.doctor.imu_scale import check_imu_scale
 from asyneio.doctor.imu_time import (
     check_duration,
     check_imu_gaps,
@@ -61,6 +62,7 @@ CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
     check_blows,
     check_rest,
     check_gravity,
+    check_imu_scale,
     check_noise,
     check_overlap_of_clocks,
     check_calibration_there,
