@@ -124,9 +124,7 @@ def align(
     return far if believed else near
 
 
-def _align_near(
-    rates: CameraRates, turn: TurnOf, claimed: FloatArray, around_s: float
-) -> Alignment | None:
+def _align_near(rates: CameraRates, turn: TurnOf, claimed: FloatArray, around_s: float) -> Alignment | None:
     """Rotation and offset with the offset sought within a tenth of a second."""
     offset_s, sigma_s = find_offset(rates, turn, around_s)
     found = _align_at(rates, turn, claimed, offset_s, sigma_s)

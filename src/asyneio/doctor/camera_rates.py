@@ -96,7 +96,8 @@ def rates_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> Ca
     xy, _, valid = CameraModel(camera).undistort(np.stack([observations["u"], observations["v"]], axis=1))
     rows: list[tuple[int, int, FloatArray]] = []
     t_ns = observations["t_ns"]
-    edges = np.arange(int(t_ns[0]), int(t_ns[-1]), _TRACK_WINDOW_NS)
+    # Only windows with observations: stamps may be years apart.
+    edges = t_ns[0] + np.unique((t_ns - t_ns[0]) // _TRACK_WINDOW_NS) * _TRACK_WINDOW_NS
     for start_ns, a, b in zip(
         edges.tolist(),
         np.searchsorted(t_ns, edges).tolist(),

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from asyneio.doctor.alignment import Alignment
 from asyneio.doctor.camera_rates import CameraRates
 from asyneio.doctor.event_scan import EventFigures
@@ -14,6 +16,7 @@ from asyneio.doctor.verdict import Severity, Verdict
 from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
 from asyneio.io.contents import Samples
 from asyneio.io.inertial_files import InertialStreams
+from asyneio.io.isolated_stamps import isolated
 from asyneio.types import Calibration, CameraIntrinsics, PoseTrajectory, RecordArray
 
 
@@ -23,6 +26,15 @@ class Refusal:
 
     part: str
     message: str
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Rows (INERTIAL_DTYPE) of an inertial sensor; `misdated` more had a wrong stamp all by themselves."""
+
+    name: str
+    rows: RecordArray
+    misdated: int
 
 
 @dataclass(frozen=True)
@@ -78,6 +90,19 @@ class Evidence:
     def rest(self) -> Rest:
         """Where the inertial sensors lie still."""
         return find_rest(self.streams) if self.streams is not None else Rest(0, (), ())
+
+    @cached_property
+    def readings(self) -> tuple[Readings, ...]:
+        """Samples of each sensor that has any, in the order of the file, without isolated wrong stamps."""
+        if self.samples is None:
+            return ()
+        found = []
+        for name in ("gyroscope", "accelerometer"):
+            rows = getattr(self.samples, name)
+            if rows.size:
+                wrong = isolated(rows["t_ns"])
+                found.append(Readings(name, rows[~wrong], int(np.count_nonzero(wrong))))
+        return tuple(found)
 
     @cached_property
     def gravity(self) -> GravityWitness | None:
