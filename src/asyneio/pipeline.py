@@ -107,6 +107,14 @@ class RunResult:
         return next((origin for origin in self.origins if origin.segment == segment), None)
 
 
+class RunInterrupted(KeyboardInterrupt):
+    """A run was interrupted; `result` is what there was until then."""
+
+    def __init__(self, result: RunResult) -> None:
+        super().__init__(result.summary.failure)
+        self.result = result
+
+
 def run_recording(
     recording: Recording | EventRecording,
     config: Config,
@@ -124,6 +132,7 @@ def run_recording(
     Raises:
         RecordingError: the recording is shorter than two knot intervals, has events without the inertial
             samples or the calibration that the estimator needs, or samples whose scale gravity contradicts.
+        RunInterrupted: Ctrl-C while the estimator ran.
     """
     interval_ns = round(config.window.knot_interval_s * NS_PER_S)
     start_ns, end_ns = usable_span(recording)
@@ -135,7 +144,7 @@ def run_recording(
             f"of {config.window.knot_interval_s} s are needed"
         )
     check_inertial_scales(recording)
-    run, error = Run(), ""
+    run, error, interrupted = Run(), "", False
     origins: dict[int, Estimate] = {}
     ends_ns = start_ns + interval_ns * np.arange(total + 1, dtype=np.int64)
     with _watch_compilation(progress) as compilation:
@@ -158,6 +167,8 @@ def run_recording(
                 progress.advance(done_s, total * interval_ns / NS_PER_S, report.health)
         except AsyneioError as caught:
             error = str(caught)
+        except KeyboardInterrupt:
+            error, interrupted = f"interrupted after {len(run.reports) * interval_ns / NS_PER_S:.1f} s", True
         wall_s = max(time.perf_counter() - started - (compilation.seconds - compiled_s), 0.0)
     given = tracked.observations() if tracked else observations_of(recording)
     costs = Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
@@ -170,7 +181,10 @@ def run_recording(
         camera=camera_summary(estimator.calibration()),
         imu_noise=imu_noise_summary(calibration_of(recording).noise, run.reports),
     )
-    return RunResult(run, summary, given, tuple(origins.values()))
+    result = RunResult(run, summary, given, tuple(origins.values()))
+    if interrupted:
+        raise RunInterrupted(result)
+    return result
 
 
 def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]:
