@@ -37,6 +37,7 @@ from asyneio.doctor.imu_values import (
 )
 from asyneio.doctor.lens import check_calibration_there, check_focal_length, check_lens
 from asyneio.doctor.other_kinds import MATLAB, PICTURES, POSES
+from asyneio.doctor.replay import check_replay
 from asyneio.doctor.truth import check_truth
 from asyneio.doctor.verdict import Diagnosis, Severity, Verdict
 from asyneio.io.contents import ReadOptions
@@ -64,6 +65,7 @@ CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
     check_gravity,
     check_imu_scale,
     check_noise,
+    check_replay,
     check_overlap_of_clocks,
     check_calibration_there,
     check_lens,
