@@ -39,6 +39,9 @@ CONTRADICTED = 15.0
 #: An offset known no better than this [s] is not told, and the claimed one is used.
 OFFSET_TOLD_S = 0.008
 
+#: Rolls are unrelated where they differ by this share of what independent ones would; and are fast from this
+#: rate [rad/s] on. Fewer independent values tell neither.
+_UNRELATED, _FAST_ROLL, _LEAST_VALUES = 0.75, 0.15, 8.0
 #: Share of the camera's rate from which on both see one motion.
 RELATED = 0.5
 #: Logarithm of the number of offsets among which one is chosen.
@@ -65,6 +68,8 @@ class Alignment:
         rates: (3,) root mean squares of the gyroscope [rad/s] along its principal axes, descending.
         leak: (3,) spread of what the gyroscope does not explain of the camera's rate about its axes [rad/s].
         values: number of independent values of a leak.
+        roll: (3,) spread of the roll of the gyroscope as mounted by the claim, of the camera's, and of their
+            difference [rad/s]: no translation imitates a roll.
         windows: number of windows of the camera.
         explained: share of the camera's rate (its median square) that the gyroscope explains.
         scale: magnitude of the camera's rate over that of the gyroscope's (medians).
@@ -80,6 +85,7 @@ class Alignment:
     rates: FloatArray
     leak: FloatArray
     values: float
+    roll: FloatArray
     windows: int
     explained: float
     scale: float
@@ -90,6 +96,15 @@ class Alignment:
         """Angle between a claimed rotation and the one found, about axes that are known this well."""
         turn = Rotation.from_matrix(self.C_c_b @ C_c_b.T).as_rotvec(degrees=True)
         return float(np.linalg.norm((self.axes.T @ turn)[self.sigma_deg <= most_sigma_deg]))
+
+    @property
+    def unrelated(self) -> bool:
+        """Whether the two rolls, both fast, are as far apart as if they had nothing in common."""
+        gyroscope, camera, difference = self.roll
+        independent = np.hypot(gyroscope, camera)
+        return bool(
+            self.values > _LEAST_VALUES and gyroscope > _FAST_ROLL and difference > _UNRELATED * independent
+        )
 
     def likelier_than(self, other: Alignment) -> float:
         """Log-likelihood by which this one explains the camera's rates better."""
@@ -169,12 +184,18 @@ def _align_at(
         rates=np.linalg.svd(body, compute_uv=False) / np.sqrt(len(body)),
         leak=leak.sigma,
         values=leak.values,
+        roll=np.concatenate([spread(roll) for roll in _rolls(camera, (body - fit.bias) @ claimed.T)]),
         windows=len(body),
         explained=float(explained),
         scale=_median_norm(camera) / max(_median_norm(body), 1e-12),
         contradiction=float(misfits[0] - least),
         possible=tuple(int(k) for k in np.flatnonzero(misfits < misfits.min() + CONTRADICTED)),
     )
+
+
+def _rolls(camera: FloatArray, claimed: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rolls (N,1) by the gyroscope and by the camera, and their difference."""
+    return claimed[:, 2:], camera[:, 2:], camera[:, 2:] - claimed[:, 2:]
 
 
 def _misfit(camera: FloatArray, body: FloatArray, C: FloatArray, values: float) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.doctor.gains import Gains
-from asyneio.types import FloatArray, IntArray
+from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: Standard deviations of what is known before: logarithms of focal length and scale, mounting [rad], bias.
 _PRIOR = np.array([0.5, 1.0, *(3 * [0.15]), *(3 * [0.05])])
@@ -42,6 +42,12 @@ class Pairs:
     last: FloatArray
     seconds: FloatArray
 
+    def of(self, windows: BoolArray) -> Pairs:
+        """Those of some windows (W,), numbered anew."""
+        numbers = np.cumsum(windows) - 1
+        kept = windows[self.window]
+        return Pairs(numbers[self.window[kept]], self.first[kept], self.last[kept], self.seconds[windows])
+
 
 def gains_of_tracks(pairs: Pairs, body: FloatArray, C_c_b: FloatArray, scale: float) -> Gains | None:
     """Scale and focal length; None where the tracks do not tell.
@@ -53,7 +59,7 @@ def gains_of_tracks(pairs: Pairs, body: FloatArray, C_c_b: FloatArray, scale: fl
         scale: of the gyroscope, roughly: a start.
     """
     counts = np.bincount(pairs.window, minlength=len(body))
-    if np.count_nonzero(counts >= _LEAST_POINTS) < _LEAST_WINDOWS or counts.min() == 0:
+    if len(body) < _LEAST_WINDOWS or np.count_nonzero(counts >= _LEAST_POINTS) < len(body):
         return None
     fit = _Fit(pairs, body, C_c_b)
     x = np.zeros(8)

@@ -11,6 +11,7 @@ import numpy as np
 from asyneio.doctor.alignment import Alignment
 from asyneio.doctor.camera_rates import CameraRates
 from asyneio.doctor.event_scan import EventFigures
+from asyneio.doctor.gains import Gains
 from asyneio.doctor.rest import Rest, find_rest
 from asyneio.doctor.verdict import Severity, Verdict
 from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
@@ -55,6 +56,8 @@ class Evidence:
         truth: true poses.
         rates: angular velocity of the camera, from events or tracks.
         alignment: of these with the gyroscope.
+        gyroscope_scale: by which the gyroscope's readings were divided before that.
+        gains: how large the camera's motion is of the gyroscope's so divided.
         refusals: what could not be read.
         notes: what a run would tell of repairs and assumptions.
     """
@@ -73,6 +76,8 @@ class Evidence:
     truth: PoseTrajectory | None = None
     rates: CameraRates | None = None
     alignment: Alignment | None = None
+    gyroscope_scale: float = 1.0
+    gains: Gains | None = None
     refusals: tuple[Refusal, ...] = ()
     notes: tuple[str, ...] = field(default=())
 

@@ -17,6 +17,7 @@ from asyneio.doctor.event_time import (
 from asyneio.doctor.evidence import Evidence, fail, ok
 from asyneio.doctor.extrinsics import check_extrinsics, check_time_offset
 from asyneio.doctor.gathering import gather
+from asyneio.doctor.image_scale import check_image_scale
 from asyneio.doctor.imu_scale import check_imu_scale
 from asyneio.doctor.imu_time import (
     check_duration,
@@ -71,6 +72,7 @@ CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
     check_lens,
     check_focal_length,
     check_extrinsics,
+    check_image_scale,
     check_time_offset,
     check_truth,
 )

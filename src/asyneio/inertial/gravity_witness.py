@@ -39,7 +39,7 @@ _ROUNDS, _REWEIGHTED = 2, 5
 #: Log-likelihood that an alternative must lack to be excluded: chance brings it once in a million.
 EXCLUDED = 15.0
 #: Factors closer to one than this are no error of a unit or a range.
-_SAME = 1.3
+SAME_SCALE = 1.3
 #: A length of gravity [m/s^2] within this factor is explained by bias and scale errors of any sensor.
 FORCE_RATIO = 1.25
 
@@ -72,7 +72,7 @@ class GravityWitness:
     def gyroscope_complaint(self) -> str:
         """What is wrong with the gyroscope's scale beyond doubt; empty where nothing is."""
         factor = max(self.scale, 1.0 / self.scale)
-        if not self.told or factor < _SAME or self.against_one < EXCLUDED:
+        if not self.told or factor < SAME_SCALE or self.against_one < EXCLUDED:
             return ""
         return (
             f"the gyroscope reads {self.scale:.3g} times what gravity turns by in the accelerometer"
@@ -98,7 +98,7 @@ def gyroscope_cause(scale: float) -> str:
         (180.0 / np.pi, "degrees instead of radians: multiply by pi / 180"),
         (np.pi / 180.0, "converted to radians twice: multiply by 180 / pi"),
     ):
-        if factor / _SAME < scale < factor * _SAME:
+        if factor / SAME_SCALE < scale < factor * SAME_SCALE:
             return f"; this fits {cause}"
     return (
         "; this fits a full-scale range other than the driver's (factors of 2): multiply its readings by "
