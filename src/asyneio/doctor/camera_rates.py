@@ -131,7 +131,8 @@ def pairs_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> tu
         if i.size >= _LEAST_PAIRS and t_ns[b - 1] > t_ns[a]:
             ends.append((int(t_ns[a]), int(t_ns[b - 1])))
             parts.append((xy[first[i]], xy[last[j]]))
-    times = CameraRates(*np.array(ends, dtype=np.int64).reshape(-1, 2).T, np.zeros((len(ends), 3)))
+    start_ns, end_ns = np.array(ends, dtype=np.int64).reshape(-1, 2).T
+    times = CameraRates(start_ns, end_ns, np.zeros((len(ends), 3)))
     window = np.repeat(np.arange(len(parts)), [len(first) for first, _ in parts])
     stacked = [np.concatenate([np.zeros((0, 2)), *side]) for side in zip(*parts, strict=True)] or 2 * [xy[:0]]
     return Pairs(window, stacked[0], stacked[1], (times.end_ns - times.start_ns) / NS_PER_S), times

@@ -1,4 +1,4 @@
-"""The camera's own motion against the gyroscope: rates, rotation, offset, and how large each is of the other."""
+"""The camera's own motion against the gyroscope: rates, rotation, offset, and the sizes of both."""
 
 from __future__ import annotations
 

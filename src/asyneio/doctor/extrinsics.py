@@ -111,8 +111,8 @@ def check_time_offset(evidence: Evidence) -> Verdict | None:
     expected = f"{1e3 * claimed:+.1f} ms as calibrated" if evidence.calibration else "no calibration: 0 ms"
     if abs(difference) > _FAR_S:
         cure = (
-            f"the clocks are {abs(difference):.3f} s apart: set timeshift_cam_imu to {found.offset_s:.4f} s, or "
-            "find out which driver stamps late"
+            f"the clocks are {abs(difference):.3f} s apart: set timeshift_cam_imu to {found.offset_s:.4f} s, "
+            "or find out which driver stamps late"
         )
         return fail("time offset", measured, expected, cure, **values)
     tolerance = _OFFSET_S + 2.0 * found.offset_sigma_s
@@ -176,8 +176,8 @@ def _unexplained(found: Alignment, motion: str, values: dict[str, Any]) -> Verdi
             "extrinsics",
             f"both turn, but unrelated, at whatever offset within 10 s: {measured}",
             "one motion, seen by both",
-            "the samples are of another recording or sensor, the clocks are further apart, or most of what the "
-            "camera sees moves by itself",
+            "the samples are of another recording or sensor, the clocks are further apart, or most of what "
+            "the camera sees moves by itself",
             **values,
         )
     if found.scale > _TRANSLATION or found.rates[0] < _SLOW:

@@ -29,13 +29,12 @@ def check_image_scale(evidence: Evidence) -> Verdict | None:
     }
     said = []
     if gains.gyroscope_told:
-        said.append(
-            f"the gyroscope reads {scale:.3g} times (sigma {gains.gyroscope_sigma:.1%}) the picture's roll"
-        )
+        sigma = f"(sigma {gains.gyroscope_sigma:.1%})"
+        said.append(f"the gyroscope reads {scale:.3g} times {sigma} the picture's roll")
     if gains.focal_told:
         said.append(
-            f"turns across the axis show {gains.focal:.3f} times (sigma {gains.focal_sigma:.1%}) the calibrated "
-            "focal length"
+            f"turns across the axis show {gains.focal:.3f} times (sigma {gains.focal_sigma:.1%}) the "
+            "calibrated focal length"
         )
     if not said:
         return ok("image scale", "too little roll, and too much translation, to tell", **values)
@@ -65,6 +64,6 @@ def _cause_of_scale(evidence: Evidence, scale: float) -> str:
     if abs(math.log(scale / witness.scale)) < _AGREE:
         return f"the scale of the gyroscope, as gravity says too{gyroscope_cause(scale)}"
     return (
-        f"gravity turns as the gyroscope says (scale {witness.scale:.2f}), so it is the camera: its stamps advance "
-        f"by {scale:.3g} s a second, or the picture is not of this recording"
+        f"gravity turns as the gyroscope says (scale {witness.scale:.2f}), so it is the camera: its stamps "
+        f"advance by {scale:.3g} s a second, or the picture is not of this recording"
     )

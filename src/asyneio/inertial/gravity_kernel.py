@@ -1,4 +1,4 @@
-"""Specific force, turned along with the gyroscope and summed, with its derivatives (see `gravity_witness`)."""
+"""Specific force, turned along with the gyroscope and summed, with its derivatives: see `gravity_witness`."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def sum_force(rate: FloatArray, force: FloatArray, step_s: float, every: int) ->
         every: the sums after so many steps are given out.
 
     Returns:
-        (K,N/every,3,7): V [m/s], its change with a bias that is taken off the rate, `sum (C f)^ (sum C dt) dt`,
-        and less the velocity that a lever arm adds, `-C omega^`.
+        (K,N/every,3,7): V [m/s], its change with a bias that is taken off the rate, `sum (C f)^ (sum C dt)
+        dt`, and less the velocity that a lever arm adds, `-C omega^`.
     """
     out = np.empty((rate.shape[0], rate.shape[1] // every, 3, 7))
     half, middle, hat, product = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))

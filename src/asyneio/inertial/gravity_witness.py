@@ -1,15 +1,15 @@
 """Scale of both inertial sensors from gravity alone: how it turns, and how long it is.
 
 Turned along with the gyroscope, the specific force `f` of a body sums up to its velocity less what gravity
-adds: `V(t) = sum C(t) f(t) dt = v(t) - v(0) - g t`. What is left of V beside a straight line is how unsteadily
-the body moves, some tenths of a metre per second for hands. Where the gyroscope reads a multiple of the turn,
-gravity is turned too far or not far enough, and more is left. So for each factor by which the readings could
-be multiplied, V is fitted by a line per span, a bias of the gyroscope and the lever arm `r` of a turn about a
-fixed point (`v = omega x r`), all linear; the spread of what is left gives a log-likelihood.
+adds: `V(t) = sum C(t) f(t) dt = v(t) - v(0) - g t`. What is left of V beside a straight line is how
+unsteadily the body moves, some tenths of a metre per second for hands. Where the gyroscope reads a multiple
+of the turn, gravity is turned too far or not far enough, and more is left. So for each factor by which the
+readings could be multiplied, V is fitted by a line per span, a bias of the gyroscope and the lever arm `r` of
+a turn about a fixed point (`v = omega x r`), all linear; the spread of what is left gives a log-likelihood.
 
-A body whose acceleration and tilt cancel (drones, pendulums, vehicles) feels gravity along one axis of its own
-whatever it does: there the factor 0 does as well as any, and nothing is told. The length of g, the slope of
-the lines, tells the scale of the accelerometer.
+A body whose acceleration and tilt cancel (drones, pendulums, vehicles) feels gravity along one axis of its
+own whatever it does: there the factor 0 does as well as any, and nothing is told. The length of g, the slope
+of the lines, tells the scale of the accelerometer.
 """
 
 from __future__ import annotations
@@ -40,8 +40,10 @@ _ROUNDS, _REWEIGHTED = 2, 5
 EXCLUDED = 15.0
 #: Factors closer to one than this are no error of a unit or a range.
 SAME_SCALE = 1.3
-#: A length of gravity [m/s^2] within this factor is explained by bias and scale errors of any sensor.
+#: A length of gravity [m/s^2] within this factor is explained by bias and scale errors of any sensor, and a
+#: change of velocity [m/s] over a span that is no larger, by motion.
 FORCE_RATIO = 1.25
+_VELOCITY = 2.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class GravityWitness:
         against_one: log-likelihood by which the scale 1 falls short of the best.
         against_rest: log-likelihood by which no turn at all falls short; small where gravity tells nothing.
         force: length of gravity as the accelerometer reads it [m/s^2].
-        seconds: of the recording that were looked at.
+        seconds: of the recording that were looked at, in spans of `span_s`.
     """
 
     scale: float
@@ -63,6 +65,7 @@ class GravityWitness:
     against_rest: float
     force: float
     seconds: float
+    span_s: float
 
     @property
     def told(self) -> bool:
@@ -82,13 +85,13 @@ class GravityWitness:
     def force_complaint(self) -> str:
         """What is wrong with the accelerometer's scale beyond doubt; empty where nothing is."""
         ratio = self.force / GRAVITY
-        if 1.0 / FORCE_RATIO < ratio < FORCE_RATIO:
+        if 1.0 / FORCE_RATIO < ratio < FORCE_RATIO or abs(self.force - GRAVITY) * self.span_s < _VELOCITY:
             return ""
         return (
-            f"the accelerometer reads gravity as {self.force:.3g} m/s^2 (mean over {self.seconds:.3g} s, turned "
-            f"along with the gyroscope), {ratio:.3g} times what it is; expected {GRAVITY:.2f}: another unit, a "
-            f"full-scale range other than the driver's, or gravity removed; multiply by {1.0 / ratio:.3g} if "
-            "the scale is the cause"
+            f"the accelerometer reads gravity as {self.force:.3g} m/s^2 (mean over {self.seconds:.3g} s, "
+            f"turned along with the gyroscope), {ratio:.3g} times what it is; expected {GRAVITY:.2f}: "
+            "another unit, a full-scale range other than the driver's, or gravity removed; multiply by "
+            f"{1.0 / ratio:.3g} if the scale is the cause"
         )
 
 
@@ -141,6 +144,7 @@ def ask_gravity(gyroscope: RecordArray, accelerometer: RecordArray) -> GravityWi
         against_rest=float(rest - least),
         force=float(length),
         seconds=edges.shape[0] * (edges.shape[1] - 1) * _STEP_S,
+        span_s=(edges.shape[1] - 1) * _STEP_S,
     )
 
 

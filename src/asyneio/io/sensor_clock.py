@@ -98,8 +98,8 @@ def _replay_note(t: FloatArray, delay: FloatArray, what: str) -> tuple[str, ...]
     if abs(slope) < _REPLAY_RATE or abs(slope) * float(np.ptp(t)) < _REPLAY_NS:
         return ()
     return (
-        f"{what}: the stamps of its messages advance by {1.0 + slope:.2g} s for each second of the camera's own "
-        f"clock: {REPLAYED} Its events cannot be brought to the time of other sensors",
+        f"{what}: the stamps of its messages advance by {1.0 + slope:.2g} s for each second of the camera's "
+        f"own clock: {REPLAYED} Its events cannot be brought to the time of other sensors",
     )
 
 

@@ -1,8 +1,8 @@
 """A file that HDF5 can always close, though its disk be full.
 
-HDF5 keeps what it could not write, tries again when it closes, and again when the program ends, which then dies
-in compiled code. So writing goes through Python: the first failure is kept, what comes after it is thrown
-away, and HDF5 never learns of it.
+HDF5 keeps what it could not write, tries again when it closes, and again when the program ends, which then
+dies in compiled code. So writing goes through Python: the first failure is kept, what comes after it is
+thrown away, and HDF5 never learns of it.
 """
 
 from __future__ import annotations
