@@ -65,8 +65,8 @@ CASES: Expectations = {
     ),
     "X06h": (
         Step(
-            "mkdir -p tiny; mount -t tmpfs -o size=300k tmpfs tiny; asyneio convert data tiny/o.h5; echo rc=$?; "
-            "umount tiny",
+            "mkdir -p tiny; mount -t tmpfs -o size=300k tmpfs tiny; asyneio convert data tiny/o.h5; "
+            "echo rc=$?; umount tiny",
             says=(r"No space left on device; check", r"rc=1\b"),
             silent=_NO_DEFECT,
             root=True,

@@ -122,6 +122,8 @@ def align(
         claimed: (3,3) body to camera directions of the calibration, identity where there is none.
         around_s: claimed offset, around which others are tried (and around its negative).
     """
+    if rates.count < LEAST_WINDOWS:
+        return None
     turn = TurnOf(gyroscope)
     near = _align_near(rates, turn, claimed, around_s)
     if near is not None and near.explained > RELATED:

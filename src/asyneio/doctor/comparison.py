@@ -71,7 +71,8 @@ def _compared(
 ) -> _FOUND:
     """Rates, alignment and gains with the gyroscope's readings divided by `scale`."""
     streams, calibration, camera = evidence.streams, evidence.calibration, evidence.camera
-    assert streams is not None and camera is not None
+    assert streams is not None
+    assert camera is not None
     readings = streams.gyroscope[possible(streams.gyroscope["xyz"])].copy()
     readings["xyz"] /= scale
     shift_ns = calibration.timeshift_ns if calibration else 0
