@@ -1,4 +1,4 @@
-"""Scale of the gyroscope and focal length by the motion of the picture; offsets of seconds; unrelated motions."""
+"""Scale of the gyroscope and focal length by the picture; offsets of seconds; unrelated motions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gravity tells the scale of both sensors where it turns in the body's frame, and nothing where it does not."""
+"""Gravity tells the scale of both sensors where it turns in the body, and nothing where it does not."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ T = np.arange(0.0, 9.0, 0.005)
 def streams(
     angles: FloatArray, acceleration: FloatArray, rate_scale: float = 1.0, force_scale: float = 1.0
 ) -> tuple[RecordArray, RecordArray]:
-    """What a body reads that is turned by angles (N,3), about x, y, z in turn, and accelerated in the world."""
+    """What a body reads that is turned by angles (N,3) about x, y, z, and accelerated in the world."""
     C = Rotation.from_euler("xyz", angles)
     middle = (C[:-1].inv() * C[1:]).as_rotvec() / np.diff(T)[:, None]
     rate = np.concatenate([middle[:1], 0.5 * (middle[1:] + middle[:-1]), middle[-1:]])
     rng = np.random.default_rng(1)
-    force = C.inv().apply(acceleration + [0.0, 0.0, GRAVITY])
+    force = C.inv().apply(acceleration + np.array([0.0, 0.0, GRAVITY]))
     both = []
     for values, sigma, scale in ((rate, 0.01, rate_scale), (force, 0.05, force_scale)):
         rows = np.zeros(T.size, dtype=INERTIAL_DTYPE)
@@ -54,8 +54,7 @@ def test_the_scale_of_the_gyroscope_is_found(scale: float) -> None:
 def test_the_scale_of_the_accelerometer_is_found(scale: float) -> None:
     witness = hand(force_scale=scale)
     assert witness.force == pytest.approx(scale * GRAVITY, rel=0.05)
-    assert f"{scale:.1f}"[:3] in witness.force_complaint() or "times what it is" in witness.force_complaint()
-    assert witness.force_complaint()
+    assert "times what it is" in witness.force_complaint()
 
 
 def test_a_body_whose_tilt_and_acceleration_cancel_tells_nothing() -> None:
