@@ -1,7 +1,7 @@
 """Does `asyneio doctor` tell a wrong focal length from a wrong scale of the gyroscope?
 
-The recordings named are examined as they are, with the calibrated focal length off by 5 and 10 %, and with the
-gyroscope scaled. Columns: the verdicts of `image scale` and `imu scale`, the gyroscope's scale by the
+The recordings named are examined as they are, with the calibrated focal length off by 5 and 10 %, and with
+the gyroscope scaled. Columns: the verdicts of `image scale` and `imu scale`, the gyroscope's scale by the
 picture and by gravity, and true over calibrated focal length, each with its standard deviation where told.
 
     python benchmarks/doctor_scales.py RECORDING ... [--focal 1 1.05 0.9] [--gyroscope 1 1.1 2]
