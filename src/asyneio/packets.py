@@ -8,7 +8,9 @@ from itertools import pairwise
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.inertial.gravity_witness import ask_gravity
 from asyneio.types import (
+    NS_PER_S,
     OBSERVATION_DTYPE,
     Calibration,
     EventRecording,
@@ -18,6 +20,9 @@ from asyneio.types import (
     Recording,
 )
 
+#: No recording lasts longer [s]: a week.
+_LONGEST_S = 7 * 86400
+
 
 def usable_span(recording: Recording | EventRecording) -> tuple[int, int]:
     """First and last instant [ns] at which both inertial sensors had data, from the first observation
@@ -25,7 +30,7 @@ def usable_span(recording: Recording | EventRecording) -> tuple[int, int]:
 
     Raises:
         RecordingError: the recording lacks events, tracks or samples of an inertial sensor, or its
-        calibration.
+        calibration, or lasts for weeks.
     """
     for name in ("gyroscope", "accelerometer"):
         if getattr(recording, name).size == 0:
@@ -37,12 +42,23 @@ def usable_span(recording: Recording | EventRecording) -> tuple[int, int]:
     start_ns = max(int(t_ns[0]) for t_ns in streams)
     end_ns = min(int(t_ns[-1]) for t_ns in streams)
     if isinstance(recording, Recording):
-        return max(start_ns, int(recording.observations["t_ns"][0])), end_ns
+        return check_length(recording.name, max(start_ns, int(recording.observations["t_ns"][0])), end_ns)
     if recording.events.size == 0:
         raise RecordingError(f"{recording.name} holds no events")
     shift_ns = calibration_of(recording).timeshift_ns
     first_ns, last_ns = (int(recording.events[i]["t_ns"]) + shift_ns for i in (0, -1))
-    return max(start_ns, first_ns), min(end_ns, last_ns)
+    return check_length(recording.name, max(start_ns, first_ns), min(end_ns, last_ns))
+
+
+def check_length(name: str, start_ns: int, end_ns: int) -> tuple[int, int]:
+    """Both ends, as given. Raises RecordingError where no recording lasts so long: stamps are wrong."""
+    if end_ns - start_ns > _LONGEST_S * NS_PER_S:
+        raise RecordingError(
+            f"{name} lasts {(end_ns - start_ns) / NS_PER_S / 86400.0:.0f} days, from {start_ns} to {end_ns} "
+            "ns: some stamps are wrong, or in another unit or epoch than the others; `asyneio doctor` looks "
+            "for them"
+        )
+    return start_ns, end_ns
 
 
 def packets(
@@ -106,3 +122,19 @@ def calibration_of(recording: Recording | EventRecording) -> Calibration:
             "--calibration and --imu; --preset fills in what is published of a camera"
         )
     return recording.calibration
+
+
+def check_inertial_scales(recording: Recording | EventRecording) -> None:
+    """Refuse inertial samples whose scale gravity contradicts: positions would be off by metres.
+
+    Raises:
+        RecordingError: gravity is far from 9.81 m/s^2, or turns far from how the gyroscope says.
+    """
+    witness = ask_gravity(recording.gyroscope, recording.accelerometer)
+    if witness is None:
+        return
+    complaint = witness.force_complaint() or witness.gyroscope_complaint()
+    if complaint:
+        raise RecordingError(
+            f"{recording.name}: {complaint}. `asyneio doctor` examines the recording further"
+        )

@@ -23,7 +23,7 @@ from asyneio.io.atomic import write_text
 from asyneio.io.health_files import write_attitudes, write_health
 from asyneio.odometry import Odometry
 from asyneio.odometry.kernels import are_compiled, compile_kernels
-from asyneio.packets import calibration_of, observations_of, packets, usable_span
+from asyneio.packets import calibration_of, check_inertial_scales, observations_of, packets, usable_span
 from asyneio.summary import (
     Costs,
     Grid,
@@ -121,6 +121,14 @@ class RunResult:
         return next((origin for origin in self.origins if origin.segment == segment), None)
 
 
+class RunInterrupted(KeyboardInterrupt):
+    """A run was interrupted; `result` is what there was until then."""
+
+    def __init__(self, result: RunResult) -> None:
+        super().__init__(result.summary.failure)
+        self.result = result
+
+
 def run_recording(
     recording: Recording | EventRecording,
     config: Config,
@@ -136,8 +144,9 @@ def run_recording(
     cause stands in `summary.failure`.
 
     Raises:
-        RecordingError: the recording is shorter than two knot intervals, or has events without the inertial
-            samples or the calibration that the estimator needs.
+        RecordingError: the recording is shorter than two knot intervals, has events without the inertial
+            samples or the calibration that the estimator needs, or samples whose scale gravity contradicts.
+        RunInterrupted: Ctrl-C while the estimator ran.
     """
     interval_ns = round(config.window.knot_interval_s * NS_PER_S)
     start_ns, end_ns = usable_span(recording)
@@ -148,7 +157,8 @@ def run_recording(
             f"{(end_ns - start_ns) / NS_PER_S:.3f} s; at least two knot intervals "
             f"of {config.window.knot_interval_s} s are needed"
         )
-    run, error = Run(), ""
+    check_inertial_scales(recording)
+    run, error, interrupted = Run(), "", False
     origins: dict[int, Estimate] = {}
     ends_ns = start_ns + interval_ns * np.arange(total + 1, dtype=np.int64)
     with _watch_compilation(progress) as compilation:
@@ -171,6 +181,8 @@ def run_recording(
                 progress.advance(done_s, total * interval_ns / NS_PER_S, report.health)
         except AsyneioError as caught:
             error = str(caught)
+        except KeyboardInterrupt:
+            error, interrupted = f"interrupted after {len(run.reports) * interval_ns / NS_PER_S:.1f} s", True
         wall_s = max(time.perf_counter() - started - (compilation.seconds - compiled_s), 0.0)
     given = tracked.observations() if tracked else observations_of(recording)
     costs = Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
@@ -184,7 +196,10 @@ def run_recording(
         imu_scale=imu_scale_summary(estimator.calibration()),
         imu_noise=imu_noise_summary(calibration_of(recording).noise, run.reports),
     )
-    return RunResult(run, summary, given, tuple(origins.values()))
+    result = RunResult(run, summary, given, tuple(origins.values()))
+    if interrupted:
+        raise RunInterrupted(result)
+    return result
 
 
 def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]:

@@ -15,8 +15,8 @@ from asyneio.config import Config
 from asyneio.errors import EstimationError, EvaluationError
 from asyneio.evaluation import Evaluation, evaluate, protocol_named
 from asyneio.io import to_trajectory
-from asyneio.io.atomic import atomic_file, make_folder, write_text
-from asyneio.pipeline import RunResult, run_recording, write_outputs
+from asyneio.io.atomic import atomic_file, make_folder, remove_empty, write_text
+from asyneio.pipeline import RunInterrupted, RunResult, run_recording, write_outputs
 from asyneio.types import EventRecording, Recording
 from asyneio.viz import available, render_overview, render_pictures, render_report
 
@@ -51,8 +51,17 @@ def execute(job: Job) -> RunResult:
         RecordingError: the recording is too short, or a file cannot be written.
     """
     make_folder(job.folder)
-    with console.run_progress() as progress:
-        result = run_recording(job.recording, job.config, progress)
+    try:
+        with console.run_progress() as progress:
+            result = run_recording(job.recording, job.config, progress)
+    except RunInterrupted as interrupted:
+        _write_interrupted(job, interrupted.result)
+        raise
+    except KeyboardInterrupt:
+        console.say("interrupted before the estimator ran: nothing is written")
+        raise
+    finally:
+        remove_empty(job.folder)
     written = write_outputs(result, job.config, job.folder)
     scores = _scores(result, job.recording)
     figures = run_figures(result.summary, scores)
@@ -66,6 +75,17 @@ def execute(job: Job) -> RunResult:
     if result.summary.failure:
         raise EstimationError(f"{result.summary.failure}. {_advice(result)}")
     return result
+
+
+def _write_interrupted(job: Job, result: RunResult) -> None:
+    """Write what was estimated until Ctrl-C, without a report, if anything was."""
+    if not result.run.estimates:
+        console.say(f"{result.summary.failure}: nothing was estimated yet, nothing is written")
+        return
+    written = write_outputs(result, job.config, job.folder)
+    console.say(f"{result.summary.failure}: {len(result.run.estimates)} knots are kept")
+    for path in written:
+        console.say(f"wrote {path}")
 
 
 def _scores(result: RunResult, recording: Recording | EventRecording) -> dict[int, Evaluation]:

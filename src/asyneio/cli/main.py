@@ -21,6 +21,7 @@ from asyneio.cli.evaluate import evaluate
 from asyneio.cli.run import run
 from asyneio.cli.simulate import simulate
 from asyneio.cli.study import study
+from asyneio.cli.surroundings import prepare_environment, prepare_streams
 from asyneio.cli.track import track
 from asyneio.errors import AsyneioError
 
@@ -70,12 +71,18 @@ def _options(
 
 def main() -> None:
     """Entry point. Exit status: 0 whole output, 1 missing or incomplete, 2 wrong usage, 130 interrupted."""
-    _use_one_blas_thread()
+    prepare_environment()
+    prepare_streams()
     try:
         app(prog_name="asyneio")
+    except SystemExit as end:
+        if end.code == EXIT_INTERRUPTED:
+            print("asyneio: interrupted", file=sys.stderr)
+        raise
     except AsyneioError as error:
         _fail(str(error))
     except KeyboardInterrupt:
+        print("asyneio: interrupted", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
     except OSError as error:
         _fail(f"{error.filename or 'a file'}: {error.strerror or error}; check the path and free space")
@@ -86,16 +93,6 @@ def main() -> None:
             f"unexpected {type(error).__name__}: {error}. This is a defect of asyneio: please report it "
             f"with what the command prints when {TRACEBACK_VARIABLE}=1 is set"
         )
-
-
-def _use_one_blas_thread() -> None:
-    """Unless the user has chosen otherwise; must come before numpy is imported.
-
-    The window's matrices are small: a second thread gains little on an idle machine, waits for its share of a
-    busy one (measured: fifty times slower), and makes results depend on the number of cores.
-    """
-    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
-        os.environ.setdefault(variable, "1")
 
 
 def _fail(message: str) -> None:

@@ -64,16 +64,24 @@ def track(
     from asyneio.cli.track_run import summarize_tracks, track_recording
     from asyneio.errors import RecordingError
     from asyneio.io import ReadOptions
-    from asyneio.io.atomic import make_folder, write_text
+    from asyneio.io.atomic import make_folder, remove_empty, write_text
 
     settings = with_tracker(settings_of(config, preset), tracker).frontend
     loaded = _open(
         recording, ReadOptions(calibration, imu, events, samples, camera, preset, samples_needed=False)
     )
     folder = output or Path("results") / f"{loaded.name}-tracks"
+    if _is_recording(recording, folder):
+        raise RecordingError(
+            f"{folder} holds the recording itself: its events could not be reached by that name any more, as "
+            "a folder with tracks.csv is a tracks folder; name another folder with --output"
+        )
     make_folder(folder)
-    with share_progress("tracking", loaded.events.size / 1e6, "Mev/s") as advance:
-        run = track_recording(loaded, settings, gyroscope, advance)
+    try:
+        with share_progress("tracking", loaded.events.size / 1e6, "Mev/s") as advance:
+            run = track_recording(loaded, settings, gyroscope, advance)
+    finally:
+        remove_empty(folder)
     summary = summarize_tracks(loaded, run)
     for stale in (TRACKS_FILE, PICTURE_FILE, ANIMATION_FILE):
         (folder / stale).unlink(missing_ok=True)
@@ -92,6 +100,12 @@ def track(
             f"{summary['duration_s']:.3g} s long; check that the camera moves and that its sensor is "
             f"{loaded.width} x {loaded.height}"
         )
+
+
+def _is_recording(recording: Path, folder: Path) -> bool:
+    """Whether results in `folder` would lie among the files of the recording."""
+    place, target = recording.resolve(), folder.resolve()
+    return target == place if place.is_dir() else target == place.parent
 
 
 def _open(path: Path, options: ReadOptions) -> EventRecording:

@@ -12,6 +12,7 @@ import numpy as np
 from asyneio.config import FrontendConfig
 from asyneio.evaluation.tracks_lives import Tracks, group_tracks
 from asyneio.frontend import Frontend, FrontendStatistics, gyroscope_in_camera
+from asyneio.packets import check_length
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: What the front end is given at a time: short enough for a smooth progress bar, long enough to cost nothing.
@@ -49,10 +50,13 @@ def track_recording(
         config: the section `frontend`.
         use_gyroscope: give it the gyroscope, where the recording has one and a calibration.
         advance: is told the share done, 0 to 1.
+
+    Raises:
+        RecordingError: the events last for weeks.
     """
     events = recording.events
     gyroscope = gyroscope_in_camera(recording) if use_gyroscope else np.empty(0, dtype=INERTIAL_DTYPE)
-    first_ns, last_ns = int(events["t_ns"][0]), int(events["t_ns"][-1])
+    first_ns, last_ns = check_length(recording.name, int(events["t_ns"][0]), int(events["t_ns"][-1]))
     edges_ns = np.arange(first_ns, last_ns + PACKET_NS + 1, PACKET_NS)
     cuts = np.searchsorted(events["t_ns"], edges_ns)
     samples = np.searchsorted(gyroscope["t_ns"], edges_ns)

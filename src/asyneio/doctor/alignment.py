@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from asyneio.doctor.camera_rates import CameraRates
 from asyneio.doctor.noise import Noise, noise_of, spread
 from asyneio.doctor.rotation_fit import BIAS_SIGMA, Fit, crosses, fit_rotation, nearest_fit
-from asyneio.doctor.time_offset import LEAST_WINDOWS, TurnOf, find_offset, gaps_of
+from asyneio.doctor.time_offset import LEAST_WINDOWS, TurnOf, find_far_offset, find_offset, gaps_of
 from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
 #: Steps from those starts of which one is taken.
@@ -38,6 +38,14 @@ _SWING_S = 0.01
 CONTRADICTED = 15.0
 #: An offset known no better than this [s] is not told, and the claimed one is used.
 OFFSET_TOLD_S = 0.008
+
+#: Rolls are unrelated where they differ by this share of what independent ones would; and are fast from this
+#: rate [rad/s] on. Fewer independent values tell neither.
+_UNRELATED, _FAST_ROLL, _LEAST_VALUES = 0.75, 0.15, 8.0
+#: Share of the camera's rate from which on both see one motion.
+RELATED = 0.5
+#: Logarithm of the number of offsets among which one is chosen.
+_OF_MANY = 7.0
 
 #: The 24 rotations that take axes to axes.
 RIGHT_ANGLES: tuple[FloatArray, ...] = tuple(
@@ -59,6 +67,9 @@ class Alignment:
         offset_s: to be added to the camera's clock; `offset_sigma_s` its standard deviation.
         rates: (3,) root mean squares of the gyroscope [rad/s] along its principal axes, descending.
         leak: (3,) spread of what the gyroscope does not explain of the camera's rate about its axes [rad/s].
+        values: number of independent values of a leak.
+        roll: (3,) spread of the roll of the gyroscope as mounted by the claim, of the camera's, and of their
+            difference [rad/s]: no translation imitates a roll.
         windows: number of windows of the camera.
         explained: share of the camera's rate (its median square) that the gyroscope explains.
         scale: magnitude of the camera's rate over that of the gyroscope's (medians).
@@ -73,6 +84,8 @@ class Alignment:
     offset_sigma_s: float
     rates: FloatArray
     leak: FloatArray
+    values: float
+    roll: FloatArray
     windows: int
     explained: float
     scale: float
@@ -83,6 +96,19 @@ class Alignment:
         """Angle between a claimed rotation and the one found, about axes that are known this well."""
         turn = Rotation.from_matrix(self.C_c_b @ C_c_b.T).as_rotvec(degrees=True)
         return float(np.linalg.norm((self.axes.T @ turn)[self.sigma_deg <= most_sigma_deg]))
+
+    @property
+    def unrelated(self) -> bool:
+        """Whether the two rolls, both fast, are as far apart as if they had nothing in common."""
+        gyroscope, camera, difference = self.roll
+        independent = np.hypot(gyroscope, camera)
+        return bool(
+            self.values > _LEAST_VALUES and gyroscope > _FAST_ROLL and difference > _UNRELATED * independent
+        )
+
+    def likelier_than(self, other: Alignment) -> float:
+        """Log-likelihood by which this one explains the camera's rates better."""
+        return float(min(self.values, other.values) * np.log(other.leak / self.leak).sum())
 
 
 def align(
@@ -96,7 +122,27 @@ def align(
         claimed: (3,3) body to camera directions of the calibration, identity where there is none.
         around_s: claimed offset, around which others are tried (and around its negative).
     """
+    if rates.count < LEAST_WINDOWS:
+        return None
     turn = TurnOf(gyroscope)
+    near = _align_near(rates, turn, claimed, around_s)
+    if near is not None and near.explained > RELATED:
+        return near
+    far_s = find_far_offset(rates, turn, around_s)
+    if far_s is None:
+        return near
+    far = _align_near(rates, turn, claimed, far_s)
+    believed = (
+        far is not None
+        and far.explained > RELATED
+        and far.offset_sigma_s <= OFFSET_TOLD_S
+        and (near is None or far.likelier_than(near) > CONTRADICTED + _OF_MANY)
+    )
+    return far if believed else near
+
+
+def _align_near(rates: CameraRates, turn: TurnOf, claimed: FloatArray, around_s: float) -> Alignment | None:
+    """Rotation and offset with the offset sought within a tenth of a second."""
     offset_s, sigma_s = find_offset(rates, turn, around_s)
     found = _align_at(rates, turn, claimed, offset_s, sigma_s)
     if found is None or found.offset_sigma_s > OFFSET_TOLD_S:
@@ -139,12 +185,19 @@ def _align_at(
         offset_sigma_s=float(np.hypot(sigma_s, leak.of_offset(swing))),
         rates=np.linalg.svd(body, compute_uv=False) / np.sqrt(len(body)),
         leak=leak.sigma,
+        values=leak.values,
+        roll=np.concatenate([spread(roll) for roll in _rolls(camera, (body - fit.bias) @ claimed.T)]),
         windows=len(body),
         explained=float(explained),
         scale=_median_norm(camera) / max(_median_norm(body), 1e-12),
         contradiction=float(misfits[0] - least),
         possible=tuple(int(k) for k in np.flatnonzero(misfits < misfits.min() + CONTRADICTED)),
     )
+
+
+def _rolls(camera: FloatArray, claimed: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rolls (N,1) by the gyroscope and by the camera, and their difference."""
+    return claimed[:, 2:], camera[:, 2:], camera[:, 2:] - claimed[:, 2:]
 
 
 def _misfit(camera: FloatArray, body: FloatArray, C: FloatArray, values: float) -> float:

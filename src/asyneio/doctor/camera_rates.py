@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from asyneio.doctor.epipolar import Pairs
 from asyneio.doctor.sharpness import find_rate
 from asyneio.geometry.camera import CameraModel
 from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, IntArray, RecordArray
@@ -28,6 +29,8 @@ _LEAST_GAIN = 0.01
 #: Tracks are taken over windows of this length, and there must be so many of them.
 _TRACK_WINDOW_NS = 100_000_000
 _LEAST_TRACKS = 6
+#: Pairs of bearings are taken over windows of this length: shorter ones show little but noise.
+_PAIR_WINDOW_NS, _LEAST_PAIRS = 250_000_000, 10
 _ROBUST_STEPS = 5
 
 Progress = Callable[[float], None]
@@ -96,7 +99,8 @@ def rates_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> Ca
     xy, _, valid = CameraModel(camera).undistort(np.stack([observations["u"], observations["v"]], axis=1))
     rows: list[tuple[int, int, FloatArray]] = []
     t_ns = observations["t_ns"]
-    edges = np.arange(int(t_ns[0]), int(t_ns[-1]), _TRACK_WINDOW_NS)
+    # Only windows with observations: stamps may be years apart.
+    edges = t_ns[0] + np.unique((t_ns - t_ns[0]) // _TRACK_WINDOW_NS) * _TRACK_WINDOW_NS
     for start_ns, a, b in zip(
         edges.tolist(),
         np.searchsorted(t_ns, edges).tolist(),
@@ -108,6 +112,30 @@ def rates_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> Ca
         if len(middle) >= _LEAST_TRACKS:
             rows.append((int(t_ns[keep].min()), int(t_ns[keep].max()), _rate_of(middle, motion)))
     return _joined(rows)
+
+
+def pairs_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> tuple[Pairs, CameraRates]:
+    """Bearings of tracks at both ends of windows, and the times of these (as rates of zero)."""
+    xy, _, valid = CameraModel(camera).undistort(np.stack([observations["u"], observations["v"]], axis=1))
+    t_ns, ids = observations["t_ns"][valid], observations["id"][valid]
+    xy = xy[valid]
+    numbers = np.unique((t_ns - t_ns[0]) // _PAIR_WINDOW_NS)
+    starts = t_ns[0] + numbers[:: max(1, -(-numbers.size // _MAX_WINDOWS))] * _PAIR_WINDOW_NS
+    ends: list[tuple[int, int]] = []
+    parts: list[tuple[FloatArray, FloatArray]] = []
+    for a, b in zip(*(np.searchsorted(t_ns, starts + d) for d in (0, _PAIR_WINDOW_NS)), strict=True):
+        if b - a < _LEAST_PAIRS:
+            continue
+        first, last = (np.flatnonzero(t_ns[a:b] == t) + a for t in (t_ns[a], t_ns[b - 1]))
+        _, i, j = np.intersect1d(ids[first], ids[last], return_indices=True)
+        if i.size >= _LEAST_PAIRS and t_ns[b - 1] > t_ns[a]:
+            ends.append((int(t_ns[a]), int(t_ns[b - 1])))
+            parts.append((xy[first[i]], xy[last[j]]))
+    start_ns, end_ns = np.array(ends, dtype=np.int64).reshape(-1, 2).T
+    times = CameraRates(start_ns, end_ns, np.zeros((len(ends), 3)))
+    window = np.repeat(np.arange(len(parts)), [len(first) for first, _ in parts])
+    stacked = [np.concatenate([np.zeros((0, 2)), *side]) for side in zip(*parts, strict=True)] or 2 * [xy[:0]]
+    return Pairs(window, stacked[0], stacked[1], (times.end_ns - times.start_ns) / NS_PER_S), times
 
 
 def _joined(rows: list[tuple[int, int, FloatArray]]) -> CameraRates:

@@ -7,13 +7,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from asyneio.doctor.alignment import Alignment
 from asyneio.doctor.camera_rates import CameraRates
 from asyneio.doctor.event_scan import EventFigures
+from asyneio.doctor.gains import Gains
 from asyneio.doctor.rest import Rest, find_rest
 from asyneio.doctor.verdict import Severity, Verdict
+from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
 from asyneio.io.contents import Samples
 from asyneio.io.inertial_files import InertialStreams
+from asyneio.io.isolated_stamps import isolated
 from asyneio.types import Calibration, CameraIntrinsics, PoseTrajectory, RecordArray
 
 if TYPE_CHECKING:
@@ -26,6 +31,15 @@ class Refusal:
 
     part: str
     message: str
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Rows (INERTIAL_DTYPE) of an inertial sensor; `misdated` more had a wrong stamp all by themselves."""
+
+    name: str
+    rows: RecordArray
+    misdated: int
 
 
 @dataclass(frozen=True)
@@ -47,6 +61,8 @@ class Evidence:
         rates: angular velocity of the camera, from events or tracks.
         alignment: of these with the gyroscope.
         files: of the folder, used or not.
+        gyroscope_scale: by which the gyroscope's readings were divided before that.
+        gains: how large the camera's motion is of the gyroscope's so divided.
         refusals: what could not be read.
         notes: what a run would tell of repairs and assumptions.
     """
@@ -66,6 +82,8 @@ class Evidence:
     rates: CameraRates | None = None
     alignment: Alignment | None = None
     files: FolderFiles | None = None
+    gyroscope_scale: float = 1.0
+    gains: Gains | None = None
     refusals: tuple[Refusal, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
@@ -83,6 +101,24 @@ class Evidence:
     def rest(self) -> Rest:
         """Where the inertial sensors lie still."""
         return find_rest(self.streams) if self.streams is not None else Rest(0, (), ())
+
+    @cached_property
+    def readings(self) -> tuple[Readings, ...]:
+        """Samples of each sensor that has any, in the order of the file, without isolated wrong stamps."""
+        if self.samples is None:
+            return ()
+        found = []
+        for name in ("gyroscope", "accelerometer"):
+            rows = getattr(self.samples, name)
+            if rows.size:
+                wrong = isolated(rows["t_ns"])
+                found.append(Readings(name, rows[~wrong], int(np.count_nonzero(wrong))))
+        return tuple(found)
+
+    @cached_property
+    def gravity(self) -> GravityWitness | None:
+        """What gravity tells of the scales of the inertial sensors."""
+        return ask_gravity(self.streams.gyroscope, self.streams.accelerometer) if self.streams else None
 
     def span_ns(self) -> tuple[int, int] | None:
         """First and last time of what the camera saw, camera clock."""

@@ -18,6 +18,8 @@ from asyneio.doctor.evidence import Evidence, fail, ok
 from asyneio.doctor.extrinsics import check_extrinsics, check_time_offset
 from asyneio.doctor.folder_files import check_files
 from asyneio.doctor.gathering import gather
+from asyneio.doctor.image_scale import check_image_scale
+from asyneio.doctor.imu_scale import check_imu_scale
 from asyneio.doctor.imu_time import (
     check_duration,
     check_imu_gaps,
@@ -37,6 +39,7 @@ from asyneio.doctor.imu_values import (
 )
 from asyneio.doctor.lens import check_calibration_there, check_focal_length, check_lens
 from asyneio.doctor.other_kinds import MATLAB, PICTURES, POSES
+from asyneio.doctor.replay import check_replay
 from asyneio.doctor.truth import check_truth
 from asyneio.doctor.verdict import Diagnosis, Severity, Verdict
 from asyneio.io.contents import ReadOptions
@@ -63,12 +66,15 @@ CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
     check_blows,
     check_rest,
     check_gravity,
+    check_imu_scale,
     check_noise,
+    check_replay,
     check_overlap_of_clocks,
     check_calibration_there,
     check_lens,
     check_focal_length,
     check_extrinsics,
+    check_image_scale,
     check_time_offset,
     check_truth,
 )

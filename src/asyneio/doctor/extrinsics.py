@@ -21,6 +21,8 @@ _DOUBTFUL_DEG, _WRONG_DEG = 10.0, 20.0
 _SIGMAS = 3.0
 #: Offsets beyond this are worth a warning: it is one standard deviation of what the odometry corrects.
 _OFFSET_S = 0.005
+#: Beyond this a run does not find its way: tracks and samples belong to different motions.
+_FAR_S = 0.1
 #: Less of the camera's motion explained than this: they are not of one motion.
 _EXPLAINED = 0.3
 #: Where the camera seems to turn so many times faster than the gyroscope, translation makes most of what it
@@ -107,6 +109,12 @@ def check_time_offset(evidence: Evidence) -> Verdict | None:
     sigma = f"(sigma {1e3 * found.offset_sigma_s:.1f} ms)"
     measured = f"t_imu = t_cam {1e3 * found.offset_s:+.1f} ms {sigma}"
     expected = f"{1e3 * claimed:+.1f} ms as calibrated" if evidence.calibration else "no calibration: 0 ms"
+    if abs(difference) > _FAR_S:
+        cure = (
+            f"the clocks are {abs(difference):.3f} s apart: set timeshift_cam_imu to {found.offset_s:.4f} s, "
+            "or find out which driver stamps late"
+        )
+        return fail("time offset", measured, expected, cure, **values)
     tolerance = _OFFSET_S + 2.0 * found.offset_sigma_s
     if abs(difference) <= tolerance:
         return ok("time offset", f"{measured}, {expected}", **values)
@@ -163,6 +171,15 @@ def _too_little(found: Alignment, motion: str, values: dict[str, Any]) -> Verdic
 def _unexplained(found: Alignment, motion: str, values: dict[str, Any]) -> Verdict:
     """The gyroscope does not tell what the camera saw."""
     measured = f"the gyroscope explains {max(found.explained, 0.0):.0%} of the camera's turning ({motion})"
+    if found.unrelated:
+        return warning(
+            "extrinsics",
+            f"both turn, but unrelated, at whatever offset within 10 s: {measured}",
+            "one motion, seen by both",
+            "the samples are of another recording or sensor, the clocks are further apart, or most of what "
+            "the camera sees moves by itself",
+            **values,
+        )
     if found.scale > _TRANSLATION or found.rates[0] < _SLOW:
         measured = f"not enough rotation to tell: translation makes most of the motion; {measured}"
         return note(

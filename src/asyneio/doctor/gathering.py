@@ -8,32 +8,24 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from asyneio.doctor.alignment import align
-from asyneio.doctor.camera_rates import rates_from_events, rates_from_tracks
-from asyneio.doctor.event_scan import EventFigures
+from asyneio.doctor.comparison import guess_size, with_alignment
 from asyneio.doctor.evidence import Evidence, Refusal
 from asyneio.doctor.folder_files import files_of
 from asyneio.doctor.other_kinds import gather_other, gather_tracks
 from asyneio.doctor.reading import read_events
 from asyneio.doctor.views import is_beside, is_calibration, view_without
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
-from asyneio.inertial.stillness import possible
 from asyneio.io.calibration import settle
 from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_assembly import USUAL_SIZES, prepare_samples
+from asyneio.io.event_assembly import prepare_samples
 from asyneio.io.open_recording import TRACKS_FILE, find_format, open_contents
 from asyneio.io.stamps import median_rate_hz
-from asyneio.io.tracks_checks import MAX_BAD_SHARE
-from asyneio.types import CameraIntrinsics, RecordArray
+from asyneio.types import RecordArray
 
 Progress = Callable[[float], None]
 
 #: Share of the work that reading is.
 _READING = 0.8
-#: Without a lens a view of about 60 degrees is taken: the rates about x and y are then off by its error.
-_GUESSED_FOCAL = 0.87
 
 
 def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -> tuple[Evidence, float]:
@@ -45,7 +37,7 @@ def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -
         progress: is told the share done.
     """
     if (path / TRACKS_FILE).is_file():
-        return _with_alignment(gather_tracks(path, options), [], None), 0.0
+        return with_alignment(gather_tracks(path, options), [], None), 0.0
     with ExitStack() as stack:
         opened = _open(path, options, stack)
         if opened.contents is None:
@@ -53,7 +45,7 @@ def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -
         started = time.perf_counter()
         evidence, excerpts = _look_at(path, options, opened, _part(progress, 0.0, _READING))
         seconds = time.perf_counter() - started
-    return _with_alignment(evidence, excerpts, _part(progress, _READING, 1.0)), seconds
+    return with_alignment(evidence, excerpts, _part(progress, _READING, 1.0)), seconds
 
 
 @dataclass(frozen=True)
@@ -126,45 +118,6 @@ def _look_at(
         notes=rig.notes + read.notes + (streams.notes if streams else ()) + contents.notes,
     )
     return evidence, read.excerpts
-
-
-def guess_size(figures: EventFigures) -> tuple[int, int]:
-    """The smallest usual sensor that holds the events, as a run takes it; else what they fill."""
-    for width, height in USUAL_SIZES:
-        if figures.count - figures.counts[:height, :width].sum() <= MAX_BAD_SHARE * figures.count:
-            return width, height
-    return max(figures.counts.shape[1], 1), max(figures.counts.shape[0], 1)
-
-
-def _with_alignment(evidence: Evidence, excerpts: list[RecordArray], progress: Progress | None) -> Evidence:
-    """The camera's own motion against the gyroscope, where there is enough for it."""
-    streams, calibration = evidence.streams, evidence.calibration
-    if not evidence.sees or streams is None or streams.gyroscope.size < 2:
-        return evidence
-    camera, guessed = evidence.camera, False
-    if camera is None:
-        assert evidence.events is not None
-        camera, guessed = _guessed_lens(*(evidence.size or guess_size(evidence.events))), True
-    shift_ns = calibration.timeshift_ns if calibration else 0
-    readings = streams.gyroscope[possible(streams.gyroscope["xyz"])]
-    gyroscope = readings.copy()
-    gyroscope["t_ns"] -= shift_ns
-    try:
-        if evidence.tracks is not None:
-            rates = rates_from_tracks(evidence.tracks, camera)
-        else:
-            rates = rates_from_events(excerpts, camera, gyroscope, progress)
-        claimed = calibration.T_b_c[:3, :3].T if calibration else np.eye(3)
-        alignment = align(rates, readings, claimed, shift_ns * 1e-9)
-    except (AsyneioError, np.linalg.LinAlgError):
-        # A lens that is impossible is the business of its own check, absurd readings that of others.
-        return evidence
-    return replace(evidence, camera=camera, lens_guessed=guessed, rates=rates, alignment=alignment)
-
-
-def _guessed_lens(width: int, height: int) -> CameraIntrinsics:
-    focal = _GUESSED_FOCAL * width
-    return CameraIntrinsics(focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), width, height)
 
 
 def _part(progress: Progress | None, begin: float, end: float) -> Progress:

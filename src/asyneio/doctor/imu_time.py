@@ -25,14 +25,10 @@ _MIN_S = 1.0
 
 
 def streams_of(evidence: Evidence) -> Iterator[tuple[str, IntArray, FloatArray]]:
-    """Name, stamps as they stand in the file and readings of each sensor that has any."""
-    if evidence.samples is not None:
-        for name, rows in (
-            ("gyroscope", evidence.samples.gyroscope),
-            ("accelerometer", evidence.samples.accelerometer),
-        ):
-            if rows.size:
-                yield name, rows["t_ns"], rows["xyz"]
+    """Name, stamps in the order of the file and readings of each sensor that has any, without isolated wrong
+    stamps."""
+    for readings in evidence.readings:
+        yield readings.name, readings.rows["t_ns"], readings.rows["xyz"]
 
 
 def check_imu_there(evidence: Evidence) -> Verdict | None:
@@ -145,27 +141,26 @@ def check_imu_gaps(evidence: Evidence) -> Verdict | None:
 def check_imu_order(evidence: Evidence) -> Verdict | None:
     """Stamps in order, each once, each reading finite."""
     found: dict[str, dict[str, float]] = {}
-    for name, t_ns, xyz in streams_of(evidence):
+    for readings in evidence.readings:
+        t_ns, xyz = readings.rows["t_ns"], readings.rows["xyz"]
         behind = np.maximum.accumulate(t_ns) - t_ns
         counts = {
+            "misdated": readings.misdated,
             "backward": int(np.count_nonzero(np.diff(t_ns) < 0)),
             "worst_s": float(behind.max()) / NS_PER_S,
             "repeated": int(t_ns.size - np.unique(t_ns).size),
             "not_finite": int(np.count_nonzero(~np.isfinite(xyz).all(axis=1))),
         }
         if any(counts.values()):
-            found[name] = counts
-    if not any(True for _ in streams_of(evidence)):
+            found[readings.name] = counts
+    if not evidence.readings:
         return None
     if not found:
         return ok("imu order", "ascending, each stamp once, all readings finite", found=found)
-    measured = "; ".join(
-        f"{name}: {c['backward']:.0f} step(s) back by up to {1e3 * c['worst_s']:.3g} ms, {c['repeated']:.0f} "
-        f"repeated stamp(s), {c['not_finite']:.0f} reading(s) not finite"
-        for name, c in found.items()
-    )
+    measured = "; ".join(f"{name}: {_disorder(counts)}" for name, counts in found.items())
     expected = "ascending stamps, each once, finite readings"
-    share = max((c["repeated"] + c["not_finite"]) / max(_size(evidence), 1) for c in found.values())
+    size = max(_size(evidence), 1)
+    share = max((c["repeated"] + c["not_finite"] + c["misdated"]) / size for c in found.values())
     if max(c["worst_s"] for c in found.values()) * NS_PER_S > MAX_DISORDER_NS:
         return fail(
             "imu order", measured, expected, "the clock was set back: split the recording there", found=found
@@ -179,6 +174,16 @@ def check_imu_order(evidence: Evidence) -> Verdict | None:
             found=found,
         )
     return note("imu order", measured, expected, "none needed: sorted, and the rest dropped", found=found)
+
+
+def _disorder(counts: dict[str, float]) -> str:
+    said = (
+        f"{counts['backward']:.0f} step(s) back by up to {1e3 * counts['worst_s']:.3g} ms, "
+        f"{counts['repeated']:.0f} repeated stamp(s), {counts['not_finite']:.0f} reading(s) not finite"
+    )
+    if counts["misdated"]:
+        said = f"{counts['misdated']:.0f} sample(s) with a wrong stamp between samples in order, {said}"
+    return said
 
 
 def check_overlap_of_clocks(evidence: Evidence) -> Verdict | None:

@@ -53,6 +53,9 @@ def check_imu_units(evidence: Evidence) -> Verdict | None:
         streams = check_units(finite[0], finite[1], ())
     except RecordingError as error:
         return fail("imu units", measured, expected, str(error), **values)
+    complaint = evidence.gravity.force_complaint() if evidence.gravity else ""
+    if complaint:
+        return fail("imu units", measured, expected, complaint, **values)
     if any("swapped" in said for said in streams.notes):
         cure = "gravity stands in the gyroscope's columns: they are swapped; a run swaps them back"
         return warning("imu units", measured, expected, cure, **values)
@@ -147,8 +150,8 @@ def check_rest(evidence: Evidence) -> Verdict | None:
 
 def check_gravity(evidence: Evidence) -> Verdict | None:
     """At rest an accelerometer reads gravity: what it reads otherwise is error of its scale or its bias."""
-    rest = evidence.rest
-    if rest.force is None:
+    rest, witness = evidence.rest, evidence.gravity
+    if rest.force is None or (witness is not None and witness.force_complaint()):
         return None
     where = f"at rest ({rest.still} half seconds)" if rest.still else "in the steadiest half second"
     measured = f"|a| = {rest.force:.4g} m/s^2 {where}"

@@ -10,6 +10,8 @@ from asyneio.types import NS_PER_S, BoolArray, FloatArray, RecordArray
 
 #: Offsets tried: so far either way, in such steps [s]; then so many fine steps on either side of the best.
 _REACH_S, _STEP_S, _FINE_STEP_S, _FINE = 0.1, 0.007, 0.0015, 6
+#: Where the two do not agree there: so far either way, in such steps [s].
+_FAR_S, _FAR_STEP_S = 10.0, 0.02
 #: Windows that tell anything at all.
 LEAST_WINDOWS = 6
 _ROBUST_STEPS = 3
@@ -33,6 +35,30 @@ class TurnOf:
         span = np.where(end > start, end - start, 1.0)
         turn = [np.interp(end, self._t_s, axis) - np.interp(start, self._t_s, axis) for axis in self._turned]
         return np.stack(turn, axis=1) / span[:, None], np.asarray(inside)
+
+
+def find_far_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> float | None:
+    """Of offsets within seconds of `around_s`, the one at which a linear map explains most; None without any.
+
+    Coarse: to be refined by `find_offset`. Half the windows must be covered, and a costly search of every
+    recording would not be worth it: this is for two streams that do not agree at all.
+    """
+    trials = around_s + np.arange(-round(_FAR_S / _FAR_STEP_S), round(_FAR_S / _FAR_STEP_S) + 1) * _FAR_STEP_S
+    limit = 3.0 * spread(rates.omega)
+    camera = np.clip(rates.omega, -limit, limit)
+    costs = np.full(trials.size, np.inf)
+    for k, trial in enumerate(trials.tolist()):
+        body, inside = turn.means(rates, trial)
+        count = np.count_nonzero(inside)
+        if count < max(LEAST_WINDOWS, rates.count // 2):
+            continue
+        design = np.column_stack([body[inside], np.ones(count)])
+        seen = camera[inside]
+        normal = design.T @ design + 1e-3 * np.eye(4)
+        left = seen - design @ np.linalg.solve(normal, design.T @ seen)
+        costs[k] = float(np.log((left**2).mean(axis=0) / (seen**2).mean(axis=0) + 1e-6).sum())
+    best = int(np.argmin(costs))
+    return float(trials[best]) if np.isfinite(costs[best]) else None
 
 
 def find_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -65,10 +65,19 @@ def make_folder(path: Path) -> None:
     probe.unlink()
 
 
+def remove_empty(folder: Path) -> None:
+    """Remove a folder that was made for results which did not come; one with anything in it stays."""
+    with suppress(OSError):
+        folder.rmdir()
+
+
 def write_text(path: Path, text: str) -> None:
-    """Write `text` as UTF-8, whole or not at all. Raises RecordingError as `atomic_file` does."""
+    """Write `text` as UTF-8, whole or not at all. Raises RecordingError as `atomic_file` does.
+
+    A name of a file that is no text (bytes of another encoding) is written with escapes.
+    """
     with atomic_file(path) as stream:
-        stream.write(text.encode("utf-8"))
+        stream.write(text.encode("utf-8", errors="backslashreplace"))
 
 
 def _umask() -> int:

@@ -12,6 +12,7 @@ from asyneio.io.atomic import atomic_path
 from asyneio.io.calibration.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.io.event_hdf5 import FORMAT, VERSION
 from asyneio.io.hdf5_columns import BLOCK_EVENTS
+from asyneio.io.steady_file import new_hdf5
 from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
 
 _COLUMNS = {"t": "t_ns", "x": "x", "y": "y", "p": "p"}
@@ -40,7 +41,7 @@ def fill_hdf5(recording: EventRecording, path: Path, events: Iterable[RecordArra
     Raises:
         OSError: the file cannot be written.
     """
-    with h5py.File(path, "w") as file:
+    with new_hdf5(path) as file:
         file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
         file.attrs["name"] = recording.name
         file.attrs["width"], file.attrs["height"] = recording.width, recording.height

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
 from asyneio.errors import RecordingError
 from asyneio.io.beside import SAMPLE_FILES, first_file, samples_of
@@ -30,6 +31,7 @@ _NOT_READ = {
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
 }
 _SNIFF_BYTES = 4096
+_AnyRecording = TypeVar("_AnyRecording", Recording, EventRecording)
 _MAX_LISTED = 8
 
 
@@ -56,11 +58,19 @@ def open_recording(
     """
     path, options = Path(path), options or ReadOptions()
     if (path / TRACKS_FILE).is_file():
-        return read_tracks_folder(path, options, max_track_seconds)
+        return _with_text(read_tracks_folder(path, options, max_track_seconds))
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} holds events, not tracks; a longest track cannot be set for it")
     contents = open_contents(path, options)
-    return assemble(contents, progress, cache_from, options.wanted, options.samples_needed)
+    return _with_text(assemble(contents, progress, cache_from, options.wanted, options.samples_needed))
+
+
+def _with_text(recording: _AnyRecording) -> _AnyRecording:
+    """The recording with a name and notes that any program can write, whatever bytes its path is made of."""
+    name, *notes = (
+        os.fsencode(text).decode("utf-8", "replace") for text in (recording.name, *recording.notes)
+    )
+    return replace(recording, name=name, notes=tuple(notes))
 
 
 def open_contents(path: Path, options: ReadOptions) -> Contents:

@@ -13,11 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.types import NS_PER_S, IntArray
+from asyneio.types import NS_PER_S, FloatArray, IntArray
 
 #: Clocks that differ by less than this are taken to be one: the camera's driver made its time of the host's.
 SAME_CLOCK_NS = 10 * NS_PER_S
 
+#: In notes on clocks that run at different rates.
+REPLAYED = "recorded from a replay?"
+#: Stamps that advance so much faster or slower, and by so much in all [ns], are of another time.
+_REPLAY_RATE, _REPLAY_NS, _REPLAY_PACKETS = 0.1, 3 * NS_PER_S // 10, 200
 _SPANS = 100
 _SPAN_NS = NS_PER_S
 #: A drift is believed from this length on, and up to this rate.
@@ -63,13 +67,14 @@ def fit_clock(sensor_ns: IntArray, host_ns: IntArray, what: str) -> SensorClock:
     bins = (np.maximum(t, 0.0) // span).astype(np.int64)
     lows = [(float(np.median(t[bins == k])), _low(delay[bins == k])) for k in np.unique(bins)]
     x, y = np.array(lows).T
+    replayed = _replay_note(t, delay, what)
     slope = _theil_sen(x, y) if float(np.ptp(t)) >= _DRIFT_FROM_NS else 0.0
     if abs(slope) > _MAX_DRIFT:
         slope = 0.0
     base = float(np.median(y - slope * x))
     late = delay - base - slope * t
     jumps = np.abs(late) > _MAX_JUMP_NS
-    if jumps.mean() > _MAX_JUMP_SHARE:
+    if jumps.mean() > _MAX_JUMP_SHARE and not replayed:
         first = int(np.argmax(jumps))
         raise RecordingError(
             f"{what}: the camera's clock and the stamps of its messages jump against each other by "
@@ -83,7 +88,19 @@ def fit_clock(sensor_ns: IntArray, host_ns: IntArray, what: str) -> SensorClock:
         f"{sensor_ns.size} messages (half of them within {half_ms:.2f} ms); how long a message is under way "
         "at least remains in the time shift between camera and IMU"
     )
-    return SensorClock(origin, middle + round(base), slope, (note,))
+    return SensorClock(origin, middle + round(base), slope, (note, *replayed))
+
+
+def _replay_note(t: FloatArray, delay: FloatArray, what: str) -> tuple[str, ...]:
+    """A sentence where host and camera do not measure the same time: neither clock drifts by tenths."""
+    few = slice(None, None, max(1, t.size // _REPLAY_PACKETS))
+    slope = _theil_sen(t[few], delay[few])
+    if abs(slope) < _REPLAY_RATE or abs(slope) * float(np.ptp(t)) < _REPLAY_NS:
+        return ()
+    return (
+        f"{what}: the stamps of its messages advance by {1.0 + slope:.2g} s for each second of the camera's "
+        f"own clock: {REPLAYED} Its events cannot be brought to the time of other sensors",
+    )
 
 
 def _low(values: np.ndarray) -> float:

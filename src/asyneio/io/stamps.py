@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.isolated_stamps import drop_isolated
 from asyneio.types import NS_PER_S, IntArray, RecordArray
 
 #: Disorder up to this is the jitter of a driver and is sorted away; beyond it the stream was reset.
@@ -31,13 +32,16 @@ _UNITS = {10**3: "microseconds", 10**6: "milliseconds", 10**9: "seconds"}
 def sort_in_time(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, ...]]:
     """Rows in ascending `t_ns`, equal stamps in file order, with a note when anything moved.
 
+    Isolated wrong stamps are dropped first, and counted.
+
     Raises:
         RecordingError: a stamp lies more than MAX_DISORDER_NS before one that precedes it.
     """
+    rows, notes = drop_isolated(rows, what)
     t_ns = rows["t_ns"]
     backward = np.flatnonzero(t_ns[1:] < t_ns[:-1])
     if backward.size == 0:
-        return rows, ()
+        return rows, notes
     latest = np.maximum.accumulate(t_ns)
     # Unsigned differences are exact for every pair of int64 with latest >= t.
     disorder = latest.astype(np.uint64) - t_ns.astype(np.uint64)
@@ -51,6 +55,7 @@ def sort_in_time(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, 
     order = np.argsort(t_ns, kind="stable")
     worst_ms = int(disorder[worst]) / 1e6
     return rows[order], (
+        *notes,
         f"{what}: sorted {backward.size} backward step(s) in time, at most {worst_ms:.2f} ms",
     )
 

@@ -15,6 +15,7 @@ from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.problem import Prior, States
 from asyneio.estimation.rest_terms import CREEP, TREMOR
 from asyneio.geometry.gravity import upright
+from asyneio.inertial.gravity_witness import FORCE_RATIO
 from asyneio.odometry.first_window import Start, filled_window, first_prior
 from asyneio.odometry.intake import Intake, around
 from asyneio.odometry.outliers import optimize_without_outliers
@@ -87,6 +88,11 @@ def _first_states(intake: Intake, settings: Settings, knots_ns: IntArray, still:
     resting = 1 + int(np.count_nonzero(still))
     streams = intake.gyroscope, intake.accelerometer
     turn, force = (_mean(stream, int(knots_ns[0]), int(knots_ns[resting - 1])) for stream in streams)
+    ratio = float(np.linalg.norm(force) / np.linalg.norm(settings.window.gravity_w))
+    if not 1.0 / FORCE_RATIO < ratio < FORCE_RATIO:
+        raise EstimationError(
+            f"at rest the accelerometer reads {ratio:.3g} times gravity: another unit or full-scale range"
+        )
     states = _states_at_rest(turn, force, settings, resting)
     for from_ns, to_ns in pairwise(knots_ns[resting - 1 :].tolist()):
         knot = predict_knot(states, from_ns, to_ns, streams, settings.window.gravity_w)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import io
+import os
 import re
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from asyneio.errors import AsyneioError
@@ -76,6 +80,21 @@ def available() -> bool:
     return importlib.util.find_spec("matplotlib") is not None
 
 
+def _imported() -> ModuleType:
+    """matplotlib, whatever the environment says: figures go to files, so no backend of the user's is needed.
+
+    It refuses to be imported where MPLBACKEND names one that is not installed here, such as a notebook's.
+    """
+    backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
+    matplotlib = importlib.import_module("matplotlib")
+    if backend is not None:
+        os.environ["MPLBACKEND"] = backend
+        # For the user's own figures in the same program.
+        with suppress(ValueError):
+            matplotlib.rcParams["backend"] = backend
+    return matplotlib
+
+
 @contextmanager
 def plotting() -> Iterator[None]:
     """Set the look for the figures made inside, without touching the user's own settings.
@@ -87,8 +106,7 @@ def plotting() -> Iterator[None]:
         raise VisualizationError(
             "plots and reports need matplotlib, which is not installed: pip install 'asyneio[report]'"
         )
-    import matplotlib
-
+    matplotlib = _imported()
     with matplotlib.rc_context(_STYLE):
         yield
 

@@ -1,0 +1,79 @@
+"""Does `asyneio doctor` tell a wrong focal length from a wrong scale of the gyroscope?
+
+The recordings named are examined as they are, with the calibrated focal length off by 5 and 10 %, and with
+the gyroscope scaled. Columns: the verdicts of `image scale` and `imu scale`, the gyroscope's scale by the
+picture and by gravity, and true over calibrated focal length, each with its standard deviation where told.
+
+    python benchmarks/doctor_scales.py RECORDING ... [--focal 1 1.05 0.9] [--gyroscope 1 1.1 2]
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from asyneio.doctor import Diagnosis, examine
+from asyneio.io import open_recording, write_events_hdf5, write_tracks_folder
+from asyneio.types import EventRecording, Recording
+from common import table
+
+
+def _changed(recording: Recording | EventRecording, focal: float, gyroscope: float, folder: Path) -> Path:
+    """Where the recording was written with focal length and readings that many times as large."""
+    calibration = recording.calibration
+    assert calibration is not None
+    camera = replace(calibration.camera, fx=focal * calibration.camera.fx, fy=focal * calibration.camera.fy)
+    readings = recording.gyroscope.copy()
+    readings["xyz"] *= gyroscope
+    calibration = replace(calibration, camera=camera)
+    if isinstance(recording, Recording):
+        write_tracks_folder(
+            replace(recording, calibration=calibration, gyroscope=readings), folder / "tracks"
+        )
+        return folder / "tracks"
+    changed = replace(recording, calibration=calibration, camera=camera, gyroscope=readings)
+    write_events_hdf5(changed, folder / "recording.h5")
+    return folder / "recording.h5"
+
+
+def _cells(diagnosis: Diagnosis) -> list[str]:
+    found = {verdict.check: verdict for verdict in diagnosis.verdicts}
+    picture, gravity = found.get("image scale"), found.get("imu scale")
+    cells = [verdict.severity.name if verdict else "-" for verdict in (picture, gravity)]
+    for verdict, value, sigma in (
+        (picture, "gyroscope_scale", "gyroscope_log_sigma"),
+        (gravity, "gyroscope_scale", "log_sigma"),
+        (picture, "focal_factor", "focal_log_sigma"),
+    ):
+        told = verdict is not None and verdict.values.get(value) is not None
+        cells.append(
+            f"{verdict.values[value]:.3f} ({verdict.values[sigma]:.1%})" if verdict and told else "-"
+        )
+    return cells
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("recordings", type=Path, nargs="+")
+    parser.add_argument("--focal", type=float, nargs="+", default=[1.0, 1.05, 0.95, 1.1, 0.9])
+    parser.add_argument("--gyroscope", type=float, nargs="+", default=[1.0, 1.1, 2.0])
+    options = parser.parse_args()
+    cases = [(focal, 1.0) for focal in options.focal] + [(1.0, g) for g in options.gyroscope if g != 1.0]
+    rows = []
+    for path in options.recordings:
+        recording = open_recording(path)
+        for focal, gyroscope in cases:
+            with tempfile.TemporaryDirectory() as folder:
+                diagnosis = examine(_changed(recording, focal, gyroscope, Path(folder)))
+            rows.append([path.stem, f"{focal:g}", f"{gyroscope:g}", *_cells(diagnosis)])
+    header = ["recording", "focal", "gyroscope", "image scale", "imu scale", "by the picture", "by gravity"]
+    print(table([*header, "focal length"], rows))
+
+
+if __name__ == "__main__":
+    main()

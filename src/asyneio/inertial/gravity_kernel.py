@@ -1,0 +1,61 @@
+"""Specific force, turned along with the gyroscope and summed, with its derivatives: see `gravity_witness`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from asyneio.geometry.linalg import matmul, matvec, skew
+from asyneio.geometry.so3 import so3_exp
+from asyneio.types import FloatArray
+
+
+@njit(cache=True, error_model="numpy")
+def sum_force(rate: FloatArray, force: FloatArray, step_s: float, every: int) -> FloatArray:
+    """Sums `V = sum C f dt` of spans that begin with C = 1.
+
+    Args:
+        rate, force: (K,N,3) means over steps of `step_s` [rad/s, m/s^2].
+        step_s: the step.
+        every: the sums after so many steps are given out.
+
+    Returns:
+        (K,N/every,3,7): V [m/s], its change with a bias that is taken off the rate, `sum (C f)^ (sum C dt)
+        dt`, and less the velocity that a lever arm adds, `-C omega^`.
+    """
+    out = np.empty((rate.shape[0], rate.shape[1] // every, 3, 7))
+    half, middle, hat, product = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    C, turned, by_bias = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    felt, velocity, angle = np.empty(3), np.empty(3), np.empty(3)
+    for k in range(rate.shape[0]):
+        for i in range(3):
+            velocity[i] = 0.0
+            for j in range(3):
+                C[i, j] = 1.0 if i == j else 0.0
+                turned[i, j] = by_bias[i, j] = 0.0
+        for n in range(rate.shape[1]):
+            for i in range(3):
+                angle[i] = 0.5 * step_s * rate[k, n, i]
+            so3_exp(angle, half)
+            matmul(C, half, middle)
+            matvec(middle, force[k, n], felt)
+            skew(felt, hat)
+            for i in range(3):
+                velocity[i] += step_s * felt[i]
+                for j in range(3):
+                    turned[i, j] += step_s * middle[i, j]
+            matmul(hat, turned, product)
+            for i in range(3):
+                for j in range(3):
+                    by_bias[i, j] += step_s * product[i, j]
+            matmul(middle, half, C)
+            if (n + 1) % every == 0:
+                skew(rate[k, n], hat)
+                matmul(middle, hat, product)
+                row = n // every
+                for i in range(3):
+                    out[k, row, i, 0] = velocity[i]
+                    for j in range(3):
+                        out[k, row, i, 1 + j] = by_bias[i, j]
+                        out[k, row, i, 4 + j] = -product[i, j]
+    return out

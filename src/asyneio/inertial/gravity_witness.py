@@ -1,0 +1,219 @@
+"""Scale of both inertial sensors from gravity alone: how it turns, and how long it is.
+
+Turned along with the gyroscope, the specific force `f` of a body sums up to its velocity less what gravity
+adds: `V(t) = sum C(t) f(t) dt = v(t) - v(0) - g t`. What is left of V beside a straight line is how
+unsteadily the body moves, some tenths of a metre per second for hands. Where the gyroscope reads a multiple
+of the turn, gravity is turned too far or not far enough, and more is left. So for each factor by which the
+readings could be multiplied, V is fitted by a line per span, a bias of the gyroscope and the lever arm `r` of
+a turn about a fixed point (`v = omega x r`), all linear; the spread of what is left gives a log-likelihood.
+
+A body whose acceleration and tilt cancel (drones, pendulums, vehicles) feels gravity along one axis of its
+own whatever it does: there the factor 0 does as well as any, and nothing is told. The length of g, the slope
+of the lines, tells the scale of the accelerometer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.inertial.gravity_kernel import sum_force
+from asyneio.inertial.stillness import possible
+from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
+
+#: Standard gravity [m/s^2].
+GRAVITY = 9.80665
+#: Steps [s] over which readings are averaged, length of a span in steps, most and least spans and steps.
+_STEP_S, _SPAN_STEPS, _MOST_SPANS, _LEAST_STEPS = 0.02, 200, 20, 25
+#: Sums are looked at after so many steps.
+_EVERY = 5
+#: Standard deviations of a gyroscope's bias [rad/s] and of a lever arm [m].
+_BIAS_SIGMA, _LEVER_SIGMA = 0.05, 0.3
+#: Independent values a second of a velocity; a spread [m/s] below which none is believed.
+_VALUES_HZ, _LEAST_SPREAD = 2.0, 0.05
+#: Powers of two tried, with 0; then so far around the best, in finer and finer steps.
+_COARSE = np.arange(-7.0, 8.0)
+_FINER = (0.5, 0.2, 0.08, 0.03)
+_ROUNDS, _REWEIGHTED = 2, 5
+#: Log-likelihood that an alternative must lack to be excluded: chance brings it once in a million.
+EXCLUDED = 15.0
+#: Factors closer to one than this are no error of a unit or a range.
+SAME_SCALE = 1.3
+#: A length of gravity [m/s^2] within this factor is explained by bias and scale errors of any sensor, and a
+#: change of velocity [m/s] over a span that is no larger, by motion.
+FORCE_RATIO = 1.25
+_VELOCITY = 2.0
+
+
+@dataclass(frozen=True)
+class GravityWitness:
+    """What gravity tells of the two sensors.
+
+    Attributes:
+        scale: the gyroscope's readings over the turn of gravity: 1 where both agree.
+        log_sigma: standard deviation of its logarithm; infinite where it is not told.
+        against_one: log-likelihood by which the scale 1 falls short of the best.
+        against_rest: log-likelihood by which no turn at all falls short; small where gravity tells nothing.
+        force: length of gravity as the accelerometer reads it [m/s^2].
+        seconds: of the recording that were looked at, in spans of `span_s`.
+    """
+
+    scale: float
+    log_sigma: float
+    against_one: float
+    against_rest: float
+    force: float
+    seconds: float
+    span_s: float
+
+    @property
+    def told(self) -> bool:
+        """Whether gravity turns enough to tell the gyroscope's scale."""
+        return self.against_rest > EXCLUDED and np.isfinite(self.log_sigma)
+
+    def gyroscope_complaint(self) -> str:
+        """What is wrong with the gyroscope's scale beyond doubt; empty where nothing is."""
+        factor = max(self.scale, 1.0 / self.scale)
+        if not self.told or factor < SAME_SCALE or self.against_one < EXCLUDED:
+            return ""
+        return (
+            f"the gyroscope reads {self.scale:.3g} times what gravity turns by in the accelerometer"
+            f"{gyroscope_cause(self.scale)}"
+        )
+
+    def force_complaint(self) -> str:
+        """What is wrong with the accelerometer's scale beyond doubt; empty where nothing is."""
+        ratio = self.force / GRAVITY
+        if 1.0 / FORCE_RATIO < ratio < FORCE_RATIO or abs(self.force - GRAVITY) * self.span_s < _VELOCITY:
+            return ""
+        return (
+            f"the accelerometer reads gravity as {self.force:.3g} m/s^2 (mean over {self.seconds:.3g} s, "
+            f"turned along with the gyroscope), {ratio:.3g} times what it is; expected {GRAVITY:.2f}: "
+            "another unit, a full-scale range other than the driver's, or gravity removed; multiply by "
+            f"{1.0 / ratio:.3g} if the scale is the cause"
+        )
+
+
+def gyroscope_cause(scale: float) -> str:
+    """The usual cause of a scale, as the end of a sentence."""
+    for factor, cause in (
+        (180.0 / np.pi, "degrees instead of radians: multiply by pi / 180"),
+        (np.pi / 180.0, "converted to radians twice: multiply by 180 / pi"),
+    ):
+        if factor / SAME_SCALE < scale < factor * SAME_SCALE:
+            return f"; this fits {cause}"
+    return (
+        "; this fits a full-scale range other than the driver's (factors of 2): multiply its readings by "
+        f"{1.0 / scale:.3g}"
+    )
+
+
+def ask_gravity(gyroscope: RecordArray, accelerometer: RecordArray) -> GravityWitness | None:
+    """Scale of the gyroscope and of the accelerometer; None below half a second of samples.
+
+    Args:
+        gyroscope, accelerometer: INERTIAL_DTYPE, ascending [rad/s, m/s^2].
+    """
+    streams = [rows[possible(rows["xyz"])] for rows in (gyroscope, accelerometer)]
+    if min(rows.size for rows in streams) < 2:
+        return None
+    edges = _edges(
+        max(int(rows["t_ns"][0]) for rows in streams), min(int(rows["t_ns"][-1]) for rows in streams)
+    )
+    if edges is None:
+        return None
+    rate, force = (_means(rows, edges) for rows in streams)
+    fit = _Fit(rate, force)
+    powers = _COARSE
+    costs, lengths = fit.costs(np.append(0.0, 2.0**powers))
+    rest, costs, lengths = costs[0], costs[1:], lengths[1:]
+    one = costs[powers == 0.0][0]
+    best = int(np.argmin(costs))
+    power, least, length = powers[best], costs[best], lengths[best]
+    curvature = 0.0
+    for step in _FINER:
+        near, lengths = fit.costs(2.0 ** (power + step * np.array([-1.0, 0.0, 1.0])))
+        curvature = float((near[0] - 2.0 * near[1] + near[2]) / (step * np.log(2.0)) ** 2)
+        k = int(np.argmin(near))
+        power, least, length = power + step * (k - 1), near[k], lengths[k]
+    return GravityWitness(
+        scale=float(2.0**-power),
+        log_sigma=float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else float("inf"),
+        against_one=float(one - least),
+        against_rest=float(rest - least),
+        force=float(length),
+        seconds=edges.shape[0] * (edges.shape[1] - 1) * _STEP_S,
+        span_s=(edges.shape[1] - 1) * _STEP_S,
+    )
+
+
+def _edges(first_ns: int, last_ns: int) -> IntArray | None:
+    """Edges (K,N+1) [ns] of the steps of K spans, spread over the recording."""
+    steps = min(int((last_ns - first_ns) / NS_PER_S / _STEP_S), _SPAN_STEPS)
+    if steps < _LEAST_STEPS:
+        return None
+    step_ns = round(_STEP_S * NS_PER_S)
+    spans = (last_ns - first_ns) // (steps * step_ns)
+    chosen = np.unique(np.linspace(0, spans - 1, min(spans, _MOST_SPANS)).astype(np.int64))
+    return np.asarray(first_ns + (chosen[:, None] * steps + np.arange(steps + 1)) * step_ns)
+
+
+def _means(rows: RecordArray, edges: IntArray) -> FloatArray:
+    """Means (K,N,3) of samples between edges (K,N+1), by the trapezoidal rule."""
+    t_s = (rows["t_ns"] - edges[0, 0]) / NS_PER_S
+    areas = 0.5 * (rows["xyz"][1:] + rows["xyz"][:-1]) * np.diff(t_s)[:, None]
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(areas, axis=0)])
+    at = (edges - edges[0, 0]) / NS_PER_S
+    sums = np.stack([np.interp(at, t_s, axis) for axis in total.T], axis=2)
+    return np.asarray(np.diff(sums, axis=1) / _STEP_S)
+
+
+class _Fit:
+    """Costs of factors by which the rates (K,N,3) could be multiplied, given specific forces (K,N,3)."""
+
+    def __init__(self, rate: FloatArray, force: FloatArray) -> None:
+        self._rate, self._force = rate, force
+        steps = rate.shape[1] // _EVERY
+        self._line = np.linalg.qr(np.column_stack([np.ones(steps), np.linspace(-1.0, 1.0, steps)]))[0]
+        self._values = max(3.0 * _VALUES_HZ * _STEP_S * rate.shape[1] - 6.0, 3.0)
+
+    def costs(self, factors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Negative log-likelihoods (F,) of factors (F,), and the lengths (F,) of gravity with them."""
+        found = [self._cost(factor) for factor in factors.tolist()]
+        costs, lengths = zip(*found, strict=True)
+        return np.array(costs), np.array(lengths)
+
+    def _cost(self, factor: float) -> tuple[float, float]:
+        bias = np.zeros(3)
+        inverse = 1.0 / np.repeat([_BIAS_SIGMA, _LEVER_SIGMA], 3) ** 2
+        for _ in range(_ROUNDS):
+            sums = sum_force(factor * self._rate - bias, self._force, _STEP_S, _EVERY)
+            rows = self._bent(sums)
+            before = np.append(bias, np.zeros(3))
+            x, spread = self._solve(rows[..., 1:], rows[..., 0], before, inverse)
+            bias = (before + x)[:3]
+        cost = self._values * np.log(spread).sum() + 0.5 * float((before + x) ** 2 @ inverse)
+        steps = sums.shape[1]
+        slope = np.einsum("n,kni->ki", self._line[:, 1], sums[..., 0]) * abs(self._line[-1, 1])
+        length = np.linalg.norm(slope, axis=1) * 2.0 / (_EVERY * _STEP_S * (steps - 1))
+        return float(cost), float(np.median(length))
+
+    def _bent(self, sums: FloatArray) -> FloatArray:
+        """Of sums (K,N,3,7), what straight lines in each span leave, as (K,3N,7)."""
+        K, N = sums.shape[:2]
+        flat = sums.reshape(K, N, -1)
+        return np.asarray(flat - self._line @ (self._line.T @ flat)).reshape(K, 3 * N, -1)
+
+    def _solve(
+        self, rows: FloatArray, left: FloatArray, before: FloatArray, inverse: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Bias and lever arm (6,) as steps from `before`, and the spread of each span [m/s]."""
+        x = np.zeros(6)
+        for _ in range(_REWEIGHTED):
+            spread = np.sqrt(np.square(left + rows @ x).mean(axis=1) + _LEAST_SPREAD**2)
+            weight = self._values / left.shape[1] / spread**2
+            weighted = rows * weight[:, None, None]
+            normal = np.einsum("kri,krj->ij", weighted, rows) + np.diag(inverse)
+            x = -np.linalg.solve(normal, np.einsum("kri,kr->i", weighted, left) + inverse * before)
+        return x, np.sqrt(np.square(left + rows @ x).mean(axis=1) + _LEAST_SPREAD**2)

@@ -1,0 +1,112 @@
+"""Scale of the gyroscope and focal length by the picture; offsets of seconds; unrelated motions."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asyneio.doctor.alignment import align
+from asyneio.doctor.camera_rates import CameraRates, pairs_from_tracks
+from asyneio.doctor.epipolar import gains_of_tracks
+from asyneio.doctor.gains import gains_of
+from asyneio.types import OBSERVATION_DTYPE, CameraIntrinsics, FloatArray
+from tests.doctor.test_alignment import SECONDS, camera_rates, gyroscope_of, rate_at
+
+CAMERA = CameraIntrinsics(200.0, 200.0, 160.0, 120.0, 320, 240)
+
+
+@pytest.mark.parametrize(("scale", "focal"), [(1.0, 1.0), (2.0, 1.0), (1.0, 1.05), (0.5, 0.9)])
+def test_roll_tells_the_gyroscope_and_turns_across_the_lens(
+    scale: float, focal: float, rng: np.random.Generator
+) -> None:
+    true = 0.7 * rng.standard_normal((64, 3))
+    seen = true * [focal, focal, 1.0] + 0.02 * rng.standard_normal((64, 3))
+    found = gains_of(seen, scale * true, np.ones(63), 40.0)
+    assert found.gyroscope == pytest.approx(scale, rel=0.02)
+    assert found.focal == pytest.approx(focal, rel=0.025)
+    assert found.gyroscope_told
+    assert found.focal_told
+
+
+def test_translation_keeps_the_focal_length_from_being_told(rng: np.random.Generator) -> None:
+    true = 0.4 * rng.standard_normal((64, 3))
+    leak = np.column_stack([0.3 * rng.standard_normal((64, 2)), np.zeros(64)])
+    found = gains_of(true + leak + 0.02 * rng.standard_normal((64, 3)), true, np.ones(63), 40.0)
+    assert found.gyroscope_told
+    assert not found.focal_told
+    assert not gains_of(true * 0.0, true * 0.01, np.ones(63), 40.0).gyroscope_told
+
+
+def tracks(rng: np.random.Generator) -> tuple[np.ndarray, FloatArray]:
+    """A camera that circles before points at 1 to 4 m: observations at 50 Hz, and its rate, constant for each
+    quarter of a second (20,3)."""
+    rates = 0.9 * rng.standard_normal((20, 3))
+    points = np.column_stack([rng.uniform(-2, 2, (500, 2)), rng.uniform(1.0, 4.0, 500)])
+    C, r = Rotation.identity(), np.zeros(3)
+    rows = []
+    for k in range(250):
+        t = 0.02 * k
+        rate = rates[min(int(t / 0.25 + 1e-9), 19)]
+        seen = C.inv().apply(points - r)
+        ahead = seen[:, 2] > 0.3
+        uv = 200.0 * seen[:, :2] / np.where(ahead, seen[:, 2], 1.0)[:, None] + [160.0, 120.0]
+        inside = np.flatnonzero(ahead & (uv > 0).all(axis=1) & (uv < [320, 240]).all(axis=1))
+        noisy = uv[inside] + 0.2 * rng.standard_normal((inside.size, 2))
+        rows += [(round(t * 1e9), n, *pixel, (0.0, 0.0, 0.0)) for n, pixel in zip(inside, noisy, strict=True)]
+        # Turning to the left it moves to the right, as who walks round a table does.
+        r = r + 0.02 * C.apply([-0.8 * rate[1], 0.8 * rate[0], 0.1])
+        C = C * Rotation.from_rotvec(0.02 * rate)
+    return np.array(rows, dtype=OBSERVATION_DTYPE), rates
+
+
+@pytest.mark.parametrize(("scale", "focal"), [(1.0, 1.0), (2.0, 1.0), (1.0, 1.05)])
+def test_tracks_tell_both_though_the_camera_circles(
+    scale: float, focal: float, rng: np.random.Generator
+) -> None:
+    observations, rates = tracks(rng)
+    calibrated = dataclasses.replace(CAMERA, fx=200.0 / focal, fy=200.0 / focal)
+    pairs, times = pairs_from_tracks(observations, calibrated)
+    body = scale * rates[np.round(times.start_ns / 0.25e9).astype(int)] + 0.01
+    found = gains_of_tracks(pairs, body, Rotation.from_rotvec([0.03, -0.02, 0.04]).as_matrix(), 1.1 * scale)
+    assert found is not None
+    assert found.gyroscope == pytest.approx(scale, rel=0.01)
+    assert found.focal == pytest.approx(focal, rel=0.02)
+    assert found.focal_told
+    assert gains_of_tracks(pairs.of(times.start_ns < 1e9), body[times.start_ns < 1e9], np.eye(3), 1.0) is None
+
+
+@pytest.mark.parametrize("offset_s", [-3.0, 0.25, 6.0])
+def test_an_offset_of_seconds_is_found(offset_s: float, rng: np.random.Generator) -> None:
+    t = np.arange(0.0, 30.0, 0.002)
+    start = np.linspace(11.0, 19.0, 64)
+    t_ns = np.round(start * 1e9).astype(np.int64)
+    seen = irregular(start + 0.015 + offset_s) + 0.05 * rng.standard_normal((64, 3))
+    found = align(
+        CameraRates(t_ns, t_ns + 30_000_000, seen), gyroscope_of(irregular(t), t, rng), np.eye(3), 0.0
+    )
+    assert found is not None
+    assert found.offset_s == pytest.approx(offset_s, abs=0.01)
+
+
+def irregular(t: FloatArray) -> FloatArray:
+    """A turn (N,3) that does not repeat itself."""
+    rng = np.random.default_rng(5)
+    hertz, phase = rng.uniform(0.2, 1.5, (9, 3)), rng.uniform(0.0, 6.28, (9, 3))
+    return np.asarray(0.4 * np.sin(6.28 * hertz * t[:, None, None] + phase).sum(axis=1))
+
+
+def test_rolls_with_nothing_in_common_are_unrelated(rng: np.random.Generator) -> None:
+    t = np.arange(0.0, SECONDS, 0.002)
+    gyroscope = gyroscope_of(rate_at(t), t, rng)
+    other = camera_rates(np.eye(3), 0.0, rng)
+    other = dataclasses.replace(other, omega=0.6 * rng.standard_normal(other.omega.shape))
+    found = align(other, gyroscope, np.eye(3), 0.0)
+    assert found is not None
+    assert found.explained < 0.3
+    assert found.unrelated
+    same = align(camera_rates(np.eye(3), 0.0, rng), gyroscope, np.eye(3), 0.0)
+    assert same is not None
+    assert not same.unrelated
