@@ -1,0 +1,48 @@
+"""Fixed work that tells how fast a machine is at the moment: what speeds are measured against.
+
+Two parts in the manner of the package's own work: a loop over single numbers, compiled, as the front end's;
+and small dense factorisations and products, as the estimator's.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numba import njit
+
+from asyneio.types import IntArray
+
+#: Length and table of the loop, size and number of the factorisations: some 20 ms each.
+_STEPS, _TABLE = 4_000_000, 1 << 15
+_SIZE, _FACTORISATIONS = 240, 12
+_SEED = 14
+
+
+@njit(cache=True, nogil=True)
+def _walk(table: IntArray, steps: int) -> int:
+    """Follow a table about, adding up: loads, branches, integer arithmetic."""
+    at, total = 0, 0
+    size = table.shape[0]
+    for step in range(steps):
+        at = (table[at] + step) & (size - 1)
+        if at & 1:
+            total += at
+        else:
+            total ^= at
+    return total
+
+
+def reference_seconds() -> float:
+    """Seconds of the fixed work, the geometric mean of its two parts, on one thread."""
+    rng = np.random.default_rng(_SEED)
+    table = rng.integers(0, _TABLE, _TABLE)
+    root = rng.normal(size=(_SIZE, _SIZE))
+    _walk(table, 1)
+    started = time.perf_counter()
+    _walk(table, _STEPS)
+    loop_s = time.perf_counter() - started
+    started = time.perf_counter()
+    for _ in range(_FACTORISATIONS):
+        np.linalg.cholesky(root @ root.T + _SIZE * np.eye(_SIZE))
+    return float(np.sqrt(loop_s * (time.perf_counter() - started)))
