@@ -2,8 +2,8 @@
 
 Everything is measured in a process of its own, one measurement at a time, each repeat of them in turn: what
 the machine does beside falls on all of them. In every repeat a fixed piece of work is timed too
-(`speed_reference.py`), and `relative` are the times over its: what two machines, or two moments of a shared
-one, are compared by.
+(`speed_reference.py`), and `relative` and `relative_cpu` are the times over its: what two machines, or two
+moments of a shared one, are compared by.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any
 
 from asyneio import __version__
 from asyneio.errors import StudyError
-from asyneio.studies.speed_run import Figures, SpeedRun
+from asyneio.studies.speed_run import ESTIMATOR, FRONT_END, PIPELINE, Figures, SpeedRun
 from asyneio.studies.speed_stages import STAGES
 from asyneio.studies.speed_workload import Workload
 from asyneio.studies.study import code_fingerprint, fingerprint
@@ -33,8 +33,7 @@ Progress = Callable[[int, int, int], None]
 #: Calls a measurement by its name, with its arguments.
 Measure = Callable[..., Figures]
 
-#: What is timed and compared beside the stages of the estimator.
-FRONT_END, ESTIMATOR, PIPELINE = "front end", "estimator", "pipeline"
+#: All that is timed and compared.
 TIMED = (FRONT_END, ESTIMATOR, *(stage.name for stage in STAGES), PIPELINE)
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -95,10 +94,10 @@ def measure_with(measure: Measure, options: SpeedOptions) -> Figures:
         "repeats": options.repeats,
         "start_up": start_up,
         "reference_s": median(one["reference"]["seconds"] for one in rounds),
-        "seconds": {name: median(_timed(one)[name] for one in rounds) for name in TIMED},
-        "relative": {
-            name: median(_timed(one)[name] / one["reference"]["seconds"] for one in rounds) for name in TIMED
-        },
+        "seconds": _times(rounds, "seconds"),
+        "cpu_seconds": _times(rounds, "cpu_s"),
+        "relative": _times(rounds, "seconds", over_reference=True),
+        "relative_cpu": _times(rounds, "cpu_s", over_reference=True),
         "calls": rounds[0]["stages"]["calls"],
         "pipeline": _medians([one["pipeline"] for one in rounds]),
         "latency_ms": {"queued": _medians([one["stages"]["latency"] for one in rounds])},
@@ -126,14 +125,12 @@ def _round(measure: Measure, options: SpeedOptions) -> Figures:
     return one
 
 
-def _timed(one: Figures) -> dict[str, float]:
-    """Seconds of everything that is compared, in one round."""
-    stages = one["stages"]
+def _times(rounds: Sequence[Figures], kind: str, over_reference: bool = False) -> dict[str, float]:
+    """Medians of one kind of time, of everything that is timed."""
+    times = [one["stages"][kind] | {PIPELINE: one["pipeline"][kind]} for one in rounds]
+    units = [one["reference"][kind] if over_reference else 1.0 for one in rounds]
     return {
-        FRONT_END: stages["front_end_s"],
-        ESTIMATOR: stages["estimator_s"],
-        **stages["stage_s"],
-        PIPELINE: one["pipeline"]["seconds"],
+        name: median(time[name] / unit for time, unit in zip(times, units, strict=True)) for name in TIMED
     }
 
 

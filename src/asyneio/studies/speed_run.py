@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -35,6 +35,9 @@ while os.getppid() == int(sys.argv[1]):
 """
 
 Figures = dict[str, Any]
+
+#: What is timed beside the stages of the estimator.
+FRONT_END, ESTIMATOR, PIPELINE = "front end", "estimator", "pipeline"
 
 
 @dataclass
@@ -127,14 +130,15 @@ class SpeedRun:
         """Front end alone, estimator alone on what the pipeline observed, and the latency that follows."""
         result = self._whole()
         with frontend_calls() as calls:
+            cpu_s = time.process_time()
             front_end_s = self._front_end(result)
+            cpu_s = time.process_time() - cpu_s
         with stage_times() as times:
             replayed = run_recording(self.recording, self._workload.config, observations=result.observations)
         latency = queued_latency(calls, replayed.run.reports, self._delay_ns())
         return {
-            "front_end_s": front_end_s,
-            "estimator_s": times.total,
-            "stage_s": dict(times.seconds),
+            "seconds": {FRONT_END: front_end_s, ESTIMATOR: sum(times.seconds.values()), **times.seconds},
+            "cpu_s": {FRONT_END: cpu_s, ESTIMATOR: sum(times.cpu_seconds.values()), **times.cpu_seconds},
             "calls": dict(times.calls),
             "latency": asdict(latency),
         }
@@ -149,7 +153,8 @@ class SpeedRun:
 
     def reference(self) -> Figures:
         """How fast the machine is now."""
-        return {"seconds": reference_seconds()}
+        seconds, cpu_s = reference_seconds()
+        return {"seconds": seconds, "cpu_s": cpu_s}
 
     def _whole(self) -> RunResult:
         if self._first is None:
@@ -198,6 +203,3 @@ def _busy_processes(count: int) -> Iterator[None]:
         for process in processes:
             process.kill()
             process.wait()
-
-
-Measurement = Callable[..., Figures]

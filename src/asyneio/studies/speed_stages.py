@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
 
-from asyneio.estimation import elimination, linear_system, marginalization, misfit, optimizer, window
+from asyneio.estimation import elimination, linear_system, misfit, optimizer, window
 from asyneio.odometry import Odometry, attempt, outputs
 
 
@@ -54,15 +54,12 @@ STAGES: tuple[Stage, ...] = (
 
 @dataclass
 class StageTimes:
-    """Seconds and calls of each stage; together the seconds are those of `Odometry.process`."""
+    """Seconds by the clock, seconds of CPU time of the process, and calls of each stage; together the seconds
+    are those of `Odometry.process`."""
 
     seconds: dict[str, float] = field(default_factory=lambda: {stage.name: 0.0 for stage in STAGES})
+    cpu_seconds: dict[str, float] = field(default_factory=lambda: {stage.name: 0.0 for stage in STAGES})
     calls: dict[str, int] = field(default_factory=lambda: {stage.name: 0 for stage in STAGES})
-
-    @property
-    def total(self) -> float:
-        """Seconds of all stages."""
-        return sum(self.seconds.values())
 
 
 @contextmanager
@@ -106,7 +103,7 @@ class _Clock:
         self.times = StageTimes()
         self._thread = threading.get_ident()
         self._within: list[Stage] = []
-        self._last = 0.0
+        self._last = self._last_cpu = 0.0
 
     def timed(self, stage: Stage, function: Callable[..., Any]) -> Callable[..., Any]:
         """The function, counted as a stage where it is not within a whole one."""
@@ -127,7 +124,9 @@ class _Clock:
         return counted
 
     def _look(self) -> None:
-        now = time.perf_counter()
+        now, now_cpu = time.perf_counter(), time.process_time()
         if self._within:
-            self.times.seconds[self._within[-1].name] += now - self._last
-        self._last = now
+            name = self._within[-1].name
+            self.times.seconds[name] += now - self._last
+            self.times.cpu_seconds[name] += now_cpu - self._last_cpu
+        self._last, self._last_cpu = now, now_cpu

@@ -30,7 +30,7 @@ class Workload:
     path: Path
     seconds: float
     config: Config
-    options: ReadOptions = ReadOptions()
+    options: ReadOptions | None = None
 
     def open(self, progress: Callable[[float], None] | None = None) -> EventRecording:
         """Read it, or the first `seconds`; `progress` is told the share read.
