@@ -34,7 +34,7 @@ def _walk(table: IntArray, steps: int) -> int:
 
 
 def reference_seconds() -> tuple[float, float]:
-    """Seconds of the fixed work by the clock and of CPU time, geometric means of its two parts; one thread."""
+    """Seconds by the clock and of CPU time: geometric means of the two parts, on one thread."""
     rng = np.random.default_rng(_SEED)
     table = rng.integers(0, _TABLE, _TABLE)
     root = rng.normal(size=(_SIZE, _SIZE))

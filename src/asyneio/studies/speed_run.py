@@ -102,7 +102,7 @@ class SpeedRun:
 
     def pipeline(self, busy: int = 0) -> Figures:
         """Front end and estimator, side by side, beside so many processes that keep cores busy."""
-        with _busy_processes(busy):
+        with busy_processes(busy):
             cpu_s = time.process_time()
             result = run_recording(self.recording, self._workload.config)
             cpu_s = time.process_time() - cpu_s
@@ -146,7 +146,7 @@ class SpeedRun:
     def paced(self, busy: int = 0) -> Figures:
         """Latency with events at the pace of the recording, by the clock."""
         watch = _FirstEstimate()
-        with _busy_processes(busy), frontend_calls(at_pace=True) as calls:
+        with busy_processes(busy), frontend_calls(at_pace=True) as calls:
             result = run_recording(self.recording, self._workload.config, watch)
         latency: Latency = paced_latency(calls, watch.packets, result.run.reports, self._delay_ns())
         return asdict(latency)
@@ -189,7 +189,7 @@ def peak_memory_mb() -> float:
 
 
 @contextmanager
-def _busy_processes(count: int) -> Iterator[None]:
+def busy_processes(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
     """So many processes that compute and do nothing else."""
     arguments = [sys.executable, "-c", _SPIN, str(os.getpid())]
     processes: list[subprocess.Popen[bytes]] = []
@@ -198,7 +198,7 @@ def _busy_processes(count: int) -> Iterator[None]:
         if count:
             # Until they run.
             time.sleep(0.3)
-        yield
+        yield processes
     finally:
         for process in processes:
             process.kill()
