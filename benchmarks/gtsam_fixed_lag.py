@@ -215,7 +215,7 @@ class FixedLag:
             A, b = A + across, b + across @ T[:3, 3]
         if np.linalg.cond(A) > 1e6:
             return None
-        point: FloatArray = np.linalg.solve(A, b)
+        point: FloatArray = np.asarray(np.linalg.solve(A, b), dtype=np.float64)
         depth = (T_w_c[-1][:3, :3].T @ (point - T_w_c[-1][:3, 3]))[2]
         return point if 0.1 < depth < _FAR_M else None
 

@@ -97,8 +97,8 @@ def loads(only: list[str], seconds: float, large: bool, cache: Path) -> Iterator
             yield Load(f"window {length_s:g} s", base, {"window": {"length_s": length_s}}, cache)
     if "imu" in only:
         for hz in IMU_HZ:
-            rates = {"gyroscope_rate_hz": float(hz), "accelerometer_rate_hz": float(hz)}
-            yield Load(f"IMU {hz} Hz", replace(base, **rates), {}, cache)
+            other = replace(base, gyroscope_rate_hz=float(hz), accelerometer_rate_hz=float(hz))
+            yield Load(f"IMU {hz} Hz", other, {}, cache)
 
 
 def row(load: Load) -> list[str]:
@@ -164,9 +164,9 @@ def memory(scene: str, minutes: float, cache: Path) -> str:
     anonymous = np.array([float(cells[1]) for cells in watch.rows])
     middle = len(anonymous) // 2
     grown = np.median(anonymous[middle:]) / np.median(anonymous[: middle + 1])
-    header = ["minute", "anonymous MB", "resident MB", "health"]
-    remark = result.summary.failure or "one segment"
-    return f"{scene}, {minutes:g} minutes; {remark}; median of the second half {grown:.3f} times the first\n\n{table(header, watch.rows)}"
+    said = f"{scene}, {minutes:g} minutes; {result.summary.failure or 'one segment'}; "
+    said += f"median of the second half {grown:.3f} times the first"
+    return f"{said}\n\n{table(['minute', 'anonymous MB', 'resident MB', 'health'], watch.rows)}"
 
 
 def main() -> None:
