@@ -159,7 +159,8 @@ def speed(
         Path | None, typer.Option(help="Earlier figures to compare with.", show_default="the package's own")
     ] = None,
     gate: Annotated[
-        float | None, typer.Option(help="Fail where a stage takes more than so many times the baseline.")
+        float | None,
+        typer.Option(help="Fail where a stage takes more than so many times the baseline.", min=0.0),
     ] = None,
     calibration: CalibrationOption = None,
     imu: ImuOption = None,

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -41,15 +41,13 @@ FRONT_END, ESTIMATOR, PIPELINE = "front end", "estimator", "pipeline"
 
 
 @dataclass
-class _FirstEstimate:
-    """Progress that notes the CPU time of the process, its children included, and the clock at the first
-    estimate, and the clock at each packet."""
+class _Watch:
+    """Progress that notes the CPU time of the process, its children included, and the time at the first
+    estimate, and the clock (`time.perf_counter`) after each packet."""
 
     cpu_s: float = np.nan
     at: float = np.nan
-
-    def __post_init__(self) -> None:
-        self.packets: list[float] = []
+    packets: list[float] = field(default_factory=list)
 
     def message(self, text: str) -> None:
         """Nobody reads it."""
@@ -91,7 +89,7 @@ class SpeedRun:
     def start_up(self, started: float) -> Figures:
         """From the start of the process, at the time `started` (`time.time`), to the first estimate; NaN
         where there is none."""
-        watch = _FirstEstimate()
+        watch = _Watch()
         part = first_seconds(self.recording, _START_UP_S)
         result = run_recording(part, self._workload.config, watch)
         return {
@@ -145,7 +143,7 @@ class SpeedRun:
 
     def paced(self, busy: int = 0) -> Figures:
         """Latency with events at the pace of the recording, by the clock."""
-        watch = _FirstEstimate()
+        watch = _Watch()
         with busy_processes(busy), frontend_calls(at_pace=True) as calls:
             result = run_recording(self.recording, self._workload.config, watch)
         latency: Latency = paced_latency(calls, watch.packets, result.run.reports, self._delay_ns())
