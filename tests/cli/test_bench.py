@@ -22,7 +22,7 @@ from asyneio.errors import StudyError
 from asyneio.io import write_events_hdf5, write_uzh_folder
 from asyneio.io.ros1_writer import write_rosbag
 from asyneio.presets import PRESETS
-from asyneio.studies import speed, uzh
+from asyneio.studies import speed, speed_report, uzh
 from asyneio.studies.published import COMPARED, PUBLISHED
 from asyneio.studies.speed_run import SpeedRun
 from asyneio.studies.speed_workload import Workload
@@ -283,7 +283,12 @@ def test_speed(
 ) -> None:
     monkeypatch.setattr(speed, "_process", _here)
     write_events_hdf5(make_event_recording(np.random.default_rng(7)), tmp_path / "own.h5")
+    baseline = tmp_path / "baseline.json"
+    other = {"relative": {name: 1.0 for name in speed.TIMED}, "scheme": "gpif"}
+    other |= {"relative_cpu": other["relative"], "workload": {"name": "other", "width": 240, "height": 180}}
+    baseline.write_text(json.dumps(other))
     command = ("bench", "speed", "--recording", tmp_path / "own.h5", "--seconds", "1.5", "--repeats", "1")
+    command = (*command, "--baseline", baseline)
     status, out, err = asyneio(*command, "--beside", "1", "--paced", "-o", tmp_path / "first.json", "--json")
     assert status == 0, err
     found = json.loads(out)
@@ -298,7 +303,7 @@ def test_speed(
     assert 9 <= estimates <= 12
     assert found["beside"]["processes"] == 1
     assert found["relative"]["front end"] > 0.0
-    assert "note: not compared with the baseline: name is own.h5" in err
+    assert "note: not compared with the baseline: name is own.h5, that of the baseline other" in err
     status, _, err = asyneio(*command, "--gate", "1.5")
     assert status == 1
     assert "the gate needs a baseline of the same workload" in err
@@ -308,7 +313,13 @@ def test_the_gate_of_speed(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(speed, "_process", _here)
     write_events_hdf5(make_event_recording(np.random.default_rng(7)), tmp_path / "own.h5")
     command = ("bench", "speed", "--recording", tmp_path / "own.h5", "--seconds", "1.2", "--repeats", "1")
-    assert asyneio(*command, "-o", tmp_path / "first.json")[0] == 0
+    monkeypatch.setattr(speed_report, "_BASELINE", tmp_path / "absent.json")
+    status, _, err = asyneio(*command, "-o", tmp_path / "first.json")
+    assert status == 0
+    assert "note: not compared with the baseline: this copy of the package holds none" in err
+    status, _, err = asyneio(*command, "--gate", "1.5")
+    assert status == 1
+    assert "the gate needs a baseline: this copy of the package holds none" in err
     first = json.loads((tmp_path / "first.json").read_text())
     for kind in ("relative", "relative_cpu"):
         first[kind] = {name: 1.0 for name in first[kind]} | {"estimator": 1e-6, "front end": 1e6}

@@ -177,14 +177,25 @@ def speed(
     exceeded, or when there is nothing to compare with.
     """
     from asyneio.cli.progress import reading_progress, share_progress, task_progress
+    from asyneio.errors import StudyError
     from asyneio.io import ReadOptions
     from asyneio.io.atomic import write_text
     from asyneio.studies.speed import SpeedOptions, measure_speed
-    from asyneio.studies.speed_report import BASELINE, compare, read_baseline, speed_json, speed_markdown
+    from asyneio.studies.speed_report import (
+        NO_BASELINE,
+        compare,
+        package_baseline,
+        read_baseline,
+        speed_json,
+        speed_markdown,
+    )
     from asyneio.studies.speed_workload import Workload, simulated_workload
 
     settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
-    earlier = read_baseline(baseline or BASELINE)
+    # Read first: a wrong file is not found out after minutes.
+    earlier = package_baseline() if baseline is None else read_baseline(baseline)
+    if gate is not None and earlier is None:
+        raise StudyError(f"the gate needs a baseline: {NO_BASELINE}")
     if recording is None:
         with share_progress("simulating") as advance:
             workload = simulated_workload(seconds or _SIMULATED_S, settings, progress=advance)

@@ -14,7 +14,8 @@ from asyneio.studies.speed_stages import STAGES
 from asyneio.studies.tables import markdown, number
 
 #: What the package measured on its own workload; written by `asyneio bench speed -o`.
-BASELINE = Path(__file__).with_name("speed_baseline.json")
+_BASELINE = Path(__file__).with_name("speed_baseline.json")
+NO_BASELINE = "this copy of the package holds none; make one with -o FILE and name it with --baseline FILE"
 #: A stage that takes less of the estimator's time than this, then and now, has no ratio that counts.
 _LEAST_SHARE = 0.02
 #: Another length or rate of events is another workload.
@@ -43,6 +44,11 @@ class Comparison:
         }
 
 
+def package_baseline() -> Figures | None:
+    """Figures that came with the package; None where there are none."""
+    return read_baseline(_BASELINE) if _BASELINE.is_file() else None
+
+
 def read_baseline(path: Path) -> Figures:
     """Figures of an earlier measurement.
 
@@ -61,8 +67,10 @@ def read_baseline(path: Path) -> Figures:
     raise StudyError(f"{path} is no baseline; expected JSON that `asyneio bench speed -o FILE` wrote")
 
 
-def compare(found: Figures, baseline: Figures) -> Comparison:
+def compare(found: Figures, baseline: Figures | None) -> Comparison:
     """Ratios to a baseline of the same workload under the same scheme; small stages have none."""
+    if baseline is None:
+        return Comparison({}, {}, NO_BASELINE)
     here, there = found["workload"], baseline["workload"]
     for name in ("name", "width", "height"):
         if here[name] != there[name]:
