@@ -11,7 +11,8 @@ own: states (pose, velocity, biases) at a fixed interval, joined by combined ine
 points. For each track and state there is one projection factor: the observation nearest in time, moved to the
 time of the state along the straight line to the next one of its track. With states every 25 ms nearly every
 observation has a factor of its own (the front end observes a feature every 20 ms at most); with states every
-100 ms, as far apart as our knots, three of four are left out, which is to gtsam's advantage in time. A point
+100 ms, as far apart as our knots, three of four are left out, which is to gtsam's advantage in time; a row
+of its own has all of them on those few states, moved by up to 50 ms. A point
 begins with its fourth factor, triangulated; a weak prior holds it. A state begins where the inertial samples
 of the interval lead from the last one; the first is the true one, which ours has to find by itself.
 
@@ -85,26 +86,33 @@ class Sightings:
     xy: FloatArray
 
 
-def sightings(simulation: EventSimulation, observations: RecordArray, states_ns: IntArray) -> list[Sightings]:
-    """For each state the nearest observation of each track, moved to its time along the track."""
+def sightings(
+    simulation: EventSimulation, observations: RecordArray, states_ns: IntArray, every: bool = False
+) -> list[Sightings]:
+    """For each state the nearest observation of each track, or `every` one that is nearest to this state,
+    moved to its time along the track."""
     camera = CameraModel(calibration_of(simulation.recording).camera)
     xy, _, valid = camera.undistort(np.column_stack([observations["u"], observations["v"]]))
     seen, xy = observations[valid], xy[valid]
-    half_ns = int(states_ns[1] - states_ns[0]) // 2
+    step_ns = int(states_ns[1] - states_ns[0])
     found: list[list[tuple[int, FloatArray]]] = [[] for _ in states_ns]
     order = np.lexsort((seen["t_ns"], seen["id"]))
     _, begins = np.unique(seen["id"][order], return_index=True)
     for rows in np.split(order, begins[1:]):
+        if len(rows) < 2:
+            continue
         t_ns, track = seen["t_ns"][rows], int(seen["id"][rows[0]])
-        first, last = np.searchsorted(states_ns, [t_ns[0] - half_ns, t_ns[-1] + half_ns])
-        for k in range(int(first), int(last)):
-            nearest = int(np.argmin(np.abs(t_ns - states_ns[k])))
-            off_ns = int(states_ns[k] - t_ns[nearest])
-            if abs(off_ns) > half_ns or len(rows) < 2:
-                continue
-            a = min(max(nearest if off_ns >= 0 else nearest - 1, 0), len(rows) - 2)
+        state = np.rint((t_ns - states_ns[0]) / step_ns).astype(np.int64)
+        inside = np.flatnonzero((state >= 0) & (state < len(states_ns)))
+        off_ns = states_ns[np.clip(state, 0, len(states_ns) - 1)] - t_ns
+        if not every:
+            # Of those of one state the nearest comes first.
+            inside = inside[np.lexsort((np.abs(off_ns[inside]), state[inside]))]
+            inside = inside[np.unique(state[inside], return_index=True)[1]]
+        for n in inside.tolist():
+            a = min(max(n if off_ns[n] >= 0 else n - 1, 0), len(rows) - 2)
             slope = (xy[rows[a + 1]] - xy[rows[a]]) / max(int(t_ns[a + 1] - t_ns[a]), 1)
-            found[k].append((track, xy[rows[nearest]] + slope * off_ns))
+            found[int(state[n])].append((track, xy[rows[n]] + slope * off_ns[n]))
     return [
         Sightings(np.array([t for t, _ in one], dtype=np.int64), np.array([p for _, p in one]).reshape(-1, 2))
         for one in found
@@ -267,13 +275,21 @@ def _preintegration(config: Config, simulation: EventSimulation) -> gtsam.Preint
 
 
 def run_fixed_lag(
-    simulation: EventSimulation, config: Config, observations: RecordArray, interval_s: float, start_ns: int
+    simulation: EventSimulation,
+    config: Config,
+    observations: RecordArray,
+    states: tuple[float, bool],
+    start_ns: int,
 ) -> tuple[Costs, PoseTrajectory | None]:
-    """The whole recording from `start_ns` on, or up to where gtsam gives up."""
+    """The whole recording from `start_ns` on, or up to where gtsam gives up.
+
+    `states`: their interval [s], and whether every observation is used.
+    """
+    interval_s, every = states
     end_ns = int(observations["t_ns"][-1])
     step_ns = round(interval_s * NS_PER_S)
     states_ns: IntArray = np.arange(start_ns, end_ns, step_ns, dtype=np.int64)
-    seen = sightings(simulation, observations, states_ns)
+    seen = sightings(simulation, observations, states_ns, every)
     smoother = FixedLag(simulation, config, interval_s)
     truth = simulation.truth.at(states_ns[:1])
     smoother.begin(truth.T_w_b[0], truth.velocity_w[0])
@@ -321,15 +337,18 @@ def rows(simulation: EventSimulation, intervals: list[float]) -> list[list[str]]
     # The start is apart: gtsam is given its own.
     ate = _ate_cm(poses, simulation)
     found = [_row("asyneio", steps[1:], cpu_s, int(used.sum()), seconds, [ate, ""])]
-    for interval_s in intervals:
-        costs, trajectory = run_fixed_lag(simulation, config, tracked.observations, interval_s, start_ns)
+    # Where several observations of a track are near one state, also with all of them.
+    kinds = [(s, every) for s in intervals for every in ((False, True) if s > 0.03 else (False,))]
+    for interval_s, every in kinds:
+        states = interval_s, every
+        costs, trajectory = run_fixed_lag(simulation, config, tracked.observations, states, start_ns)
         done_s = max(len(costs.update_s) - 1, 1) * interval_s
         remark = (
             f"preintegration {1e3 * costs.preintegration_s / done_s:.0f} ms a second more. {costs.remark}"
         )
         ate = _ate_cm(trajectory, simulation)
         update_s = np.array(costs.update_s[1:])
-        name = f"gtsam, {interval_s:g} s"
+        name = f"gtsam, {interval_s:g} s{', all observations' if every else ''}"
         found.append(_row(name, update_s, costs.cpu_s, costs.factors, done_s, [ate, remark.strip()]))
     return found
 
