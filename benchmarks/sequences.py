@@ -13,7 +13,6 @@ import hashlib
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import IO
 
@@ -25,13 +24,12 @@ from asyneio.config import Config
 from asyneio.io.atomic import atomic_file
 from asyneio.packets import usable_span
 from asyneio.simulation import EVENT_SCENARIOS, EventScenario, EventSimulation, simulate_events, stream_events
+from asyneio.studies.simulated import fingerprint
 from asyneio.tracking import ObservationStream
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 
 #: Where sequences are kept unless told otherwise.
 DEFAULT_CACHE = Path(tempfile.gettempdir()) / "asyneio-sequences"
-#: Chunks of events that a fingerprint is taken of, and poses.
-_CHUNKS, _POSES = 2, 200
 
 
 def sequence(
@@ -65,19 +63,6 @@ def cached_sequence(scenario: EventScenario, cache: Path) -> EventSimulation:
             _write_events(stream, stream_events(scenario))
     events = np.load(path, mmap_mode="r", allow_pickle=False)
     return replace(simulation, recording=replace(simulation.recording, events=events))
-
-
-def fingerprint(simulation: EventSimulation) -> str:
-    """Changes whenever the simulator would make other events: from the first of them and all motions."""
-    points, digest = simulation.points, hashlib.sha256()
-    t_ns = np.linspace(0.0, simulation.scenario.duration_s * NS_PER_S, _POSES).astype(np.int64)
-    poses = points.world.seen_from(t_ns / NS_PER_S, points.T_w_c(points.start_ns + t_ns))
-    # Rounded: another version of a library may differ in the last digit.
-    digest.update((np.round(poses, 9) + 0.0).tobytes())
-    for chunk in islice(stream_events(simulation.scenario), _CHUNKS):
-        for name in chunk.dtype.names or ():
-            digest.update(np.ascontiguousarray(chunk[name]).tobytes())
-    return digest.hexdigest()[:10]
 
 
 def code_of(path: Path) -> str:

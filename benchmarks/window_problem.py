@@ -17,6 +17,8 @@ from asyneio.estimation.problem import (
     Visual,
     bearing_tangent,
 )
+from asyneio.inertial.noise import SensorNoise
+from asyneio.inertial.projection import project
 from asyneio.trajectory.model import WNOJ, WNOJ_SE3
 from asyneio.trajectory.motion_prior import interpolation_weights_many
 from asyneio.types import FloatArray, IntArray
@@ -46,12 +48,16 @@ def _weights(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _inertial(value: FloatArray, density: float) -> Inertial:
+    """Samples of each interval as the estimator takes them by default: projected onto a few values."""
     t = (np.arange(len(value)) + 0.5) / IMU_HZ
-    interval, weights, alpha = _weights(t)
-    start = np.searchsorted(interval, np.arange(KNOTS))
-    root = np.zeros((len(t), int(np.diff(start).max())))
-    root[np.arange(len(t)), np.arange(len(t)) - start[interval]] = 1.0 / (density * IMU_HZ**0.5)
-    return Inertial(start, value, weights, alpha, root, value)
+    noise = SensorNoise(density, float(IMU_HZ))
+    of_interval = np.array_split(np.arange(len(t)), KNOTS - 1)
+    parts = [project(t[rows] - k * KNOT_S, value[rows], noise) for k, rows in enumerate(of_interval)]
+    times = np.concatenate([k * KNOT_S + part.t for k, part in enumerate(parts)])
+    _, weights, alpha = _weights(times)
+    start = np.cumsum([0, *(len(part.t) for part in parts)])
+    values, root = (np.concatenate([getattr(part, name) for part in parts]) for name in ("value", "root"))
+    return Inertial(start, values, weights, alpha, root, values)
 
 
 def _visual(points: FloatArray, anchor: IntArray, rng: np.random.Generator) -> Visual:

@@ -1,11 +1,13 @@
-"""`asyneio bench uzh` on a small set in the data set's layout: whole, resumed, failing in part."""
+"""`asyneio bench uzh` on a small set in the data set's layout: whole, resumed, failing in part; and
+`asyneio bench speed` with an estimator that takes no time."""
 
 from __future__ import annotations
 
 import json
 import pickle
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,11 +19,13 @@ from scipy.spatial.transform import Rotation
 from asyneio import pipeline
 from asyneio.config import Config
 from asyneio.errors import StudyError
-from asyneio.io import write_uzh_folder
+from asyneio.io import write_events_hdf5, write_uzh_folder
 from asyneio.io.ros1_writer import write_rosbag
 from asyneio.presets import PRESETS
-from asyneio.studies import uzh
+from asyneio.studies import speed, speed_report, uzh
 from asyneio.studies.published import COMPARED, PUBLISHED
+from asyneio.studies.speed_run import SpeedRun
+from asyneio.studies.speed_workload import Workload
 from asyneio.studies.uzh import (
     BenchSettings,
     camera_trajectory,
@@ -265,3 +269,67 @@ def test_published_means() -> None:
     for method, mean in zip(PUBLISHED, means, strict=True):
         assert len(method.mpe_percent) == len(COMPARED) == 8
         assert np.mean(method.mpe_percent) == pytest.approx(mean, abs=0.0051), method.method
+
+
+@contextmanager
+def _here(workload: Workload, **_: str) -> Iterator[speed.Measure]:
+    """Measures in this process, whose estimator is not the real one."""
+    run = SpeedRun(workload)
+    yield lambda name, *arguments: getattr(run, name)(*arguments)
+
+
+def test_speed(
+    asyneio: Asyneio, recording: EventRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(speed, "_process", _here)
+    write_events_hdf5(make_event_recording(np.random.default_rng(7)), tmp_path / "own.h5")
+    baseline = tmp_path / "baseline.json"
+    other = {"relative": {name: 1.0 for name in speed.TIMED}, "scheme": "gpif"}
+    other |= {"relative_cpu": other["relative"], "workload": {"name": "other", "width": 240, "height": 180}}
+    baseline.write_text(json.dumps(other))
+    command = ("bench", "speed", "--recording", tmp_path / "own.h5", "--seconds", "1.5", "--repeats", "1")
+    command = (*command, "--baseline", baseline)
+    status, out, err = asyneio(*command, "--beside", "1", "--paced", "-o", tmp_path / "first.json", "--json")
+    assert status == 0, err
+    found = json.loads(out)
+    assert json.loads((tmp_path / "first.json").read_text()) == found
+    assert found["workload"]["seconds"] == pytest.approx(1.5, abs=0.02)
+    assert found["workload"]["name"] == "own.h5"
+    # Packets of 0.1 s; the first three without an estimate.
+    estimates = found["pipeline"]["estimates"]
+    assert (
+        estimates == found["latency_ms"]["queued"]["estimates"] == found["latency_ms"]["paced"]["estimates"]
+    )
+    assert 9 <= estimates <= 12
+    assert found["beside"]["processes"] == 1
+    assert found["relative"]["front end"] > 0.0
+    assert "note: not compared with the baseline: name is own.h5, that of the baseline other" in err
+    status, _, err = asyneio(*command, "--gate", "1.5")
+    assert status == 1
+    assert "the gate needs a baseline of the same workload" in err
+
+
+def test_the_gate_of_speed(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(speed, "_process", _here)
+    write_events_hdf5(make_event_recording(np.random.default_rng(7)), tmp_path / "own.h5")
+    command = ("bench", "speed", "--recording", tmp_path / "own.h5", "--seconds", "1.2", "--repeats", "1")
+    monkeypatch.setattr(speed_report, "_BASELINE", tmp_path / "absent.json")
+    status, _, err = asyneio(*command, "-o", tmp_path / "first.json")
+    assert status == 0
+    assert "note: not compared with the baseline: this copy of the package holds none" in err
+    status, _, err = asyneio(*command, "--gate", "1.5")
+    assert status == 1
+    assert "the gate needs a baseline: this copy of the package holds none" in err
+    first = json.loads((tmp_path / "first.json").read_text())
+    for kind in ("relative", "relative_cpu"):
+        first[kind] = {name: 1.0 for name in first[kind]} | {"estimator": 1e-6, "front end": 1e6}
+    (tmp_path / "first.json").write_text(json.dumps(first))
+    command = (*command, "--baseline", tmp_path / "first.json")
+    status, out, err = asyneio(*command, "--gate", "1e9")
+    assert status == 0, err
+    assert "| front end alone" in out
+    first["relative"]["front end"] = first["relative_cpu"]["front end"] = 1e-6
+    (tmp_path / "first.json").write_text(json.dumps(first))
+    status, _, err = asyneio(*command, "--gate", "1.5")
+    assert status == 1
+    assert "slower than 1.5 times the baseline: front end" in err

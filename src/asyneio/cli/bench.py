@@ -1,4 +1,4 @@
-"""`asyneio bench`: whole data sets, beside what is published of them."""
+"""`asyneio bench`: whole data sets beside what is published of them, and speed beside what it was."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from asyneio.cli.options import (
+    CalibrationOption,
     CameraOption,
     ConfigOption,
+    ImuOption,
+    PresetOption,
     SchemeOption,
     TrackerOption,
     settings_of,
@@ -21,15 +24,22 @@ from asyneio.cli.options import (
 
 if TYPE_CHECKING:
     from asyneio.studies.measuring import Measured
+    from asyneio.studies.speed_report import Comparison
+    from asyneio.studies.speed_run import Figures
 
-bench = typer.Typer(help="Measure whole data sets, beside published figures.", no_args_is_help=True)
+bench = typer.Typer(
+    help="Measure accuracy on whole data sets, beside published figures, and speed.", no_args_is_help=True
+)
 
 RESULTS_FILE, TABLES_FILE, JSON_FILE = "results.jsonl", "README.md", "results.json"
+
+#: Length of the simulated stream [s] unless told otherwise.
+_SIMULATED_S = 10.0
 
 
 @bench.callback()
 def _benchmarks() -> None:
-    """Measure whole data sets, beside published figures."""
+    """Measure accuracy on whole data sets, beside published figures, and speed."""
 
 
 @bench.command(epilog="Example: asyneio bench uzh --data recordings/uzh --sequences boxes_6dof,poster_6dof")
@@ -119,4 +129,112 @@ def _say(measured: Measured, path: Path) -> None:
         console.say(
             f"note: some of them are of other code ({', '.join(measured.other_code)}); "
             f"remove {path} to measure them anew"
+        )
+
+
+@bench.command(epilog="Example: asyneio bench speed --beside 2 --paced -o speed.json")
+def speed(
+    recording: Annotated[
+        Path | None,
+        typer.Option(help="Events with an IMU of your own.", show_default="a simulated stream, 1 Mev/s"),
+    ] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(help="How much of it.", min=1.0, show_default="10, or all of a recording"),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Write the figures as JSON; usable as a baseline.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(help="Measure so often; medians count.", min=1, max=100)] = 3,
+    beside: Annotated[
+        int, typer.Option(help="Also beside so many processes that keep cores busy.", min=0, max=64)
+    ] = 0,
+    paced: Annotated[
+        bool, typer.Option("--paced", help="Also the latency with events at the pace of the recording.")
+    ] = False,
+    cold: Annotated[
+        bool, typer.Option("--cold", help="Also a start without compiled kernels; takes minutes.")
+    ] = False,
+    baseline: Annotated[
+        Path | None, typer.Option(help="Earlier figures to compare with.", show_default="the package's own")
+    ] = None,
+    gate: Annotated[
+        float | None,
+        typer.Option(help="Fail where a stage takes more than so many times the baseline.", min=0.0),
+    ] = None,
+    calibration: CalibrationOption = None,
+    imu: ImuOption = None,
+    preset: PresetOption = None,
+    config: ConfigOption = None,
+    tracker: TrackerOption = None,
+    scheme: SchemeOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+) -> None:
+    """Measure the speed of front end, estimator and pipeline, stage by stage, and compare with a baseline.
+
+    The simulated stream is made once and kept in the cache. Times are compared over those of a fixed piece of
+    work measured alongside, so the baseline may be of another machine. The exit status is 1 when the gate is
+    exceeded, or when there is nothing to compare with.
+    """
+    from asyneio.cli.progress import reading_progress, share_progress, task_progress
+    from asyneio.errors import StudyError
+    from asyneio.io import ReadOptions
+    from asyneio.io.atomic import write_text
+    from asyneio.studies.speed import SpeedOptions, measure_speed
+    from asyneio.studies.speed_report import (
+        NO_BASELINE,
+        compare,
+        package_baseline,
+        read_baseline,
+        speed_json,
+        speed_markdown,
+    )
+    from asyneio.studies.speed_workload import Workload, simulated_workload
+
+    settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
+    # Read first: a wrong file is not found out after minutes.
+    earlier = package_baseline() if baseline is None else read_baseline(baseline)
+    if gate is not None and earlier is None:
+        raise StudyError(f"the gate needs a baseline: {NO_BASELINE}")
+    if recording is None:
+        with share_progress("simulating") as advance:
+            workload = simulated_workload(seconds or _SIMULATED_S, settings, progress=advance)
+    else:
+        options = ReadOptions(calibration, imu, preset=preset)
+        workload = Workload(recording.name, recording, seconds or 0.0, settings, options)
+    # Converted into the cache here, so that the process that measures only opens it.
+    with reading_progress(workload.path) as advance:
+        workload.open(advance)
+    with task_progress("speed") as progress:
+        found = measure_speed(workload, SpeedOptions(repeats, beside, paced, cold), progress)
+    comparison = compare(found, earlier)
+    plain = speed_json(found, comparison)
+    if output is not None:
+        write_text(output, plain)
+    typer.echo((plain if as_json else speed_markdown(found, comparison)).rstrip())
+    _judge(found, comparison, gate)
+
+
+def _judge(found: Figures, comparison: Comparison, gate: float | None) -> None:
+    """Notes on standard error; raises StudyError where the gate is exceeded or cannot be applied."""
+    from asyneio.cli import console
+    from asyneio.errors import StudyError
+
+    if found["pipeline"]["failure"]:
+        console.say(f"note: the run that was measured is not whole: {found['pipeline']['failure']}")
+    if comparison.why_not:
+        console.say(f"note: not compared with the baseline: {comparison.why_not}")
+    if gate is None:
+        return
+    if comparison.why_not:
+        raise StudyError(
+            f"the gate needs a baseline of the same workload: {comparison.why_not}; make one with "
+            "-o FILE and name it with --baseline FILE"
+        )
+    slower = comparison.slower_than(gate)
+    if slower:
+        stages = ", ".join(f"{name} {ratio:.2f}" for name, ratio in slower.items())
+        raise StudyError(
+            f"slower than {gate:g} times the baseline: {stages}; measure again on a quiet machine, then look "
+            "at what has changed"
         )

@@ -1,0 +1,132 @@
+"""Time of the estimator by stage, taken from outside: public functions are replaced by ones that look at the
+clock, and put back afterwards.
+
+A stage's time is its own: what a stage within it takes counts there. Stages marked whole keep all that
+happens within them: the optimisations of a start are the start.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from types import ModuleType
+from typing import Any
+
+from asyneio.estimation import elimination, linear_system, misfit, optimizer, window
+from asyneio.odometry import Odometry, attempt, outputs
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A name, the function or method (owner and attribute) that is the stage, whether it is taken whole, and
+    what it does."""
+
+    name: str
+    owner: ModuleType | type
+    attribute: str
+    whole: bool
+    what: str
+
+
+REST = "rest"
+
+STAGES: tuple[Stage, ...] = (
+    Stage("start", attempt, "attempt_start", True, "attempts to start, with all that they optimise"),
+    Stage("measurements", window.Window, "extend", True, "samples and observations enter the window"),
+    Stage("births", window.Window, "add_landmarks", True, "new landmarks"),
+    Stage("arrays", window.Window, "problem", True, "arrays of the window's problem"),
+    Stage("linearise", linear_system, "linearize", True, "residuals and normal equations"),
+    Stage("evaluate", linear_system, "evaluate", True, "cost of candidates alone"),
+    Stage("eliminate", elimination, "eliminate_landmarks", True, "Schur complement of the landmarks"),
+    Stage(
+        "solve", optimizer, "optimize", False, "Cholesky factorisation, step, prior: the rest of optimising"
+    ),
+    Stage("outliers", misfit, "contradicted_landmarks", True, "test of the landmarks"),
+    Stage("covariance", outputs, "newest_estimate", True, "the estimate with its covariance"),
+    Stage("marginalise", window.Window, "marginalize_oldest", True, "the oldest knot becomes a prior"),
+    Stage(REST, Odometry, "process", False, "all else: intake, noise, attitude, prediction, health"),
+)
+
+
+@dataclass
+class StageTimes:
+    """Seconds by the clock, seconds of CPU time of the process, and calls of each stage; together the seconds
+    are those of `Odometry.process`."""
+
+    seconds: dict[str, float] = field(default_factory=lambda: {stage.name: 0.0 for stage in STAGES})
+    cpu_seconds: dict[str, float] = field(default_factory=lambda: {stage.name: 0.0 for stage in STAGES})
+    calls: dict[str, int] = field(default_factory=lambda: {stage.name: 0 for stage in STAGES})
+
+
+@contextmanager
+def stage_times() -> Iterator[StageTimes]:
+    """Times of the stages of what this thread does within; what other threads do is not counted.
+
+    Kernels must be compiled before: a compiled caller cannot be built on a replaced function.
+    """
+    clock = _Clock()
+    with ExitStack() as undo:
+        for stage in STAGES:
+            original = getattr(stage.owner, stage.attribute)
+            replace_function(undo, stage.owner, stage.attribute, clock.timed(stage, original))
+        yield clock.times
+
+
+def replace_function(
+    undo: ExitStack, owner: ModuleType | type, attribute: str, substitute: Callable[..., Any]
+) -> None:
+    """Put `substitute` in the place of a function or method, in every module that has imported it, until
+    `undo` is closed."""
+    original = getattr(owner, attribute)
+    holders: list[tuple[Any, str]] = [(owner, attribute)]
+    if isinstance(owner, ModuleType):
+        modules = [module for name, module in sys.modules.items() if name.startswith("asyneio")]
+        holders += [
+            (module, name)
+            for module in modules
+            for name, value in vars(module).items()
+            if value is original and (module, name) != (owner, attribute)
+        ]
+    for holder, name in holders:
+        undo.callback(setattr, holder, name, original)
+        setattr(holder, name, substitute)
+
+
+class _Clock:
+    """Gives the time since the last look to the innermost stage."""
+
+    def __init__(self) -> None:
+        self.times = StageTimes()
+        self._thread = threading.get_ident()
+        self._within: list[Stage] = []
+        self._last = self._last_cpu = 0.0
+
+    def timed(self, stage: Stage, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The function, counted as a stage where it is not within a whole one."""
+
+        def counted(*args: Any, **kwargs: Any) -> Any:
+            within = self._within
+            if threading.get_ident() != self._thread or (within and within[-1].whole):
+                return function(*args, **kwargs)
+            self._look()
+            within.append(stage)
+            self.times.calls[stage.name] += 1
+            try:
+                return function(*args, **kwargs)
+            finally:
+                self._look()
+                within.pop()
+
+        return counted
+
+    def _look(self) -> None:
+        now, now_cpu = time.perf_counter(), time.process_time()
+        if self._within:
+            name = self._within[-1].name
+            self.times.seconds[name] += now - self._last
+            self.times.cpu_seconds[name] += now_cpu - self._last_cpu
+        self._last, self._last_cpu = now, now_cpu
