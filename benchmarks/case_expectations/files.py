@@ -92,7 +92,6 @@ _SAMPLE_FILES: Expectations = {
             says=(r"gyroscope in deg/s, as the header says", r"gyroscope 0\.2\d+ \(medians\)", r"0 FAIL"),
         ),
     ),
-    "I30": (Step(_DOCTOR, says=(r"imu\.csv: gyroscope first", r"1200 samples of the gyroscope", _USABLE)),),
 }  # fmt: skip
 
 _BAGS: Expectations = {

@@ -105,7 +105,9 @@ def _look_at(
     except RecordingError as error:
         refusals.append(Refusal("inertial samples", str(error)))
     rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams and streams.gyroscope.size else None
-    rig = contents.rig
+    rig = replace(contents.rig, trouble="")
+    if contents.rig.trouble:
+        refusals.append(Refusal("calibration", contents.rig.trouble))
     try:
         rig = settle(rig, declared or guess_size(read.figures), options.wanted, contents.lens, rate_hz)
     except AsyneioError as error:

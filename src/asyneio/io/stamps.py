@@ -113,7 +113,7 @@ def check_overlap(
     """
     a0, a1 = int(first[0]), int(first[-1])
     b0, b1 = int(second[0]), int(second[-1])
-    ranges = f"{first_name} spans {_range(a0, a1)}, {second_name} spans {_range(b0, b1)}"
+    ranges = f"{first_name} from {_range(a0, a1)}, {second_name} from {_range(b0, b1)}"
     if a1 <= b0 or b1 <= a0:
         raise RecordingError(
             f"{ranges}: they do not overlap; both must be nanoseconds of one clock"
@@ -170,7 +170,7 @@ def _unit_factor(first: int, second: int, tolerance: float) -> int:
 def _unit_cause(first: int, second: int, factor: int, first_name: str, second_name: str) -> str:
     """A hint that the smaller of two magnitudes is in a smaller unit, nothing where `factor` is 0."""
     smaller = first_name if first < second else second_name
-    return f" (likely factor {factor}: is {smaller} in {_UNITS[factor]}?)" if factor else ""
+    return f" (likely factor {factor}: are the stamps of {smaller} in {_UNITS[factor]}?)" if factor else ""
 
 
 def _unit_hint(factor: float) -> str:
