@@ -39,17 +39,17 @@ def test_an_excerpt_from_the_start_shares_the_clock_of_any_epoch(epoch_s: int) -
 
 def test_an_excerpt_at_zero_shares_the_clock_where_whole_microseconds_tell_the_unit() -> None:
     check((0, 60_000_000), tick_ns=1000)
-    with pytest.raises(RecordingError, match="likely factor 1000: is the camera in microseconds"):
+    with pytest.raises(RecordingError, match="likely factor 1000: are the stamps of the camera in microseconds"):
         check((0, 60_000_000), tick_ns=1)
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "microseconds"), (1e6, "milliseconds"), (1e9, "seconds")])
 @pytest.mark.parametrize("start_s", [0.0, 1.5])
 def test_a_smaller_unit_is_named(factor: float, unit: str, start_s: float) -> None:
-    with pytest.raises(RecordingError, match=f"is the camera in {unit}"):
+    with pytest.raises(RecordingError, match=f"stamps of the camera in {unit}"):
         check((start_s * S / factor, 58.0 * S / factor))
     samples = (int(start_s * S / factor), int(58.0 * S / factor))
-    with pytest.raises(RecordingError, match=f"is the IMU in {unit}"):
+    with pytest.raises(RecordingError, match=f"stamps of the IMU in {unit}"):
         check((start_s * S, 58.0 * S), samples)
 
 
