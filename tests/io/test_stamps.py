@@ -39,7 +39,9 @@ def test_an_excerpt_from_the_start_shares_the_clock_of_any_epoch(epoch_s: int) -
 
 def test_an_excerpt_at_zero_shares_the_clock_where_whole_microseconds_tell_the_unit() -> None:
     check((0, 60_000_000), tick_ns=1000)
-    with pytest.raises(RecordingError, match="likely factor 1000: are the stamps of the camera in microseconds"):
+    with pytest.raises(
+        RecordingError, match="likely factor 1000: are the stamps of the camera in microseconds"
+    ):
         check((0, 60_000_000), tick_ns=1)
 
 
