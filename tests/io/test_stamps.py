@@ -60,6 +60,14 @@ def test_another_clock_is_no_other_unit() -> None:
         check((100 * S, 100.106 * S))
 
 
+@pytest.mark.parametrize("factor", [1, 5, 300])
+def test_spans_of_like_length_are_in_one_unit(factor: int) -> None:
+    """Stamps from zero beside those of the epoch: no unit explains them, if the lengths agree."""
+    epoch = 1_600_000_000 * S
+    with pytest.raises(RecordingError, match=r"clocks are about 1599999999\.998 s apart: add these to the stamps of the camera"):
+        check((0.002 * S, 1.2 * S), (epoch, epoch + factor * S))
+
+
 def test_tick_of_events() -> None:
     assert tick_of(np.array([5, 1005, 4005])) == 1000
     assert tick_of(np.array([7, 8, 1008])) == 1

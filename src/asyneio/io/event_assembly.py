@@ -73,7 +73,7 @@ def assemble(
         )
     timeshift_ns = rig.calibration.timeshift_ns if rig.calibration else 0
     try:
-        _check_clocks(contents.name, table, inertial, timeshift_ns)
+        _check_clocks(table, inertial, timeshift_ns)
     except RecordingError as error:
         if samples_needed:
             raise
@@ -92,7 +92,7 @@ def assemble(
     )
 
 
-def _check_clocks(name: str, table: EventTable, inertial: InertialStreams, timeshift_ns: int) -> None:
+def _check_clocks(table: EventTable, inertial: InertialStreams, timeshift_ns: int) -> None:
     """Raises RecordingError: events and samples do not share one clock."""
     for sensor, stream in (("gyroscope", inertial.gyroscope), ("accelerometer", inertial.accelerometer)):
         if not stream.size:
@@ -102,7 +102,7 @@ def _check_clocks(name: str, table: EventTable, inertial: InertialStreams, times
         tick_ns = tick_of(table.events["t_ns"][:_TICK_EVENTS])
         same = np.array_equal(inertial.gyroscope["t_ns"], inertial.accelerometer["t_ns"])
         what = "the IMU" if same else f"the {sensor}"
-        check_overlap(ends_ns, stream["t_ns"], f"the events of {name}", what, tick_ns)
+        check_overlap(ends_ns, stream["t_ns"], "the events", what, tick_ns)
 
 
 def _inertial(samples: Samples, declared_hz: float | None, needed: bool) -> InertialStreams:
