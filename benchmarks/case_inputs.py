@@ -7,6 +7,7 @@ the exit status and output of each case's `gen.py`. Each runs in a fork, so that
 from __future__ import annotations
 
 import functools
+import importlib
 import json
 import os
 import runpy
@@ -14,6 +15,7 @@ import sys
 import tempfile
 import traceback
 from pathlib import Path
+from typing import Any
 
 #: A generator takes a second or two.
 _SECONDS = 300
@@ -22,8 +24,8 @@ _SECONDS = 300
 def main(names: list[str]) -> None:
     """Makes the inputs of the named cases."""
     sys.path.insert(0, os.getcwd())
-    import common
-
+    # That of the cases, not the module of the same name beside this one.
+    common: Any = importlib.import_module("common")
     rows = functools.cache(common._rows)
     # Generators write into what they are given.
     common._rows = lambda *arguments: rows(*arguments).copy()
