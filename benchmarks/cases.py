@@ -11,6 +11,7 @@ from a simulated sequence, which takes some seconds once.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import shutil
@@ -55,7 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         work.mkdir(parents=True, exist_ok=True)
         shutil.copy(folder / "common.py", work)
         _base(work)
-        outcomes = parallel(partial(_judged, folder, work), chosen, "cases", options.jobs)
+        made = _inputs(folder, work, chosen)
+        outcomes = parallel(partial(_judged, work, made), chosen, "cases", options.jobs)
     missing = [] if options.only else sorted(set(EXPECTATIONS) - set(names))
     _report(outcomes, missing, options.verbose)
     return 1 if missing or any(outcome.wrong for outcome in outcomes) else 0
@@ -68,7 +70,12 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--only", nargs="+", metavar="NAME", help="these cases alone")
     parser.add_argument("--jobs", type=int, default=1, help="cases at the same time")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="work here and leave everything there")
+    parser.add_argument(
+        "--keep",
+        type=Path,
+        metavar="FOLDER",
+        help="work here and leave inputs, results and what was said (said.txt) there",
+    )
     parser.add_argument("--verbose", action="store_true", help="print what the commands of wrong cases said")
     return parser.parse_args(arguments)
 
@@ -92,19 +99,29 @@ def _base(work: Path) -> None:
     subprocess.run([sys.executable, "-c", script], cwd=work, env=_environment(work), check=True)
 
 
-def _judged(folder: Path, work: Path, name: str) -> Outcome:
-    """A case made, run and compared with its expectations."""
+def _inputs(folder: Path, work: Path, names: Sequence[str]) -> dict[str, tuple[int, str]]:
+    """Copies the cases and makes their inputs; exit status and output of each generator."""
+    for name in names:
+        shutil.rmtree(work / name, ignore_errors=True)
+        shutil.copytree(folder / name, work / name)
+    script = Path(__file__).with_name("case_inputs.py").resolve()
+    done = subprocess.run(
+        [sys.executable, script, *names], cwd=work, env=_environment(work), check=True, stdout=subprocess.PIPE
+    )
+    return {name: (status, said) for name, (status, said) in json.loads(done.stdout).items()}
+
+
+def _judged(work: Path, made: dict[str, tuple[int, str]], name: str) -> Outcome:
+    """A case whose input is made, run and compared with its expectations."""
     start = time.perf_counter()
     place = work / name
-    shutil.rmtree(place, ignore_errors=True)
-    shutil.copytree(folder / name, place)
     readme = (place / "README").read_text(encoding="utf-8")
     kind = re.search(r"kind (\w)", readme)
-    made = _run(f'"{sys.executable}" gen.py', place, _environment(work), 300)
     steps = EXPECTATIONS.get(name, ())
     wrong, outputs = [] if steps else ["no expectations in benchmarks/case_expectations"], []
-    if made[0]:
-        wrong, steps = [f"gen.py ended with {made[0]}: {made[1][-200:]}"], ()
+    status, said = made[name]
+    if status:
+        wrong, steps = [f"gen.py ended with {status}: {said[-200:]}"], ()
     for step in steps:
         if step.root and os.geteuid() != 0:
             continue
@@ -114,6 +131,7 @@ def _judged(folder: Path, work: Path, name: str) -> Outcome:
         status, said = _run(step.run, place, _environment(work), step.seconds)
         outputs.append(f"$ {step.run}\n{said}[exit {status}]\n")
         wrong.extend(f"`{step.run}`: {reason}" for reason in _faults(step, status, said, place))
+    (place / "said.txt").write_text("".join(outputs) + "".join(f"WRONG: {reason}\n" for reason in wrong))
     shown = kind.group(1) if kind else "?"
     return Outcome(name, shown, tuple(wrong), "".join(outputs), time.perf_counter() - start)
 

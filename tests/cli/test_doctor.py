@@ -37,7 +37,7 @@ def test_json_has_the_documented_keys(asyneio: Asyneio, folder: Path) -> None:
     status, out, _ = asyneio("doctor", folder, "--json")
     assert status == 0
     found = json.loads(out)
-    keys = "recording worst usable_for summary verdicts repairs events seconds reading_s"
+    keys = "recording worst usable_for headline summary verdicts repairs events seconds reading_s"
     assert set(found) == set(keys.split())
     assert found["usable_for"] == ["run", "track"]
     assert found["events"] == 30_000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -126,3 +127,21 @@ def test_what_is_no_trajectory_is_told_how_to_be_read(asyneio: Asyneio, estimate
         assert status == 1
         assert "the first line is '0.0 0 2 3 4 5 6 7'" in err
         assert f"Name other columns with {option} t,px,py,pz,qx,qy,qz,qw" in err
+
+
+@pytest.mark.parametrize("header", ["", "#t x y z\n"])
+@pytest.mark.parametrize("protocol", ["posyaw", "se3", "sim3"])
+def test_positions_alone_with_the_cure(asyneio: Asyneio, estimate: Path, header: str, protocol: str) -> None:
+    true, truth = trajectory(), estimate.with_name("leica.txt")
+    rows = [
+        f"{t_ns / NS_PER_S:.6f} {' '.join(map(str, p))}"
+        for t_ns, p in zip(true.t_ns.tolist(), true.position.tolist(), strict=True)
+    ]
+    truth.write_text(header + "\n".join(rows) + "\n")
+    status, _, err = asyneio("evaluate", estimate, truth)
+    assert status == 1
+    assert "write 0 0 0 1 after each position" in " ".join(err.split())
+    truth.write_text(header + "".join(f"{row} 0 0 0 1\n" for row in rows))
+    status, out, _ = asyneio("evaluate", estimate, truth, "--protocol", protocol, "--json")
+    assert status == 0
+    assert json.loads(out)["position_m"]["rmse"] < 1e-5

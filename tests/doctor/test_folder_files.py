@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from asyneio.doctor import Severity, examine
-from asyneio.io import write_uzh_folder
+from asyneio.io import ReadOptions, write_uzh_folder
 from tests.io.event_recordings import make_event_recording
 
 
@@ -61,3 +61,30 @@ def test_what_the_reader_gave_up_on_is_not_judged_again(folder: Path) -> None:
     assert [v.check for v in diagnosis.verdicts if v.severity is Severity.FAIL] == ["events"]
     assert "decimal commas" in diagnosis.headline
     assert not any("record again" in verdict.cure for verdict in diagnosis.verdicts)
+
+
+def test_named_samples_that_are_not_there_leave_the_rest(folder: Path) -> None:
+    diagnosis = examine(folder, ReadOptions(samples="absent.csv"))
+    assert [v.check for v in diagnosis.verdicts if v.severity is Severity.FAIL] == ["inertial samples"]
+    assert "there is no file absent.csv" in diagnosis.headline
+    assert diagnosis.events > 0
+    assert any(verdict.check == "event rate" for verdict in diagnosis.verdicts)
+
+
+@pytest.mark.parametrize("name", ["imu.csv", "imu.txt"])
+def test_unreadable_samples_do_not_hide_the_events(folder: Path, name: str) -> None:
+    (folder / "imu.txt").unlink()
+    (folder / name).write_text("t;gx;gy;gz;ax;ay;az\n" + "2020-09-13T12:26:40;1;2;3;4;5;6\n" * 40)
+    diagnosis = examine(folder)
+    assert diagnosis.worst is Severity.FAIL
+    assert diagnosis.events > 0
+    assert name in diagnosis.headline
+    assert any(verdict.check == "event rate" for verdict in diagnosis.verdicts)
+
+
+def test_a_malformed_calibration_leaves_the_lens(folder: Path) -> None:
+    (folder / "imu.yaml").write_text("a: [1,\n")
+    diagnosis = examine(folder)
+    assert diagnosis.headline.startswith("not usable as it is; first cause: calibration: ")
+    assert "imu.yaml" in diagnosis.headline
+    assert any(verdict.check == "lens" for verdict in diagnosis.verdicts)

@@ -145,7 +145,7 @@ def other_unit(file: h5py.File, other: Path) -> None:
 
 
 def other_layout(file: h5py.File, other: Path) -> None:
-    del file.attrs["format"]
+    file.attrs["version"] = 2
 
 
 def short_column(file: h5py.File, other: Path) -> None:
@@ -171,6 +171,15 @@ def test_refused(path: Path, change: Callable[[h5py.File, Path], None]) -> None:
         change(file, other)
     with pytest.raises(RecordingError):
         open_recording(path)
+
+
+def test_events_of_no_declared_format_are_read(path: Path, recording: EventRecording) -> None:
+    with h5py.File(path, "r+") as file:
+        del file.attrs["format"]
+    found = open_recording(path)
+    assert isinstance(found, EventRecording)
+    np.testing.assert_array_equal(found.events["t_ns"], recording.events["t_ns"])
+    assert any("nanoseconds" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("name", ["gyroscope", "ground_truth"])

@@ -39,23 +39,33 @@ def test_an_excerpt_from_the_start_shares_the_clock_of_any_epoch(epoch_s: int) -
 
 def test_an_excerpt_at_zero_shares_the_clock_where_whole_microseconds_tell_the_unit() -> None:
     check((0, 60_000_000), tick_ns=1000)
-    with pytest.raises(RecordingError, match="likely factor 1000: is the camera in microseconds"):
+    with pytest.raises(
+        RecordingError, match="likely factor 1000: are the stamps of the camera in microseconds"
+    ):
         check((0, 60_000_000), tick_ns=1)
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "microseconds"), (1e6, "milliseconds"), (1e9, "seconds")])
 @pytest.mark.parametrize("start_s", [0.0, 1.5])
 def test_a_smaller_unit_is_named(factor: float, unit: str, start_s: float) -> None:
-    with pytest.raises(RecordingError, match=f"is the camera in {unit}"):
+    with pytest.raises(RecordingError, match=f"stamps of the camera in {unit}"):
         check((start_s * S / factor, 58.0 * S / factor))
     samples = (int(start_s * S / factor), int(58.0 * S / factor))
-    with pytest.raises(RecordingError, match=f"is the IMU in {unit}"):
+    with pytest.raises(RecordingError, match=f"stamps of the IMU in {unit}"):
         check((start_s * S, 58.0 * S), samples)
 
 
 def test_another_clock_is_no_other_unit() -> None:
     with pytest.raises(RecordingError, match=r"do not overlap.*clocks are about -100\.0"):
         check((100 * S, 100.106 * S))
+
+
+@pytest.mark.parametrize("factor", [1, 5, 300])
+def test_spans_of_like_length_are_in_one_unit(factor: int) -> None:
+    """Stamps from zero beside those of the epoch: no unit explains them, if the lengths agree."""
+    epoch = 1_600_000_000 * S
+    with pytest.raises(RecordingError, match=r"clocks are about 1599999999\.998 s apart: add these to the stamps of the camera"):
+        check((0.002 * S, 1.2 * S), (epoch, epoch + factor * S))
 
 
 def test_tick_of_events() -> None:

@@ -183,7 +183,7 @@ def test_disjoint_times_print_ranges_and_likely_factor(folder: Path, divisor: in
         read_tracks_folder(folder)
     message = str(caught.value)
     assert "do not overlap" in message
-    assert f"is tracks.csv in {unit}?" in message
+    assert f"are the stamps of tracks.csv in {unit}?" in message
     assert str(START_NS) in message
 
 
@@ -191,7 +191,7 @@ def test_unit_found_by_length_when_both_start_at_zero(folder: Path) -> None:
     scale_stamps(folder / "imu.csv", 1, START_NS)
     scale_stamps(folder / "tracks.csv", 1000, START_NS)
     with pytest.raises(
-        RecordingError, match=r"differ by a power of a thousand .*is tracks.csv in microseconds"
+        RecordingError, match=r"differ by a power of a thousand .*stamps of tracks.csv in microseconds"
     ):
         read_tracks_folder(folder)
 

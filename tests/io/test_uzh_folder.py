@@ -235,6 +235,25 @@ def test_bad_neighbours(tmp_path: Path, recording: EventRecording, name: str, te
     assert any("the samples of the IMU are not used" in note and name in note for note in found.notes)
 
 
+@pytest.mark.parametrize("name", ["imu.yaml", "camchain-imucam.yaml"])
+@pytest.mark.parametrize("text", ["", "a: [1,\n", "gyroscope_noise_density: many\n"])
+def test_bad_calibration_beside_events(
+    tmp_path: Path, recording: EventRecording, name: str, text: str
+) -> None:
+    write_uzh_folder(recording, tmp_path)
+    (tmp_path / name).write_text(text)
+    with pytest.raises(CalibrationError, match=name):
+        open_recording(tmp_path)
+    found = open_recording(tmp_path, ReadOptions(samples_needed=False))
+    assert found.calibration is None
+    assert found.gyroscope.size == recording.gyroscope.size
+    assert (found.camera is not None) or name != "imu.yaml"
+    assert any("the calibration is not used" in note and name in note for note in found.notes)
+    # What the user names is needed.
+    with pytest.raises(CalibrationError, match=name):
+        open_recording(tmp_path, ReadOptions(imu=tmp_path / name, samples_needed=False))
+
+
 def test_imu_noise_without_a_camera(tmp_path: Path, recording: EventRecording) -> None:
     write_uzh_folder(recording, tmp_path)
     (tmp_path / "camchain-imucam.yaml").unlink()

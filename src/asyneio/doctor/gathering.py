@@ -59,27 +59,35 @@ class _Opened:
 
 
 def _open(path: Path, options: ReadOptions, stack: ExitStack) -> _Opened:
-    """Open a recording as it is; failing that, without its calibration; failing that, its events alone."""
+    """Open a recording as it is; failing that, without the samples that were named; failing that, without its
+    calibration; failing that, its events alone."""
     try:
         source, format = find_format(path)
     except AsyneioError as error:
         return _Opened(None, "", (Refusal("recording", str(error)),))
-    refusals: list[Refusal] = []
-    for attempt, given in _attempts(source, options, stack):
+    refusal: Refusal | None = None
+    for left_out, attempt, given in _attempts(source, options, stack):
         try:
-            return _Opened(open_contents(attempt, given), format.title, tuple(refusals), source)
+            contents = open_contents(attempt, given)
         except AsyneioError as error:
             part = "calibration" if isinstance(error, CalibrationError) else "files"
-            if not refusals:
-                refusals.append(Refusal(part, str(error)))
-    return _Opened(None, format.title, tuple(refusals))
+            refusal = refusal or Refusal(part, str(error))
+            continue
+        refusals = (replace(refusal, part=left_out),) if refusal else ()
+        return _Opened(contents, format.title, refusals, source)
+    return _Opened(None, format.title, (refusal,) if refusal else ())
 
 
-def _attempts(source: Path, options: ReadOptions, stack: ExitStack) -> Iterator[tuple[Path, ReadOptions]]:
-    yield source, options
-    bare = replace(options, calibration=None, imu=None)
-    for dropped in (is_calibration, is_beside):
-        yield stack.enter_context(view_without(source, dropped)), bare
+def _attempts(
+    source: Path, options: ReadOptions, stack: ExitStack
+) -> Iterator[tuple[str, Path, ReadOptions]]:
+    """What is left out, and how to open the rest."""
+    yield "", source, options
+    if options.samples is not None:
+        yield "inertial samples", source, replace(options, samples=None)
+    bare = replace(options, calibration=None, imu=None, samples=None)
+    for left_out, dropped in (("calibration", is_calibration), ("files", is_beside)):
+        yield left_out, stack.enter_context(view_without(source, dropped)), bare
 
 
 def _look_at(
@@ -97,7 +105,9 @@ def _look_at(
     except RecordingError as error:
         refusals.append(Refusal("inertial samples", str(error)))
     rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams and streams.gyroscope.size else None
-    rig = contents.rig
+    rig = replace(contents.rig, trouble="")
+    if contents.rig.trouble:
+        refusals.append(Refusal("calibration", contents.rig.trouble))
     try:
         rig = settle(rig, declared or guess_size(read.figures), options.wanted, contents.lens, rate_hz)
     except AsyneioError as error:

@@ -26,7 +26,8 @@ class ReadOptions:
             them where the events come without.
         camera: which camera of the calibration, by name or topic, where it holds several.
         preset: model of the camera, whose published figures fill in what no file tells.
-        samples_needed: false where the inertial samples may be missing: trouble with them is then a note.
+        samples_needed: false where the inertial samples may be missing: trouble with them, or with
+            calibration files that were found, is then a note.
     """
 
     calibration: Path | None = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from asyneio.errors import CalibrationError, RecordingError
@@ -42,13 +44,17 @@ def assemble(
         progress: is told the fraction of the events converted.
         cache_from: see `load_events`.
         wanted: which camera of the calibration, and a preset for what is missing in it.
-        samples_needed: false where trouble with the inertial samples is a note.
+        samples_needed: false where trouble with the inertial samples, or with calibration files that were
+            found, is a note.
 
     Raises:
         RecordingError: events or samples that cannot be read or explained, or that do not share one clock.
         CalibrationError: the calibration is malformed, leaves a choice, or speaks of another sensor size.
         ConfigError: there is no such preset.
     """
+    trouble = contents.rig.trouble
+    if trouble and samples_needed:
+        raise CalibrationError(trouble)
     declared_hz = contents.rig.declared_hz
     # Files of samples are small: what is wrong with them is said before the events are converted.
     inertial = _inertial(contents.samples, declared_hz, samples_needed) if contents.samples else None
@@ -57,7 +63,9 @@ def assemble(
         samples = split_samples(table.samples, f"the IMU of {contents.name}")
         inertial = _inertial(samples, declared_hz, samples_needed)
     rate_hz = median_rate_hz(inertial.gyroscope["t_ns"]) if inertial.gyroscope.size else None
-    rig = settle(contents.rig, size, wanted, contents.lens, rate_hz)
+    rig = settle(replace(contents.rig, trouble=""), size, wanted, contents.lens, rate_hz)
+    if trouble:
+        rig = replace(rig, notes=(f"the calibration is not used: {trouble}", *rig.notes))
     if rig.camera is not None and (rig.camera.width, rig.camera.height) != size:
         raise CalibrationError(
             f"the calibration is for {rig.camera.width} x {rig.camera.height} pixels, but {contents.name} "
@@ -65,7 +73,7 @@ def assemble(
         )
     timeshift_ns = rig.calibration.timeshift_ns if rig.calibration else 0
     try:
-        _check_clocks(contents.name, table, inertial, timeshift_ns)
+        _check_clocks(table, inertial, timeshift_ns)
     except RecordingError as error:
         if samples_needed:
             raise
@@ -84,7 +92,7 @@ def assemble(
     )
 
 
-def _check_clocks(name: str, table: EventTable, inertial: InertialStreams, timeshift_ns: int) -> None:
+def _check_clocks(table: EventTable, inertial: InertialStreams, timeshift_ns: int) -> None:
     """Raises RecordingError: events and samples do not share one clock."""
     for sensor, stream in (("gyroscope", inertial.gyroscope), ("accelerometer", inertial.accelerometer)):
         if not stream.size:
@@ -94,7 +102,7 @@ def _check_clocks(name: str, table: EventTable, inertial: InertialStreams, times
         tick_ns = tick_of(table.events["t_ns"][:_TICK_EVENTS])
         same = np.array_equal(inertial.gyroscope["t_ns"], inertial.accelerometer["t_ns"])
         what = "the IMU" if same else f"the {sensor}"
-        check_overlap(ends_ns, stream["t_ns"], f"the events of {name}", what, tick_ns)
+        check_overlap(ends_ns, stream["t_ns"], "the events", what, tick_ns)
 
 
 def _inertial(samples: Samples, declared_hz: float | None, needed: bool) -> InertialStreams:

@@ -138,7 +138,7 @@ def check_span(first_ns: int, last_ns: int, what: str) -> None:
     """Refuse a length of ascending events that only a wrong unit explains. Raises RecordingError."""
     if last_ns - first_ns > MAX_SPAN_NS:
         raise RecordingError(
-            f"{what} spans {first_ns / NS_PER_S:.9g} to {last_ns / NS_PER_S:.9g} s, "
+            f"{what} goes from {first_ns / NS_PER_S:.9g} to {last_ns / NS_PER_S:.9g} s, "
             f"{(last_ns - first_ns) / NS_PER_S:.4g} s in all: is time in another unit than expected "
             "(likely factor 1000000: microseconds)?"
         )

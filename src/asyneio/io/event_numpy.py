@@ -63,13 +63,17 @@ class NumpyEvents:
 
 
 def is_npz(path: Path) -> bool:
-    """True for a zip archive that holds nothing but arrays."""
+    """True for a zip archive of arrays, by the names of all its files and the start of the first."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
-    except (OSError, *_DAMAGE):
+            if not names or not all(name.endswith(".npy") for name in names):
+                return False
+            with archive.open(names[0]) as member:
+                return member.read(len(MAGIC)) == MAGIC
+    # RuntimeError: an encrypted archive.
+    except (OSError, RuntimeError, *_DAMAGE):
         return False
-    return bool(names) and all(name.endswith(".npy") for name in names)
 
 
 def read_numpy(path: Path, options: ReadOptions) -> Contents:
@@ -153,10 +157,13 @@ def _load(path: Path) -> dict[str, np.ndarray]:
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:
             try:
-                arrays[name] = archive[name]
+                array = archive[name]
             except ValueError:
                 # Pickled objects: nothing of events.
                 continue
+            # NumPy hands out bytes where a member is no array.
+            if isinstance(array, np.ndarray):
+                arrays[name] = array
     return arrays
 
 

@@ -90,8 +90,8 @@ def read_event_stream(path: Path, options: ReadOptions) -> Contents:
     _, major, minor, patch, kind, width, height = _HEADER.unpack(head)
     if major != 2:
         raise RecordingError(
-            f"{path} is Event Stream of version {major}.{minor}.{patch}; expected version 2: convert it with "
-            "the tools of its maker (command_line_tools: es_to_csv), or write its events as t[s] x y p"
+            f"{path} is Event Stream of version {major}.{minor}.{patch}; expected version 2: write its "
+            "events as text, t[s] x y p a line, or as version 2"
         )
     if kind not in (_DVS, _ATIS):
         raise RecordingError(

@@ -24,6 +24,8 @@ _SENSOR_TICK_NS = 1000
 _LENGTH_TOLERANCE = 1.2
 #: Their stamps are, though one began earlier.
 _STAMP_TOLERANCE = 2.5
+#: A recording is no more times as long as an excerpt of it: beyond, other stamps are those of another clock.
+_MOST_LONGER = 1000
 
 #: Factors between the time units that people write by mistake, against nanoseconds.
 _UNITS = {10**3: "microseconds", 10**6: "milliseconds", 10**9: "seconds"}
@@ -118,7 +120,7 @@ def check_overlap(
     """
     a0, a1 = int(first[0]), int(first[-1])
     b0, b1 = int(second[0]), int(second[-1])
-    ranges = f"{first_name} spans {_range(a0, a1)}, {second_name} spans {_range(b0, b1)}"
+    ranges = f"{first_name} from {_range(a0, a1)}, {second_name} from {_range(b0, b1)}"
     if a1 <= b0 or b1 <= a0:
         raise RecordingError(
             f"{ranges}: they do not overlap; both must be nanoseconds of one clock"
@@ -155,13 +157,18 @@ def _scaled_cause(first: tuple[int, int], second: tuple[int, int], first_name: s
 
 def _likely_cause(first: tuple[int, int], second: tuple[int, int], first_name: str, second_name: str) -> str:
     lengths, ends = (first[1] - first[0], second[1] - second[0]), (abs(first[1]), abs(second[1]))
+    factor = _unit_factor(*lengths, _LENGTH_TOLERANCE)
+    if factor:
+        return _unit_cause(*lengths, factor, first_name, second_name)
     # An excerpt differs from the whole in length, but not in the order of magnitude of its stamps.
-    for pair, tolerance in ((lengths, _LENGTH_TOLERANCE), (ends, _STAMP_TOLERANCE)):
-        cause = _unit_cause(*pair, _unit_factor(*pair, tolerance), first_name, second_name)
-        if cause:
-            return cause
+    factor = _unit_factor(*ends, _STAMP_TOLERANCE)
+    smaller, larger = lengths if ends[0] < ends[1] else lengths[::-1]
+    if factor and larger * _MOST_LONGER >= smaller * factor:
+        return _unit_cause(*ends, factor, first_name, second_name)
     offset_s = (second[0] - first[0]) / NS_PER_S
-    return f" (if the unit is right, the clocks are about {offset_s:.3f} s apart: see timeshift_cam_imu)"
+    # A calibration tells no more than a second.
+    cure = "see timeshift_cam_imu" if abs(offset_s) < 1.0 else f"add these to the stamps of {first_name}"
+    return f" (if the unit is right, the clocks are about {offset_s:.3f} s apart: {cure})"
 
 
 def _unit_factor(first: int, second: int, tolerance: float) -> int:
@@ -175,7 +182,7 @@ def _unit_factor(first: int, second: int, tolerance: float) -> int:
 def _unit_cause(first: int, second: int, factor: int, first_name: str, second_name: str) -> str:
     """A hint that the smaller of two magnitudes is in a smaller unit, nothing where `factor` is 0."""
     smaller = first_name if first < second else second_name
-    return f" (likely factor {factor}: is {smaller} in {_UNITS[factor]}?)" if factor else ""
+    return f" (likely factor {factor}: are the stamps of {smaller} in {_UNITS[factor]}?)" if factor else ""
 
 
 def _unit_hint(factor: float) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal
 from io import TextIOWrapper
-from itertools import chain, islice, pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +23,11 @@ from asyneio.io.text_dialect import (
     dialect_of,
     header_columns,
     header_names,
-    holds_numbers,
     is_comment,
     is_number,
     numbers_of,
 )
+from asyneio.io.text_lines import FIRST, bounded_lines, head_of
 from asyneio.io.text_names import Column, TimeColumn, find_time
 from asyneio.io.zip_member import DAMAGE, ZipMember
 from asyneio.types import NS_PER_S, FloatArray, IntArray
@@ -38,10 +38,7 @@ DECIMALS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 _EPOCH_S = (946_684_800, 4_102_444_800)
 #: Whatever is recorded comes at such a rate [Hz].
 _ANY_RATE_HZ = (0.05, 50_000.0)
-_LONGEST_LINE = 4000
 _MAX_BYTES = 2**30
-#: So many lines tell the usual count of columns and the rate.
-_FIRST = 1000
 #: Stamps with more decimals are seconds.
 _FINE_DECIMALS = 3
 #: Where so many stamps are alike, they were printed with too few digits.
@@ -93,7 +90,7 @@ class TextRows:
     def _unit(self, rates_hz: tuple[float, float], slow: bool) -> str:
         if len(self.times) < 2:
             return "s"
-        exact = [Decimal(text) for text in self.times[: _FIRST + 1]]
+        exact = [Decimal(text) for text in self.times[: FIRST + 1]]
         steps = sorted(abs(float(after - before)) for before, after in pairwise(exact))
         if len(exact) > 2 and steps[int(_MOST_REPEATED * len(steps))] == 0.0:
             raise RecordingError(
@@ -147,7 +144,7 @@ def read_text_rows(
             raise RecordingError(f"{path} has {size} bytes; expected {expected}")
         with path.open("rb") if isinstance(path, Path) else path.open() as raw:
             stream = TextIOWrapper(raw, encoding="utf-8-sig", errors="replace")
-            rows = _collect(path, _bounded(stream, path, expected), expected, columns)
+            rows = _collect(path, bounded_lines(stream, path, expected), expected, columns)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     except DAMAGE as error:
@@ -161,7 +158,7 @@ def read_text_rows(
 
 
 def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected: str, given: str) -> TextRows:
-    header, start = _head(path, lines, expected)
+    header, start = head_of(path, lines, expected)
     texts = [text.split("#", 1)[0] for _, text in start if not is_comment(text)]
     dialect = dialect_of(texts[:50])
     counts = Counter(len(dialect.split(text)) for text in texts)
@@ -198,26 +195,6 @@ def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected:
     return TextRows(path, columns, time, times, table, bad, notes, texts[0], dialect.mark)
 
 
-def _head(
-    path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected: str
-) -> tuple[str, list[tuple[int, str]]]:
-    """The last line before the numbers, and their first lines. Raises RecordingError: there are none."""
-    header, seen = "", [""]
-    for number, text in lines:
-        if not is_comment(text) and holds_numbers(text):
-            return header, [(number, text), *islice(lines, _FIRST)]
-        header = text
-        if number < _FIRST:
-            seen.append(text)
-    if any(text.startswith("---") for text in seen) and any("stamp:" in text for text in seen):
-        raise RecordingError(
-            f"{path} is what `rostopic echo TOPIC` prints; expected {expected}. Record it as a table: "
-            "rostopic echo -p TOPIC > FILE.csv, or give the bag itself"
-        )
-    shown = f"; its lines are like {seen[-1][:60]!r}" if seen[-1] else ""
-    raise RecordingError(f"{path} holds no line of numbers{shown}; expected {expected}")
-
-
 def _text_columns(dialect: Dialect, texts: list[str], count: int, time: TimeColumn) -> frozenset[int]:
     """Columns that hold text in the first line that has all columns: names of frames."""
     whole = next(tokens for tokens in map(dialect.split, texts) if len(tokens) == count)
@@ -230,18 +207,6 @@ def _time_text(tokens: list[str], time: TimeColumn) -> str:
     if time.nanoseconds is None:
         return text
     return f"{int(float(text))}.{int(float(tokens[time.nanoseconds])):09d}"
-
-
-def _bounded(stream: TextIOWrapper, path: Path | ZipMember, expected: str) -> Iterator[tuple[int, str]]:
-    """Numbers and texts of the lines that are not empty. Raises RecordingError: one has no end."""
-    number = 0
-    while line := stream.readline(_LONGEST_LINE + 1):
-        number += 1
-        if len(line) > _LONGEST_LINE:
-            raise RecordingError(f"{path}: line {number} is longer than any; expected {expected}")
-        text = line.strip(" \t\r\n\0")
-        if text.strip(",;"):
-            yield number, text
 
 
 def _date_hint(tokens: list[str], time: TimeColumn) -> str:

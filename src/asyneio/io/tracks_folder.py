@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from asyneio.errors import RecordingError
+from asyneio.errors import CalibrationError, RecordingError
 from asyneio.io.beside import truth_beside
 from asyneio.io.calibration import find_rig, require_calibration, settle
 from asyneio.io.contents import ReadOptions
@@ -51,6 +51,8 @@ def read_tracks_folder(
         )
     options = options or ReadOptions()
     rig = find_rig(path, options.calibration, options.imu)
+    if rig.trouble:
+        raise CalibrationError(rig.trouble)
     inertial = read_inertial(path, rig.declared_hz)
     rate_hz = median_rate_hz(inertial.gyroscope["t_ns"])
     rig = settle(rig, None, options.wanted, rate_hz=rate_hz)

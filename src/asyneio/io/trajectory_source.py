@@ -96,4 +96,7 @@ def _head(path: Path) -> bytes:
         with path.open("rb") as stream:
             return stream.read(_HEAD_BYTES)
     except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+        raise RecordingError(
+            f"cannot read {path}: {error.strerror or error}; expected a file of poses, a results folder or a "
+            "recording"
+        ) from error

@@ -111,8 +111,8 @@ def _columns(rows: TextRows) -> tuple[tuple[int, ...], tuple[int, ...]]:
     if (position and not quaternion) or count == 4:
         raise RecordingError(
             f"{rows.path} holds positions without orientations, the first line is {rows.first[:80]!r}; "
-            "expected "
-            f"{_EXPECTED}"
+            f"expected {_EXPECTED}. Where no orientation is known, write 0 0 0 1 after each position: errors "
+            "of position then hold under any protocol but origin, those of orientation mean nothing"
         )
     p, q = (first, first + 1, first + 2), (first + 3, first + 4, first + 5, first + 6)
     if count - first < 7:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -110,21 +110,43 @@ def find_rig(folder: Path, camera: Path | None, imu: Path | None) -> Rig:
     """The calibration at the given paths, or in files in the folder where there are any.
 
     Kalibr's file names are looked for first; then files of any name that are a calibration by their content,
-    if one alone is.
+    if one alone is. A malformed file in the folder is the rig's `trouble`.
 
     Raises:
-        CalibrationError: a given file is missing, or one that is there is malformed.
+        CalibrationError: a given file is missing or malformed.
     """
+    given = open_calibration(camera) if camera else None
     imu_file = open_calibration(imu) if imu else None
+    try:
+        return _with_beside(folder, given, imu_file)
+    except CalibrationError as error:
+        return replace(_without_beside(folder, given, imu_file), trouble=str(error))
+
+
+def _without_beside(folder: Path, given: CalibrationFile | None, imu_file: CalibrationFile | None) -> Rig:
+    """What stays where a file beside the recording is malformed: what was given, else the lens.
+
+    Raises:
+        CalibrationError: it is a given file that does not hold what it should.
+    """
+    if given is not None:
+        return rig_of(given, imu_file)
+    noise = _noise_of(imu_file) if imu_file else None
+    try:
+        return rig_of(open_calibration(folder / CAMCHAIN_FILE), imu_file)
+    except CalibrationError:
+        return Rig(noise=noise)
+
+
+def _with_beside(folder: Path, given: CalibrationFile | None, imu_file: CalibrationFile | None) -> Rig:
+    """What was given, completed by the files in the folder. Raises CalibrationError: one is malformed."""
     named, imu_named = folder / CAMCHAIN_FILE, folder / IMU_FILE
-    if imu is None and imu_named.is_file():
+    # What lies beside the events goes after what the user named.
+    complete = given is not None and given.read_noise is not None
+    if imu_file is None and not complete and imu_named.is_file():
         imu_file = open_calibration(imu_named)
-    if camera is not None or named.is_file():
-        file = open_calibration(camera or named)
-        if imu is None and camera is not None and file.read_noise is not None:
-            # What lies beside the events goes after what the user named.
-            imu_file = None
-        return rig_of(file, imu_file)
+    if given is not None or named.is_file():
+        return rig_of(given or open_calibration(named), imu_file)
     found, notes = _discover(folder)
     cameras = [file for file in found if file.cameras]
     imus = [file for file in found if not file.cameras]

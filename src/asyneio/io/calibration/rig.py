@@ -35,6 +35,8 @@ class Rig:
         file: a calibration file whose camera is not chosen yet.
         noise: of the IMU, where a file tells it.
         found: the file was found by its content: it may belong to another camera.
+        trouble: why a file that lies beside the recording could not be read: a run stops, what needs no
+            calibration goes on.
     """
 
     camera: CameraIntrinsics | None = None
@@ -43,6 +45,7 @@ class Rig:
     file: CalibrationFile | None = None
     noise: NoiseReading | None = None
     found: bool = False
+    trouble: str = ""
 
     @property
     def size(self) -> tuple[int, int] | None:
@@ -90,9 +93,12 @@ def settle(
         rate_hz: the IMU's sample rate as measured, for noise figures that are those of a sample.
 
     Raises:
-        CalibrationError: several cameras fit, none does, or what is written of the one is impossible.
+        CalibrationError: a file could not be read, several cameras fit, none does, or what is written of
+            the one is impossible.
         ConfigError: there is no such preset.
     """
+    if rig.trouble:
+        raise CalibrationError(rig.trouble)
     wanted = wanted or Wanted()
     preset = preset_named(wanted.preset) if wanted.preset else None
     if preset is not None and size is not None and preset.size != size:
@@ -235,7 +241,7 @@ def _incomplete(parts: _Parts, noise: ImuNoise | None, rig: Rig, preset: Preset 
     if rig.file is None and rig.noise is None and preset is None:
         return ()
     missing = {
-        "a lens": parts.lens is None,
+        "lens": parts.lens is None,
         "extrinsics (camera to IMU)": parts.T_b_c is None,
         "noise of the IMU": noise is None,
     }
