@@ -136,6 +136,9 @@ class _Memory:
         """Print it: a run that is lost begins again, which a reader of the table must know."""
         print(text, flush=True)
 
+    def compiling(self, share: float) -> None:
+        """Nobody waits for it here."""
+
     def advance(self, done_s: float, total_s: float, health: Health) -> None:
         """A packet is done."""
         if done_s >= _MINUTE_S * (len(self.rows) + 1) or done_s >= total_s:

@@ -35,7 +35,7 @@ class FrontendConfig(_Section):
         0.3, gt=0.0, description="a feature that has not moved for so long is released (t_max)"
     )
     max_delay_s: float = Field(
-        0.15, ge=0.0, description="how long after its stamp an observation may come; the estimates' latency"
+        0.06, ge=0.0, description="how long after its stamp an observation may come; the estimates' latency"
     )
     spacing: float = Field(
         1.0 / 24.0,

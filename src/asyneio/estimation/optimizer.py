@@ -111,10 +111,11 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
         if accepted is None:
             factor = None
             break
-        # What the quadratic model foretold has happened: the next step would change next to nothing.
+        # What the quadratic model foretold has happened: the next step would change next to nothing. Measured
+        # by the cost that is left: a bad first guess may cost so much that all that follows seems little.
         cost, decrease = point.cost, point.cost - accepted.point.cost
         surprise = abs(decrease - accepted.predicted_decrease)
-        converged = min(surprise, decrease) <= settings.relative_decrease * cost
+        converged = min(surprise, decrease) <= settings.relative_decrease * accepted.point.cost
         last_decrease = decrease / cost if cost > 0.0 else 0.0
         point, damping, factor = accepted.point, accepted.next_damping, accepted.factor
         if converged or iterations >= settings.max_iterations:

@@ -52,6 +52,9 @@ class _Watch:
     def message(self, text: str) -> None:
         """Nobody reads it."""
 
+    def compiling(self, share: float) -> None:
+        """Nobody waits for it here."""
+
     def advance(self, done_s: float, total_s: float, health: Health) -> None:
         """A packet is done."""
         self.packets.append(time.perf_counter())
