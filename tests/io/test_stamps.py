@@ -64,7 +64,10 @@ def test_another_clock_is_no_other_unit() -> None:
 def test_spans_of_like_length_are_in_one_unit(factor: int) -> None:
     """Stamps from zero beside those of the epoch: no unit explains them, if the lengths agree."""
     epoch = 1_600_000_000 * S
-    with pytest.raises(RecordingError, match=r"clocks are about 1599999999\.998 s apart: add these to the stamps of the camera"):
+    with pytest.raises(
+        RecordingError,
+        match=r"clocks are about 1599999999\.998 s apart: add these to the stamps of the camera",
+    ):
         check((0.002 * S, 1.2 * S), (epoch, epoch + factor * S))
 
 
