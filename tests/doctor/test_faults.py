@@ -34,10 +34,10 @@ def copy_of(folder: Path, target: Path) -> Path:
 # What goes wrong with the samples: rows of t ax ay az gx gy gz.
 
 
-def samples(change: Callable[[np.ndarray], np.ndarray]) -> Injection:
+def samples(change: Callable[[np.ndarray], np.ndarray], header: str = "") -> Injection:
     def inject(folder: Path) -> None:
         rows = change(np.loadtxt(folder / "imu.txt"))
-        np.savetxt(folder / "imu.txt", rows, fmt=["%.9f", *["%.12g"] * 6])
+        np.savetxt(folder / "imu.txt", rows, fmt=["%.9f", *["%.12g"] * 6], header=header)
 
     return inject
 
@@ -212,7 +212,7 @@ def test_motion_names_what_is_wrong_with_the_calibration(
 @pytest.mark.parametrize(
     ("inject", "check", "severity", "words"),
     [
-        (samples(columns_swapped), "imu units", WARNING, "swapped"),
+        (samples(columns_swapped, "t ax ay az gx gy gz"), "imu units", WARNING, "swapped"),
         (
             samples(in_g_and_degrees),
             "imu units",
@@ -251,6 +251,14 @@ def test_each_fault_is_named(
     found = verdict_of(examine(folder), check)
     assert found.severity is severity, said(found)
     assert words in said(found)
+
+
+def test_gravity_tells_the_order_of_columns_without_names(short: Path, tmp_path: Path) -> None:
+    folder = copy_of(short, tmp_path / "other")
+    samples(columns_swapped)(folder)
+    diagnosis = examine(folder)
+    assert verdict_of(diagnosis, "imu units").severity is Severity.OK
+    assert "imu.txt: gyroscope first, as gravity says; time in s" in diagnosis.repairs
 
 
 def test_the_short_one_is_but_short(short: Path) -> None:

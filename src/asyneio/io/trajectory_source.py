@@ -75,6 +75,10 @@ def read_reference(path: Path, columns: str = "") -> TrajectorySource:
 
 
 def _of_file(path: Path, columns: str) -> TrajectorySource:
+    if not path.exists():
+        raise RecordingError(
+            f"{path} does not exist; expected a file of poses, a results folder or a recording"
+        )
     format = format_of(path, _head(path)) if path.is_file() else None
     if format is not None and format.name != "text":
         return _of_recording(path, ())
@@ -96,7 +100,4 @@ def _head(path: Path) -> bytes:
         with path.open("rb") as stream:
             return stream.read(_HEAD_BYTES)
     except OSError as error:
-        raise RecordingError(
-            f"cannot read {path}: {error.strerror or error}; expected a file of poses, a results folder or a "
-            "recording"
-        ) from error
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
