@@ -232,7 +232,7 @@ def test_settings_are_read_and_checked(asyneio: Asyneio, folder: Path, tmp_path:
     ("arguments", "message"),
     [
         (("run", "absent"), "asyneio: absent does not exist"),
-        (("evaluate", "absent.tum", "absent.tum"), "asyneio: cannot read absent.tum"),
+        (("evaluate", "absent.tum", "absent.tum"), "asyneio: absent.tum does not exist; expected"),
         (("evaluate", "absent.npz", "absent.tum"), "asyneio: cannot read absent.npz"),
         (
             ("evaluate", "a", "b", "--protocol", "x"),
