@@ -19,8 +19,8 @@ from asyneio.estimation.retraction import retract
 from asyneio.types import FloatArray, IntArray
 
 _MAX_DAMPING = 1e8
-#: A step that should lower the cost by so many times what ends the iterations is not the last one, nine times
-#: in ten: where it leads to is then linearised at once, which saves evaluating the cost there.
+#: A step that should lower the cost by so many times what ends the iterations is hardly ever the last: where
+#: it leads to is linearised at once, which saves evaluating the cost there.
 _SURELY = 10.0
 
 
@@ -66,12 +66,10 @@ class Solution:
 
 
 class _Point(NamedTuple):
-    """Where the optimisation is: the problem, its distance from the prior's linearisation point, the cost and
-    the squared residuals of the observations; and the normal equations there, once they have been asked for.
-    """
+    """Where the optimisation is: the problem, its cost and the squared residuals of the observations; the
+    normal equations there where they were computed, None where the cost alone was."""
 
     problem: Problem
-    prior_delta: FloatArray
     cost: float
     squared: FloatArray
     system: LinearSystem | None
@@ -108,7 +106,7 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
         visual_cost, rejected = system.visual_cost, system.rejected
         eliminate_landmarks(system, point.problem.landmarks, point.problem.model)
         iterations += 1
-        # After the last iteration nobody solves again.
+        # Nothing is solved from where the last iteration ends.
         last = iterations >= settings.max_iterations
         goes_on = float("inf") if last else _SURELY * settings.relative_decrease
         accepted = _damped_step(point, system, prior, damping, settings.damping, goes_on)
@@ -135,14 +133,14 @@ def _linearized(problem: Problem, prior: Prior) -> _Point:
     system = linearize(problem)
     delta = difference(problem.states, prior, problem.camera, problem.imu)
     cost = float(system.cost + add_prior(system, prior, delta))
-    return _Point(problem, delta, cost, system.squared, system)
+    return _Point(problem, cost, system.squared, system)
 
 
 def _evaluated(problem: Problem, prior: Prior) -> _Point:
-    """The cost alone, a sixth of the time."""
+    """The cost alone, in a fraction of the time."""
     delta = difference(problem.states, prior, problem.camera, problem.imu)
     cost, squared = evaluate(problem)
-    return _Point(problem, delta, cost + prior_cost(prior, delta), squared, None)
+    return _Point(problem, cost + prior_cost(prior, delta), squared, None)
 
 
 def _damped_step(

@@ -21,6 +21,7 @@ TESTS_PER_S = 200_000.0
 MOST_TESTS = 20_000.0
 
 #: Nominal costs [ns]: of an event, of every feature that it is fed to (updates included), of an event shed.
+#: Rounded from a fit on a busy machine; that of an event shed is a guess.
 EVENT_NS, FED_NS, SHED_NS = 25.0, 100.0, 5.0
 #: Computing time that may be saved up, and owed before features are given up, as seconds of event time.
 _SAVED_NS = 20e6

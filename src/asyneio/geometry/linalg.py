@@ -73,8 +73,8 @@ def matvec_t(A: FloatArray, x: FloatArray, out: FloatArray) -> None:
 
 @njit(cache=True, nogil=True)
 def set_block(out: FloatArray, row: int, column: int, s: float, A: FloatArray) -> None:
-    """`out[row:, column:] = s A`, of the size of `A`; a sliced assignment costs every user a second of
-    compilation for its error messages."""
+    """`out[row:, column:] = s A`, of the size of `A`; a sliced assignment would compile checks of shapes and
+    their messages as well."""
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
             out[row + i, column + j] = s * A[i, j]
