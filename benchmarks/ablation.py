@@ -18,16 +18,16 @@ from pathlib import Path
 
 import numpy as np
 
-from asyneio.cli.track_run import TrackRun, track_recording
 from asyneio.config import FrontendConfig
 from asyneio.evaluation.tracks import age_table
 from asyneio.evaluation.tracks_lives import group_tracks
 from asyneio.evaluation.tracks_motion import compare_rates, line_deviation, rotation_rates
 from asyneio.frontend import frontend as module
 from asyneio.frontend import gyroscope_in_camera
-from asyneio.frontend.gradient_feature import GradientSettings
-from asyneio.frontend.gradient_tracker import GradientTracker
-from asyneio.io.atomic import write_text
+from asyneio.frontend.gradient.feature import GradientSettings
+from asyneio.frontend.gradient.tracker import GradientTracker
+from asyneio.io.parsing.atomic import write_text
+from asyneio.pipeline.track import TrackRun, track_recording
 from asyneio.types import EventRecording, RecordArray
 from common import table
 from real_tracking import ROTATION, SLIDER, load, undistorted

@@ -32,13 +32,13 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.config import Config, load_config
 from asyneio.evaluation import NeesBlock, evaluate, nees, pose_trajectory, protocol_named
-from asyneio.io.atomic import write_text
-from asyneio.packets import usable_span
+from asyneio.io.parsing.atomic import write_text
 from asyneio.pipeline import RunResult, run_recording
+from asyneio.pipeline.packets import usable_span
 from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
 from asyneio.simulation.events.scenario import SUITE, TWINS
 from asyneio.simulation.faults import without_bias
-from asyneio.types import NS_PER_S, Estimate, EventRecording, FirstState, Health, RecordArray
+from asyneio.types import NS_PER_S, Estimate, EventRecording, Health, InitialState, RecordArray
 from common import table
 from sequences import DEFAULT_CACHE, sequence
 from true_tracks import static_observations, true_tracks
@@ -147,18 +147,18 @@ def substitutions(
     static = static_observations(simulation, observations)
     others = (
         run_recording(unbiased, config, observations=observations),
-        run_recording(recording, config, observations=observations, first_state=true_state(simulation)),
+        run_recording(recording, config, observations=observations, initial_state=true_state(simulation)),
         run_recording(recording, config, observations=static),
     )
     scores += [mpe(other, simulation) for other in others]
     return dict(zip(SUBSTITUTED, scores, strict=True))
 
 
-def true_state(simulation: EventSimulation) -> FirstState:
+def true_state(simulation: EventSimulation) -> InitialState:
     """The true state as soon as all sensors are heard."""
     t_ns = usable_span(simulation.recording)[0] + _FIRST_NS
     true = simulation.truth.at(t_ns)
-    return FirstState(
+    return InitialState(
         t_ns, true.T_w_b[0], true.velocity_w[0], true.bias_gyroscope[0], true.bias_accelerometer[0], _CERTAIN
     )
 

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from asyneio.doctor import Diagnosis, Severity, Verdict, examine
+from asyneio.doctor import CheckResult, Diagnosis, Severity, examine
 from asyneio.io import write_events_hdf5
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.types import Calibration, EventRecording, FloatArray
@@ -86,11 +86,11 @@ def _examined(recording: EventRecording, calibration: Calibration) -> Diagnosis:
         return examine(path)
 
 
-def _verdict(diagnosis: Diagnosis, check: str) -> Verdict | None:
+def _verdict(diagnosis: Diagnosis, check: str) -> CheckResult | None:
     return next((verdict for verdict in diagnosis.verdicts if verdict.check == check), None)
 
 
-def _named(verdict: Verdict | None, word: str = "") -> str:
+def _named(verdict: CheckResult | None, word: str = "") -> str:
     """The severity; with a word, whether the text names the mistake."""
     if verdict is None:
         return "-"
@@ -98,7 +98,7 @@ def _named(verdict: Verdict | None, word: str = "") -> str:
     return f"{verdict.severity.name}{', named' if named else ''}"
 
 
-def _figure(verdict: Verdict | None, name: str) -> str:
+def _figure(verdict: CheckResult | None, name: str) -> str:
     value = verdict.values.get(name) if verdict else None
     return "-" if value is None else f"{value:.1f}"
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend import Frontend, FrontendStatistics
-from asyneio.io.atomic import write_text
+from asyneio.io.parsing.atomic import write_text
 from asyneio.simulation import EVENT_SCENARIOS
 from asyneio.simulation.events.scenario import at_resolution
 from asyneio.types import RecordArray

@@ -27,7 +27,7 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend import Frontend
-from asyneio.io.atomic import write_text
+from asyneio.io.parsing.atomic import write_text
 from asyneio.types import EventRecording, RecordArray
 from common import table
 from real_tracking import load

@@ -31,8 +31,10 @@ from numba.core import types  # noqa: E402
 from numba.extending import intrinsic  # noqa: E402
 
 from asyneio.config import FrontendConfig  # noqa: E402
-from asyneio.frontend import Frontend, gradient_feature, gradient_kernel  # noqa: E402
-from asyneio.io.atomic import write_text  # noqa: E402
+from asyneio.frontend import Frontend  # noqa: E402
+from asyneio.frontend.gradient import feature as gradient_feature  # noqa: E402
+from asyneio.frontend.gradient import kernel as gradient_kernel  # noqa: E402
+from asyneio.io.parsing.atomic import write_text  # noqa: E402
 from asyneio.types import EventRecording, RecordArray  # noqa: E402
 from common import table  # noqa: E402
 from frontend_speed import EXCERPTS, REPEATED_EVENTS, packets, repeated  # noqa: E402

@@ -37,8 +37,8 @@ from scipy.spatial.transform import Rotation
 from asyneio.config import Config
 from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
 from asyneio.geometry.camera import CameraModel
-from asyneio.packets import calibration_of
 from asyneio.pipeline import run_recording
+from asyneio.pipeline.packets import calibration_of
 from asyneio.simulation import EventSimulation
 from asyneio.studies.speed_stages import stage_times
 from asyneio.types import NS_PER_S, FloatArray, IntArray, PoseTrajectory, RecordArray

@@ -30,7 +30,7 @@ import numpy as np
 from rich.progress import track
 
 from asyneio.config import Config
-from asyneio.io.atomic import write_text
+from asyneio.io.parsing.atomic import write_text
 from asyneio.pipeline import run_recording
 from asyneio.simulation import EVENT_SCENARIOS, EventScenario
 from asyneio.studies.speed_run import ESTIMATOR, FRONT_END, SpeedRun

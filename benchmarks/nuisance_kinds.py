@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asyneio.presets import MPU6150_NOISE
+from asyneio.cameras import MPU6150_NOISE
 from asyneio.simulation import IDEAL_IMU, IMU_SENSORS, EventScenario, Vibration, with_imu
 from asyneio.simulation.imu_errors import StreamErrors
 from asyneio.types import EVENT_DTYPE, NS_PER_S, Calibration, RecordArray

@@ -29,7 +29,7 @@ import numpy as np
 import asyneio
 from accuracy import figures
 from asyneio.config import Config
-from asyneio.io.atomic import write_text
+from asyneio.io.parsing.atomic import write_text
 from asyneio.pipeline import run_recording
 from asyneio.simulation import EVENT_SCENARIOS, EventSimulation, simulate_events, with_imu
 from asyneio.types import RecordArray

@@ -1,6 +1,6 @@
 """Does the window find the camera's time offset and rotation again, and what does it cost to look for them?
 
-Evidence: `simulated`: tracks and IMU of a known motion, true noise told, calibration made wrong on purpose;
+Inspection: `simulated`: tracks and IMU of a known motion, true noise told, calibration made wrong on purpose;
 `real`: real IMU and tracks (`tumvi_calib`), whose provider's calibration was fitted against motion capture.
 Rows: what the calibration was spoilt by, whether it was estimated, errors of the estimate at 10 s and at the
 end, NEES of the last estimate (4 dof), and the accuracy of the causal trajectory.
@@ -23,7 +23,7 @@ from asyneio.config import Config
 from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
 from asyneio.io import read_tracks_folder
 from asyneio.odometry import Odometry
-from asyneio.packets import packets, usable_span
+from asyneio.pipeline.packets import packets, usable_span
 from asyneio.simulation import SCENARIOS, simulate
 from asyneio.types import NS_PER_S, CalibrationEstimate, Estimate, FloatArray, Recording
 from common import data_folder, parallel, table

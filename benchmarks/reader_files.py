@@ -9,8 +9,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from asyneio.io.conversion import Source, convert
-from asyneio.io.targets import target_named
+from asyneio.io.conversion.convert import Source, convert
+from asyneio.io.conversion.targets import target_named
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, EventRecording, RecordArray
 
 WIDTH, HEIGHT = 240, 180

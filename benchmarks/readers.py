@@ -24,7 +24,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from asyneio.io.atomic import write_text
+from asyneio.io.parsing.atomic import write_text
 from common import table
 from reader_files import BenchmarkFile, make_files
 from reader_libraries import LIBRARIES

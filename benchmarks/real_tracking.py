@@ -19,14 +19,14 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
-from asyneio.cli.track_run import TrackRun, summarize_tracks, track_recording
 from asyneio.config import FrontendConfig
 from asyneio.evaluation.tracks_lives import Tracks, group_tracks
 from asyneio.evaluation.tracks_motion import compare_rates, line_deviation, rotation_rates
 from asyneio.frontend import gyroscope_in_camera
 from asyneio.geometry.camera import CameraModel
 from asyneio.io import open_recording
-from asyneio.io.atomic import atomic_file, write_text
+from asyneio.io.parsing.atomic import atomic_file, write_text
+from asyneio.pipeline.track import TrackRun, summarize_tracks, track_recording
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, CameraIntrinsics, EventRecording, FloatArray
 from asyneio.viz.tracks import TrackScene, render_tracks
 from common import data_folder, table

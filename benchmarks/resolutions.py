@@ -26,7 +26,7 @@ from accuracy import figures
 from asyneio.config import load_config
 from asyneio.evaluation.tracks import age_table, track_errors
 from asyneio.evaluation.tracks_lives import Tracks
-from asyneio.io.atomic import write_text
+from asyneio.io.parsing.atomic import write_text
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
 from asyneio.simulation.events.scenario import at_resolution

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from asyneio.estimation.elimination import eliminate_landmarks
-from asyneio.estimation.interval_terms import accelerometer_terms, gyroscope_terms, interval_locals
-from asyneio.estimation.linear_system import linearize
-from asyneio.estimation.marginalization import marginalize_oldest
-from asyneio.estimation.optimizer import OptimizerSettings, optimize
-from asyneio.estimation.problem import Problem
+from asyneio.estimation.linearization.interval import accelerometer_terms, gyroscope_terms, interval_locals
+from asyneio.estimation.linearization.linear_system import linearize
+from asyneio.estimation.problem.problem import Problem
+from asyneio.estimation.solver.elimination import eliminate_landmarks
+from asyneio.estimation.solver.marginalization import marginalize_oldest
+from asyneio.estimation.solver.optimizer import OptimizerSettings, optimize
 from common import table
 from gtsam_window import time_gtsam_iteration
 from window_problem import make_problem

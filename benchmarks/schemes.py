@@ -13,9 +13,9 @@ import argparse
 from pathlib import Path
 
 from asyneio.config import Config
-from asyneio.estimation.schemes import SCHEMES
+from asyneio.estimation.problem.schemes import SCHEMES
 from asyneio.io import read_tracks_folder
-from asyneio.io.atomic import write_text
+from asyneio.io.parsing.atomic import write_text
 from common import ACCURACY_HEADER, accuracy_cells, data_folder, parallel, table
 
 _BAR_CM = 0.4

@@ -21,11 +21,11 @@ import numpy as np
 import asyneio.frontend
 import asyneio.geometry
 from asyneio.config import Config
-from asyneio.io.atomic import atomic_file
-from asyneio.packets import usable_span
+from asyneio.io.parsing.atomic import atomic_file
+from asyneio.pipeline.frontend_thread import ObservationStream
+from asyneio.pipeline.packets import usable_span
 from asyneio.simulation import EVENT_SCENARIOS, EventScenario, EventSimulation, simulate_events, stream_events
 from asyneio.studies.simulated import fingerprint
-from asyneio.tracking import ObservationStream
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 
 #: Where sequences are kept unless told otherwise.

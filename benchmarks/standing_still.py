@@ -35,9 +35,9 @@ from scipy.spatial.transform import Rotation
 from asyneio.config import Config
 from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
 from asyneio.odometry.learned_noise import LearnedNoise
-from asyneio.odometry.rest import Rest, RestDetector
-from asyneio.packets import calibration_of, packets, usable_span
+from asyneio.odometry.stationary import Rest, StationaryDetector
 from asyneio.pipeline import run_recording
+from asyneio.pipeline.packets import calibration_of, packets, usable_span
 from asyneio.simulation import EVENT_SCENARIOS, SCENARIOS, EventSimulation, Simulation, simulate
 from asyneio.types import NS_PER_S, Estimate, FloatArray, Recording
 from common import parallel, run, table
@@ -220,7 +220,7 @@ def moving_row(scene: str, cache: Path) -> list[str]:
     count = (end_ns - start_ns) // interval_ns
     observed = tracked(simulation, config, cache / "tracks").observations
     cuts = np.searchsorted(observed["t_ns"], start_ns + interval_ns * np.arange(1, count), side="right")
-    detector = RestDetector(config.inertial, calibration_of(recording), config.visual.pixel_sigma)
+    detector = StationaryDetector(config.inertial, calibration_of(recording), config.visual.pixel_sigma)
     noise = LearnedNoise(config.inertial, calibration_of(recording).noise, config.window.knot_interval_s)
     rests: list[Rest] = []
     speeds = []

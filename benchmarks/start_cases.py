@@ -11,8 +11,8 @@ import numpy as np
 from asyneio.config import Config
 from asyneio.simulation import AnalyticMotion, PinholeCamera, Sinusoids, TrackSpec, draw_motion
 from asyneio.simulation.rig import C_F_C, calibration_of, simulate_inertial
-from asyneio.simulation.scenario import Scenario
-from asyneio.simulation.tracks import Viewer, simulate_tracks
+from asyneio.simulation.tracks.observations import Viewer, simulate_tracks
+from asyneio.simulation.tracks.scenario import Scenario
 from asyneio.simulation.truth import Truth
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, FloatArray, RecordArray, Recording
 from sequences import sequence, tracked

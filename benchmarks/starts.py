@@ -25,9 +25,9 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.config import Config
-from asyneio.io.atomic import write_text
+from asyneio.io.parsing.atomic import write_text
 from asyneio.odometry import Odometry
-from asyneio.packets import packets
+from asyneio.pipeline.packets import packets
 from asyneio.simulation.events.scenario import SUITE
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import NS_PER_S, Health

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from asyneio.cli.track_run import track_recording
 from asyneio.config import FrontendConfig
 from asyneio.evaluation.tracks import AgeRow, TrackErrors, age_table, feature_age, track_errors
-from asyneio.io.atomic import write_text
+from asyneio.io.parsing.atomic import write_text
+from asyneio.pipeline.track import track_recording
 from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
 from asyneio.types import IntArray
 from common import table

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.io import write_uzh_folder
-from asyneio.io.ros1_writer import write_rosbag
+from asyneio.io.ros.ros1_writer import write_rosbag
 from asyneio.simulation import EventSimulation
 from asyneio.types import NS_PER_S, EventRecording, PoseTrajectory, RecordArray
 from sequences import DEFAULT_CACHE, sequence

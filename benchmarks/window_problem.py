@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.active import active_coordinates
-from asyneio.estimation.problem import (
+from asyneio.estimation.problem.active import active_coordinates
+from asyneio.estimation.problem.problem import (
     Camera,
     Inertial,
     Landmarks,

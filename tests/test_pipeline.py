@@ -15,12 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import config, njit
 
-from asyneio import pipeline
 from asyneio.config import Config, WindowConfig, load_config
 from asyneio.errors import RecordingError
 from asyneio.io import read_estimates, read_trajectory
-from asyneio.packets import packets, usable_span
-from asyneio.pipeline import COMPILING, run_recording, write_outputs
+from asyneio.pipeline import COMPILING, compilation, run_recording, write_outputs
+from asyneio.pipeline import run as pipeline
+from asyneio.pipeline.packets import packets, usable_span
 from asyneio.types import (
     INERTIAL_DTYPE,
     NS_PER_S,
@@ -56,7 +56,7 @@ def recording(rng: np.random.Generator) -> Recording:
 @pytest.fixture(autouse=True)
 def _fake(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
-    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    monkeypatch.setattr(compilation, "are_compiled", lambda: True)
 
 
 class Recorder:
@@ -270,9 +270,9 @@ def compile_slowly(progress: Callable[[float], None]) -> None:
 
 
 def test_a_cold_cache_is_filled_before_the_run(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pipeline.numba_config, "DISABLE_JIT", 0)
-    monkeypatch.setattr(pipeline, "are_compiled", lambda: False)
-    monkeypatch.setattr(pipeline, "compile_kernels", compile_slowly)
+    monkeypatch.setattr(compilation.numba_config, "DISABLE_JIT", 0)
+    monkeypatch.setattr(compilation, "are_compiled", lambda: False)
+    monkeypatch.setattr(compilation, "compile_kernels", compile_slowly)
     progress = Recorder()
     summary = run_recording(recording, CONFIG, progress).summary
     assert progress.messages == [COMPILING]

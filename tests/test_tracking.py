@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asyneio import pipeline
 from asyneio.config import Config, FrontendConfig
 from asyneio.errors import RecordingError
-from asyneio.packets import usable_span
+from asyneio.pipeline import compilation
+from asyneio.pipeline import run as pipeline
+from asyneio.pipeline.frontend_thread import ObservationStream, ReplayedStream
+from asyneio.pipeline.packets import usable_span
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
-from asyneio.tracking import ObservationStream, ReplayedStream
 from asyneio.types import (
     INERTIAL_DTYPE,
     Estimate,
@@ -75,7 +76,7 @@ def test_word_of_unused_tracks_takes_effect_at_a_fixed_time(recording: EventReco
         stream, found = ObservationStream(recording, few, ends_of(recording)), []
         for batch in stream:
             time.sleep(wait_s)
-            stream.tell_unused(unused if len(found) == 1 else 0.0)
+            stream.set_outlier_share(unused if len(found) == 1 else 0.0)
             found.append(batch)
         return found
 
@@ -137,7 +138,7 @@ def test_a_run_on_known_observations_gets_the_same_packets(
             return super().process(packet)
 
     monkeypatch.setattr(pipeline, "Odometry", Remembers)
-    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    monkeypatch.setattr(compilation, "are_compiled", lambda: True)
     seen.append([])
     tracked = pipeline.run_recording(recording, Config())
     seen.append([])
@@ -166,7 +167,7 @@ def test_a_run_hears_what_the_estimator_refuses(
     class RefusesNone(Refuses):
         share = 0.0
 
-    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    monkeypatch.setattr(compilation, "are_compiled", lambda: True)
     config = Config(frontend=FrontendConfig(max_features=20))
     observed = []
     for estimator in (Refuses, Refuses, RefusesNone):

@@ -276,7 +276,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class FirstState:
+class InitialState:
     """What is known of the body at an instant before the estimator has measured anything.
 
     `t_ns`, IMU clock; `T_w_b` (4,4) in any world with z up; `velocity_w` (3,) [m/s]; biases (3,) [rad/s,

@@ -13,8 +13,8 @@ from asyneio.types import (
     Calibration,
     CalibrationEstimate,
     Estimate,
-    FirstState,
     Health,
+    InitialState,
     Packet,
     StepReport,
 )
@@ -27,7 +27,7 @@ class FakeOdometry:
     start_after = 3
 
     def __init__(
-        self, config: Config, calibration: Calibration, first_state: FirstState | None = None
+        self, config: Config, calibration: Calibration, initial_state: InitialState | None = None
     ) -> None:
         self.seen = 0
         self._rng = np.random.default_rng(0)

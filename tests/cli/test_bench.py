@@ -16,12 +16,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asyneio import pipeline
+from asyneio.cameras import PRESETS
 from asyneio.config import Config
 from asyneio.errors import StudyError
 from asyneio.io import write_events_hdf5, write_uzh_folder
-from asyneio.io.ros1_writer import write_rosbag
-from asyneio.presets import PRESETS
+from asyneio.io.ros.ros1_writer import write_rosbag
+from asyneio.pipeline import compilation
+from asyneio.pipeline import run as pipeline
 from asyneio.studies import speed, speed_report, uzh
 from asyneio.studies.published import COMPARED, PUBLISHED
 from asyneio.studies.speed_run import SpeedRun
@@ -46,7 +47,7 @@ _SECONDS = 4.0
 def asyneio(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> Asyneio:
     """With an estimator that knows where the IMU is, to a millimetre."""
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
-    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    monkeypatch.setattr(compilation, "are_compiled", lambda: True)
     return asyneio
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from asyneio import presets
+from asyneio import cameras as presets
+from asyneio.cameras import PRESETS, Preset
 from asyneio.config import Config, load_config
-from asyneio.presets import PRESETS, Preset
 from tests.cli.conftest import Asyneio
 
 

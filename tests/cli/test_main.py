@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asyneio import __version__, pipeline
+from asyneio import __version__
 from asyneio.io import read_tracks_folder, write_tracks_folder, write_tum
+from asyneio.pipeline import compilation
+from asyneio.pipeline import run as pipeline
 from asyneio.types import PoseTrajectory
 from tests.cli.conftest import Asyneio
 from tests.cli.fakes import Degraded, FakeOdometry, LosesTrack, NeverStarts, StartsAgain
@@ -22,7 +24,7 @@ from tests.io.recordings import make_recording, straight_path
 def asyneio(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> Asyneio:
     """With an estimator that knows the answer, and without plots."""
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
-    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    monkeypatch.setattr(compilation, "are_compiled", lambda: True)
     # Plots take seconds; tests that look at the report ask for it.
     monkeypatch.setattr("asyneio.cli.execute.available", lambda: False)
     return asyneio

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from asyneio import pipeline
 from asyneio.cli import simulate
 from asyneio.cli.main import main
 from asyneio.io import write_tum, write_uzh_folder
+from asyneio.pipeline import compilation
+from asyneio.pipeline import run as pipeline
 from asyneio.simulation import EVENT_SCENARIOS, EventScenario, simulate_events
 from asyneio.types import EventRecording
 from tests.cli.fakes import FakeOdometry
@@ -44,7 +45,7 @@ def _workplace(recording: EventRecording, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(simulate, "named_event_scenario", short)
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
-    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    monkeypatch.setattr(compilation, "are_compiled", lambda: True)
     for module in ("asyneio.cli.execute", "asyneio.viz"):
         monkeypatch.setattr(f"{module}.available", lambda: False)
 

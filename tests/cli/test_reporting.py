@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asyneio.cli.report_streams import count_features, event_rate, track_scene
-from asyneio.cli.reporting import report_data
 from asyneio.config import Config, differences
 from asyneio.errors import RecordingError
 from asyneio.evaluation import evaluate, protocol_named
 from asyneio.io import to_trajectory
 from asyneio.pipeline import RunResult
-from asyneio.summary import Summary, Transition
+from asyneio.pipeline.report import report_data
+from asyneio.pipeline.report_streams import count_features, event_rate, track_scene
+from asyneio.pipeline.summary import Summary, Transition
 from asyneio.types import (
     NS_PER_S,
     OBSERVATION_DTYPE,

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asyneio import pipeline
 from asyneio.io import open_recording, write_tracks_folder
-from asyneio.io.sensor_clock import REPLAYED, fit_clock
-from asyneio.io.steady_file import new_hdf5
-from asyneio.packets import check_inertial_scales
+from asyneio.io.parsing.steady_file import new_hdf5
+from asyneio.io.ros.sensor_clock import REPLAYED, fit_clock
+from asyneio.pipeline import compilation
+from asyneio.pipeline import run as pipeline
+from asyneio.pipeline.packets import check_inertial_scales
 from asyneio.types import EventRecording, Packet, StepReport
 from tests.cli.conftest import Asyneio
 from tests.cli.fakes import FakeOdometry
@@ -108,7 +109,7 @@ def test_ctrl_c_keeps_what_there_is_and_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", estimator)
-    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    monkeypatch.setattr(compilation, "are_compiled", lambda: True)
     status, _, said = asyneio("run", folder, "-o", tmp_path / "out")
     assert status == 130
     assert "interrupted after" in said

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
-from asyneio.io.targets import TARGETS
+from asyneio.io.conversion.targets import TARGETS
 from tests.cli.walk import UsageError, find
 
 _REPOSITORY = Path(__file__).resolve().parents[2]

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asyneio.doctor import Severity, Verdict
-from asyneio.doctor.event_pixels import check_hot_pixels, check_resolution
+from asyneio.doctor import CheckResult, Severity
+from asyneio.doctor.checks.event_pixels import check_hot_pixels, check_resolution
+from asyneio.doctor.checks.event_time import check_event_clock, check_event_rate, check_flicker
+from asyneio.doctor.checks.imu_values import check_noise
+from asyneio.doctor.checks.intrinsics import check_focal_length, check_lens
+from asyneio.doctor.checks.truth import check_truth
 from asyneio.doctor.event_scan import EventScan
-from asyneio.doctor.event_time import check_event_clock, check_event_rate, check_flicker
-from asyneio.doctor.evidence import Evidence
-from asyneio.doctor.imu_values import check_noise
-from asyneio.doctor.lens import check_focal_length, check_lens
-from asyneio.doctor.truth import check_truth
-from asyneio.io.event_source import pack_events
-from asyneio.io.inertial_files import InertialStreams
+from asyneio.doctor.inspection import Inspection
+from asyneio.io.recording.inertial_csv import InertialStreams
+from asyneio.io.recording.source import pack_events
 from asyneio.types import (
     INERTIAL_DTYPE,
     CameraIntrinsics,
@@ -30,13 +30,13 @@ from tests.io.recordings import make_calibration
 OK, NOTE, WARNING, FAIL = Severity.OK, Severity.NOTE, Severity.WARNING, Severity.FAIL
 
 
-def evidence(events: RecordArray | None = None, **parts: object) -> Evidence:
+def evidence(events: RecordArray | None = None, **parts: object) -> Inspection:
     figures = None
     if events is not None:
         scan = EventScan()
         scan.feed(events)
         figures = scan.figures()
-    return dataclasses.replace(Evidence(Path("made"), "made", events=figures), **parts)  # type: ignore[arg-type]
+    return dataclasses.replace(Inspection(Path("made"), "made", events=figures), **parts)  # type: ignore[arg-type]
 
 
 def scattered(
@@ -48,7 +48,7 @@ def scattered(
     )
 
 
-def verdict(found: Verdict | None) -> Verdict:
+def verdict(found: CheckResult | None) -> CheckResult:
     assert found is not None
     return found
 

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 import yaml
 
-from asyneio.doctor import Diagnosis, Severity, Verdict, examine
+from asyneio.doctor import CheckResult, Diagnosis, Severity, examine
 
 NOTE, WARNING, FAIL = Severity.NOTE, Severity.WARNING, Severity.FAIL
 Injection = Callable[[Path], None]
 
 
-def verdict_of(diagnosis: Diagnosis, check: str) -> Verdict:
+def verdict_of(diagnosis: Diagnosis, check: str) -> CheckResult:
     found = [verdict for verdict in diagnosis.verdicts if verdict.check == check]
     assert len(found) == 1, f"{check}: {[v.check for v in diagnosis.verdicts]}"
     return found[0]
 
 
-def said(verdict: Verdict) -> str:
+def said(verdict: CheckResult) -> str:
     return f"{verdict.measured} {verdict.expected} {verdict.cure}"
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asyneio.doctor.alignment import align
-from asyneio.doctor.camera_rates import CameraRates, pairs_from_tracks
-from asyneio.doctor.epipolar import gains_of_tracks
-from asyneio.doctor.gains import gains_of
+from asyneio.doctor.rotation.alignment import align
+from asyneio.doctor.rotation.camera_rates import CameraRates, pairs_from_tracks
+from asyneio.doctor.rotation.epipolar import gains_of_tracks
+from asyneio.doctor.rotation.gains import gains_of
 from asyneio.types import OBSERVATION_DTYPE, CameraIntrinsics, FloatArray
 from tests.doctor.test_alignment import SECONDS, camera_rates, gyroscope_of, rate_at
 

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from asyneio.estimation.problem import Camera, Inertial, Prior, Problem, States
+from asyneio.estimation.problem.problem import Camera, Inertial, Prior, Problem, States
 from asyneio.trajectory.model import SE3, WNOJ
 from tests.estimation.naive_increments import preintegration_residuals, propagated_poses
 from tests.estimation.naive_lie import (
@@ -312,13 +312,15 @@ def reprojection_residuals(problem: Problem, local: Array, point: Point) -> Arra
 
 def rest_residuals(problem: Problem, point: Point) -> Array:
     """Whitened, (..., 18 n), of the n intervals at rest: what moved, in the first body's axes, and rates."""
-    i = np.flatnonzero(problem.rest.present)
+    i = np.flatnonzero(problem.zero_velocity.present)
     begin, end = point.T[..., i, :, :], point.T[..., i + 1, :, :]
     back = np.swapaxes(begin[..., :3, :3], -1, -2)
     turned = log_so3(back @ end[..., :3, :3])
     gone = times(back, end[..., :3, 3] - begin[..., :3, 3])
     rates = [point.varpi[..., k, 0, :] for k in (i, i + 1)]
-    return _rows(np.concatenate([turned, gone, *rates], axis=-1) * problem.rest.root_information[i], 2)
+    return _rows(
+        np.concatenate([turned, gone, *rates], axis=-1) * problem.zero_velocity.root_information[i], 2
+    )
 
 
 def prior_residuals(prior: Prior, point: Point) -> Array:
@@ -355,7 +357,7 @@ def residuals(problem: Problem, prior: Prior | None, point: Point, weights: Arra
     ]
     if problem.preintegrated.present.any():
         rows.insert(0, preintegration_residuals(problem, point.T, point.varpi, point.bias))
-    if problem.rest.present.any():
+    if problem.zero_velocity.present.any():
         rows.insert(0, rest_residuals(problem, point))
     if prior is not None:
         rows.insert(0, prior_residuals(prior, point))

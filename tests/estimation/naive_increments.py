@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from asyneio.estimation.problem import Problem
+from asyneio.estimation.problem.problem import Problem
 from tests.estimation.naive_lie import Array, exp_so3, log_so3, times
 
 Indices = NDArray[np.int64]

@@ -11,21 +11,21 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from asyneio.estimation.camera_calibration import (
+from asyneio.estimation.linearization.linear_system import evaluate_cost, linearize
+from asyneio.estimation.linearization.prior import add_prior, difference
+from asyneio.estimation.problem.camera_calibration import (
     CalibrationSettings,
     after_walk,
     at_offset,
     camera_difference,
     moved_camera,
 )
-from asyneio.estimation.covariance import camera_covariance, newest_covariance, relative_scale_sigma
-from asyneio.estimation.elimination import eliminate_landmarks
-from asyneio.estimation.linear_system import evaluate_cost, linearize
-from asyneio.estimation.marginalization import marginalize_oldest
-from asyneio.estimation.optimizer import OptimizerSettings, optimize
-from asyneio.estimation.prior_terms import add_prior, difference
-from asyneio.estimation.problem import Prior, Problem
-from asyneio.estimation.schemes import SCHEMES
+from asyneio.estimation.problem.problem import Prior, Problem
+from asyneio.estimation.problem.schemes import SCHEMES
+from asyneio.estimation.solver.covariance import camera_covariance, newest_covariance, relative_scale_sigma
+from asyneio.estimation.solver.elimination import eliminate_landmarks
+from asyneio.estimation.solver.marginalization import marginalize_oldest
+from asyneio.estimation.solver.optimizer import OptimizerSettings, optimize
 from asyneio.trajectory.model import MotionModel
 from tests.estimation import naive
 from tests.estimation.test_motion_models import _without_oldest

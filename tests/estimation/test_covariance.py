@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from asyneio.errors import EstimationError
-from asyneio.estimation.covariance import joint_covariance, newest_covariance, relative_scale_sigma
-from asyneio.estimation.optimizer import OptimizerSettings, Solution, optimize
+from asyneio.estimation.solver.covariance import joint_covariance, newest_covariance, relative_scale_sigma
+from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution, optimize
 from tests.estimation import naive
 from tests.estimation.toy import make_toy, with_dof
 

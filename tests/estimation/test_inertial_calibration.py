@@ -10,26 +10,26 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from asyneio.estimation.camera_calibration import CalibrationSettings
-from asyneio.estimation.covariance import (
-    camera_covariance,
-    imu_covariance,
-    newest_covariance,
-    relative_scale_sigma,
-)
-from asyneio.estimation.elimination import eliminate_landmarks
-from asyneio.estimation.inertial_calibration import (
+from asyneio.estimation.linearization.linear_system import evaluate_cost, linearize
+from asyneio.estimation.linearization.prior import add_prior, difference
+from asyneio.estimation.problem.camera_calibration import CalibrationSettings
+from asyneio.estimation.problem.inertial_calibration import (
     correction_settings,
     first_correction,
     gains,
     smoothed,
     with_moved_imu,
 )
-from asyneio.estimation.linear_system import evaluate_cost, linearize
-from asyneio.estimation.marginalization import marginalize_oldest
-from asyneio.estimation.optimizer import OptimizerSettings, optimize
-from asyneio.estimation.prior_terms import add_prior, difference
-from asyneio.estimation.problem import Prior, Problem
+from asyneio.estimation.problem.problem import Prior, Problem
+from asyneio.estimation.solver.covariance import (
+    camera_covariance,
+    imu_covariance,
+    newest_covariance,
+    relative_scale_sigma,
+)
+from asyneio.estimation.solver.elimination import eliminate_landmarks
+from asyneio.estimation.solver.marginalization import marginalize_oldest
+from asyneio.estimation.solver.optimizer import OptimizerSettings, optimize
 from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.trajectory.model import MotionModel
 from tests.estimation import naive

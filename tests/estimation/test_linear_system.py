@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from asyneio.estimation.elimination import eliminate_landmarks
-from asyneio.estimation.linear_system import LinearSystem, evaluate_cost, linearize
-from asyneio.estimation.prior_terms import add_prior, difference
-from asyneio.estimation.problem import Inertial, Landmarks, Prior, Problem
+from asyneio.estimation.linearization.linear_system import LinearSystem, evaluate_cost, linearize
+from asyneio.estimation.linearization.prior import add_prior, difference
+from asyneio.estimation.problem.problem import Inertial, Landmarks, Prior, Problem
+from asyneio.estimation.solver.elimination import eliminate_landmarks
 from tests.estimation import naive
 from tests.estimation.toy import make_toy, moved, with_dof
 

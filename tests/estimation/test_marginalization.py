@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from asyneio.errors import EstimationError
-from asyneio.estimation.elimination import eliminate_landmarks
-from asyneio.estimation.linear_system import linearize
-from asyneio.estimation.marginalization import marginalize_oldest
-from asyneio.estimation.optimizer import OptimizerSettings
-from asyneio.estimation.prior_terms import add_prior, difference
-from asyneio.estimation.problem import Prior
+from asyneio.estimation.linearization.linear_system import linearize
+from asyneio.estimation.linearization.prior import add_prior, difference
+from asyneio.estimation.problem.problem import Prior
+from asyneio.estimation.solver.elimination import eliminate_landmarks
+from asyneio.estimation.solver.marginalization import marginalize_oldest
+from asyneio.estimation.solver.optimizer import OptimizerSettings
 from asyneio.estimation.window import Window
 from tests.estimation import naive
 from tests.estimation.toy import SETTINGS, Toy, make_toy, no_prior, with_dof

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from asyneio.errors import EstimationError
-from asyneio.estimation.landmarks import LandmarkTable
-from asyneio.estimation.measurements import InertialBuffer, PreintegrationBuffer, VisualBuffer
-from asyneio.estimation.problem import Propagated
-from asyneio.estimation.schemes import DirectSamples, IntervalInertial
+from asyneio.estimation.problem.landmarks import LandmarkTable
+from asyneio.estimation.problem.measurements import InertialBuffer, PreintegrationBuffer, VisualBuffer
+from asyneio.estimation.problem.problem import Propagated
+from asyneio.estimation.problem.schemes import DirectSamples, IntervalInertial
 from asyneio.inertial.increments import SampleNoise
 from asyneio.inertial.preintegration import midpoint
 from asyneio.trajectory.model import WNOA, WNOJ

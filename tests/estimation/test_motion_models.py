@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from asyneio.estimation.active import active_coordinates
-from asyneio.estimation.covariance import joint_covariance, newest_covariance, relative_scale_sigma
-from asyneio.estimation.elimination import eliminate_landmarks
-from asyneio.estimation.linear_system import linearize
-from asyneio.estimation.marginalization import marginalize_oldest
-from asyneio.estimation.optimizer import OptimizerSettings, Solution, optimize
-from asyneio.estimation.prior_terms import add_prior, difference
-from asyneio.estimation.problem import Preintegrated, Prior, Problem, Propagated, Rest
-from asyneio.estimation.rest_terms import rest_of
-from asyneio.estimation.schemes import SCHEMES
+from asyneio.estimation.linearization.linear_system import linearize
+from asyneio.estimation.linearization.prior import add_prior, difference
+from asyneio.estimation.linearization.zero_velocity import zero_velocity_of
+from asyneio.estimation.problem.active import active_coordinates
+from asyneio.estimation.problem.problem import Preintegrated, Prior, Problem, Propagated, ZeroVelocity
+from asyneio.estimation.problem.schemes import SCHEMES
+from asyneio.estimation.solver.covariance import joint_covariance, newest_covariance, relative_scale_sigma
+from asyneio.estimation.solver.elimination import eliminate_landmarks
+from asyneio.estimation.solver.marginalization import marginalize_oldest
+from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution, optimize
 from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, MotionModel
 from tests.estimation import naive
 from tests.estimation.toy import SETTINGS, Toy, knots, make_toy, moved
@@ -68,7 +68,7 @@ CASES = {
 every_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 
 
-def softened(rest: Rest) -> Rest:
+def softened(rest: ZeroVelocity) -> ZeroVelocity:
     """The same a thousand times weaker: the toy's sensor moves, and a minimum is to be found all the same."""
     return rest._replace(root_information=1e-3 * rest.root_information)
 
@@ -88,7 +88,7 @@ def drawn(case: Case, frozen: int = 0) -> tuple[Problem, Prior]:
         linearization=problem.states,
         frozen=frozen,
         preintegrated=sums._replace(bias=sums.bias - 0.02),
-        rest=softened(rest_of(np.array(case.still), problem.model)),
+        rest=softened(zero_velocity_of(np.array(case.still), problem.model)),
     )
     return problem, prior
 
@@ -270,6 +270,6 @@ def _without_oldest(problem: Problem) -> Problem:
         landmarks=landmarks._replace(anchor=landmarks.anchor - 1),
         model=problem.model._replace(dt=problem.model.dt[1:]),
         preintegrated=Preintegrated(*(a[1:] for a in problem.preintegrated)),
-        rest=Rest(*(a[1:] for a in problem.rest)),
+        zero_velocity=ZeroVelocity(*(a[1:] for a in problem.zero_velocity)),
         propagated=Propagated(*(a[keep] if len(problem.propagated.tau) else a for a in problem.propagated)),
     )

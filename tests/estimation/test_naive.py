@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, logm
 
-from asyneio.estimation.schemes import SCHEMES
+from asyneio.estimation.problem.schemes import SCHEMES
 from tests.estimation import naive, naive_lie
 from tests.estimation.naive_increments import preintegration_residuals
 from tests.estimation.toy import SETTINGS, first_knot_prior, make_toy

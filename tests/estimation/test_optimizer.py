@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from asyneio.errors import EstimationError
-from asyneio.estimation import optimizer
-from asyneio.estimation.linear_system import LinearSystem
-from asyneio.estimation.optimizer import OptimizerSettings, Solution, optimize
-from asyneio.estimation.problem import Prior, Problem
+from asyneio.estimation.linearization.linear_system import LinearSystem
+from asyneio.estimation.problem.problem import Prior, Problem
+from asyneio.estimation.solver import optimizer
+from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution, optimize
 from tests.estimation import naive
 from tests.estimation.toy import make_toy, with_dof
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from asyneio.errors import EstimationError
-from asyneio.estimation.schemes import SCHEMES, IntervalInertial, measure
+from asyneio.estimation.problem.schemes import SCHEMES, IntervalInertial, measure
 from asyneio.inertial.increments import ImuWindow, SampleNoise
 from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.inertial.projection import NODES

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from asyneio.estimation.optimizer import OptimizerSettings
-from asyneio.estimation.problem import States
+from asyneio.estimation.problem.problem import States
+from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.solver.optimizer import OptimizerSettings
 from asyneio.estimation.window import Window
-from asyneio.estimation.window_settings import TrackObservations
 from tests.estimation import naive
 from tests.estimation.toy import (
     KNOT_NS,

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from asyneio.estimation.problem import Prior, Problem, States
-from asyneio.estimation.schemes import SCHEMES
+from asyneio.estimation.problem.problem import Prior, Problem, States
+from asyneio.estimation.problem.schemes import SCHEMES
+from asyneio.estimation.problem.window_settings import TrackObservations, WindowSettings
 from asyneio.estimation.window import Window
-from asyneio.estimation.window_settings import TrackObservations, WindowSettings
 from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.trajectory.model import WNOJ_SE3
 from asyneio.types import INERTIAL_DTYPE, RecordArray

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from asyneio.factors.rest import rest_jacobian, rest_residual
+from asyneio.factors.zero_velocity import zero_velocity_jacobian, zero_velocity_residual
 
 from .jacobian_checker import check_jacobian
 from .knots import PAIR_BLOCKS, Knot, random_pair
@@ -14,7 +14,7 @@ from .knots import PAIR_BLOCKS, Knot, random_pair
 def residual_of(a: Knot, b: Knot) -> np.ndarray:
     out = np.empty(18)
     varpi_0, varpi_1 = (np.ascontiguousarray(knot.varpi[0]) for knot in (a, b))
-    rest_residual(a.C, a.r, varpi_0, b.C, b.r, varpi_1, out)
+    zero_velocity_residual(a.C, a.r, varpi_0, b.C, b.r, varpi_1, out)
     return out
 
 
@@ -24,7 +24,7 @@ def test_jacobian(seed: int, dt: float, scale: float) -> None:
     """Far from rest too, so that no term vanishes; rows differ in unit and size."""
     a, b = random_pair(np.random.default_rng(seed), dt, scale)
     jacobian = np.empty((18, 48))
-    rest_jacobian(a.C, a.r, b.C, b.r, jacobian)
+    zero_velocity_jacobian(a.C, a.r, b.C, b.r, jacobian)
     for rows in (slice(0, 3), slice(3, 6), slice(6, 12), slice(12, 18)):
         check_jacobian(
             f"rest rows {rows.start}",

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from asyneio.frontend.features import (
+from asyneio.frontend.gradient.features import (
     FEATURE_DTYPE,
     PATCH_HALF,
     PATCH_SIDE,
@@ -19,7 +19,7 @@ from asyneio.frontend.features import (
     TEMPLATE_SIZE,
     begin,
 )
-from asyneio.frontend.patch import make_workspace, weigh
+from asyneio.frontend.gradient.patch import make_workspace, weigh
 from asyneio.types import FloatArray, RecordArray
 
 Picture = Callable[[FloatArray, FloatArray], FloatArray]

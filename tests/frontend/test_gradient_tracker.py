@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from asyneio.config import FrontendConfig
-from asyneio.frontend.features import FREE
-from asyneio.frontend.gradient_tracker import GradientTracker
+from asyneio.frontend.gradient.features import FREE
+from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.simulation import EventSimulation
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 from tests.conftest import SEED
@@ -99,11 +99,11 @@ def test_more_places_make_up_for_tracks_of_no_use(simulation: EventSimulation) -
     events = simulation.recording.events
 
     for unused, places in ((0.3, 11), (0.5, 16), (0.9, 16), (1.0, 16), (0.0, 8)):
-        tracker.make_up_for(unused)
+        tracker.set_outlier_share(unused)
         assert tracker._state[0]["places"] == places
     following, corners = [], []
     for i in range(0, events.size, 5000):
-        tracker.make_up_for(0.5 if i < 40_000 else 0.0)
+        tracker.set_outlier_share(0.5 if i < 40_000 else 0.0)
         tracker.process(events[i : i + 5000])
         following.append(np.count_nonzero(tracker.features.records["state"] != FREE))
         corners.append(tracker.statistics().corners)

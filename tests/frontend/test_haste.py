@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from asyneio.config import FrontendConfig
-from asyneio.frontend.haste import ALIVE, SILENT, TRACKS, HasteTracker
-from asyneio.frontend.haste_kernel import (
+from asyneio.frontend.haste.kernel import (
     FREE,
     GROWING,
     HASTE_DTYPE,
@@ -23,6 +22,7 @@ from asyneio.frontend.haste_kernel import (
     WINDOW,
     feed,
 )
+from asyneio.frontend.haste.tracker import ALIVE, SILENT, TRACKS, HasteTracker
 from asyneio.types import EVENT_DTYPE, FloatArray, RecordArray
 from tests.conftest import SEED
 

@@ -10,9 +10,9 @@ import pytest
 from asyneio.config import FrontendConfig
 from asyneio.errors import RecordingError
 from asyneio.frontend import Frontend, FrontendStatistics
-from asyneio.frontend.budget import EVENT_NS, FED_NS, SHED_NS
-from asyneio.frontend.gradient_tracker import GradientTracker
-from asyneio.frontend.registration import Tables, make_registration
+from asyneio.frontend.feature_grid import Tables, make_registration
+from asyneio.frontend.gradient.budget import EVENT_NS, FED_NS, SHED_NS
+from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.simulation import EventSimulation
 from asyneio.types import RecordArray
 

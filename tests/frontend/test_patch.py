@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import convolve1d, map_coordinates
 
-from asyneio.frontend.features import (
+from asyneio.frontend.gradient.features import (
     MATCH_HALF,
     PATCH_HALF,
     PATCH_SIDE,
@@ -15,8 +15,8 @@ from asyneio.frontend.features import (
     newest_events,
     thin_out,
 )
-from asyneio.frontend.flow import find_flow, peak_of
-from asyneio.frontend.patch import blur, contrast, draw_patch, restrict, shift_patch, weigh
+from asyneio.frontend.gradient.flow import find_flow, peak_of
+from asyneio.frontend.gradient.patch import blur, contrast, draw_patch, restrict, shift_patch, weigh
 from tests.conftest import SEED
 from tests.frontend.patches import (
     blobs,

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from asyneio.frontend.registration import (
+from asyneio.frontend.feature_grid import (
     BUCKET_FEATURES,
     FINE,
-    Registration,
+    FeatureGrid,
     make_registration,
     move,
     register,
@@ -70,7 +70,7 @@ def test_a_lone_pixel_below_the_floor_is_not_hot() -> None:
 WIDTH, HEIGHT, REACH, BUCKET = 100, 60, 13.5, 1 << FINE
 
 
-def entries(registration: Registration) -> set[tuple[int, int, int]]:
+def entries(registration: FeatureGrid) -> set[tuple[int, int, int]]:
     """All (row, column, slot) in the table; fails where a slot is listed twice."""
     found = [
         (row, column, int(slot))

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from asyneio.frontend.features import TEMPLATE_SIDE, TEMPLATE_SIZE
-from asyneio.frontend.gradient_template import learn, match, synthesise
+from asyneio.frontend.gradient.features import TEMPLATE_SIDE, TEMPLATE_SIZE
+from asyneio.frontend.gradient.template import learn, match, synthesise
 from asyneio.types import FloatArray, RecordArray
 from tests.conftest import SEED
 from tests.frontend.patches import (

@@ -9,14 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from asyneio.config import Config
-from asyneio.odometry.intake import Intake
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.initializer.in_motion import Start, try_start
 from asyneio.odometry.settings import Settings, resolve
-from asyneio.odometry.start import Start, try_start
 from asyneio.simulation import AnalyticMotion, MotionStyle, PinholeCamera, TrackSpec
 from asyneio.simulation.imu import as_records, specific_force_b
-from asyneio.simulation.scenario import MEMS_NOISE
 from asyneio.simulation.scene import draw_landmarks
-from asyneio.simulation.tracks import Viewer, simulate_tracks
+from asyneio.simulation.tracks.observations import Viewer, simulate_tracks
+from asyneio.simulation.tracks.scenario import MEMS_NOISE
 from asyneio.types import OBSERVATION_DTYPE, Calibration, CameraIntrinsics, Packet
 from tests.inertial.windows import declared_noise
 from tests.initialization.ideal import GRAVITY, T_B_C, sinusoidal, styled
@@ -30,7 +30,7 @@ RATES_HZ = (1000.0, 190.0)
 
 def recorded(
     motion: AnalyticMotion, seconds: float, pixel_sigma: float = 0.0, T_b_c: Array = T_B_C, features: int = 40
-) -> tuple[Intake, Settings]:
+) -> tuple[MeasurementBuffer, Settings]:
     """What the estimator holds after `seconds` of tracks and of ideal inertial samples at two rates."""
     rng = np.random.default_rng(11)
     viewer = Viewer(motion, PinholeCamera.from_intrinsics(CAMERA), T_b_c, draw_landmarks("room", 2000, rng))
@@ -43,7 +43,7 @@ def recorded(
     gyroscope = as_records(START_NS + times[0], motion.angular_velocity_b(times[0] * 1e-9))
     force = specific_force_b(motion, times[1] * 1e-9, GRAVITY)
     accelerometer = as_records(START_NS + times[1], force)
-    intake = Intake(CAMERA, pixel_sigma=1.0)
+    intake = MeasurementBuffer(CAMERA, pixel_sigma=1.0)
     intake.append(Packet(START_NS + round(seconds * 1e9), observations, gyroscope, accelerometer))
     return intake, resolve(
         Config(), Calibration(CAMERA, T_b_c, 0, MEMS_NOISE), declared_noise(MEMS_NOISE, *RATES_HZ, 5.0)

@@ -15,8 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
-from asyneio.io import aedat2, open_recording
-from asyneio.io.aedat2 import Aedat2Events
+from asyneio.io import open_recording
+from asyneio.io.aedat import aedat2
+from asyneio.io.aedat.aedat2 import Aedat2Events
 from asyneio.types import NS_PER_S
 
 HEADER = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"

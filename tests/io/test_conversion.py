@@ -17,10 +17,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from asyneio.errors import RecordingError
-from asyneio.io import open_recording, resumable
-from asyneio.io.conversion import Source, Target, convert, from_zero
-from asyneio.io.evt2_writer import evt2_words
-from asyneio.io.targets import TARGETS, target_named
+from asyneio.io import open_recording
+from asyneio.io.conversion.convert import Source, Target, convert, from_zero, resumable
+from asyneio.io.conversion.targets import TARGETS, target_named
+from asyneio.io.prophesee.evt2_writer import evt2_words
 from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
 from tests.io.event_recordings import assert_same, make_event_recording
 
@@ -285,9 +285,10 @@ SCRIPT = """
 import sys
 import tracemalloc
 from pathlib import Path
-from asyneio.io import open_recording, resumable
-from asyneio.io.conversion import Source, convert
-from asyneio.io.targets import target_named
+from asyneio.io import open_recording
+from asyneio.io.conversion.convert import resumable
+from asyneio.io.conversion.convert import Source, convert
+from asyneio.io.conversion.targets import target_named
 resumable.PIECE_EVENTS, resumable.PIECES_PER_ENTRY = 1000, 2
 source, output = map(Path, sys.argv[1:])
 advance = lambda done: (print(done, flush=True), sys.stdin.readline())

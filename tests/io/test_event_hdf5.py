@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from asyneio.errors import AsyneioError, RecordingError
-from asyneio.io import hdf5_columns, open_recording, write_events_hdf5
+from asyneio.io import open_recording, write_events_hdf5
+from asyneio.io.hdf5 import columns as hdf5_columns
 from asyneio.types import EventRecording
 from tests.io.event_recordings import assert_same, make_event_recording
 

@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 
 from asyneio.errors import RecordingError
 from asyneio.io import open_recording
-from asyneio.io.bag import Bag
-from asyneio.io.event_packets import Packet, PacketDecoder
-from asyneio.io.event_source import FAR_OUTSIDE
-from asyneio.io.evt3 import HIGH_NS
-from asyneio.io.rosbag1 import Rosbag1
-from asyneio.io.rosbag2 import open_rosbag2
-from asyneio.io.sensor_clock import fit_clock
+from asyneio.io.prophesee.evt3 import HIGH_NS
+from asyneio.io.recording.source import FAR_OUTSIDE
+from asyneio.io.ros.bag import Bag
+from asyneio.io.ros.event_packets import Packet, PacketDecoder
+from asyneio.io.ros.rosbag1 import Rosbag1
+from asyneio.io.ros.rosbag2 import open_rosbag2
+from asyneio.io.ros.sensor_clock import fit_clock
 from asyneio.types import NS_PER_S, RecordArray
 from tests.io.ros_bags import START_NS, Record, header, write_bag
 from tests.io.test_evt3 import at

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from asyneio.io.evt3 import HIGH_NS, TURN_NS, Evt3Decoder
+from asyneio.io.prophesee.evt3 import HIGH_NS, TURN_NS, Evt3Decoder
 
 ROW, EVENT, BASE, TWELVE, EIGHT, LOW, HIGH, TRIGGER = 0, 2, 3, 4, 5, 6, 8, 10
 

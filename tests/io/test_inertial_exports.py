@@ -9,7 +9,7 @@ import pytest
 
 from asyneio.errors import RecordingError
 from asyneio.io import open_recording, read_inertial_file, write_uzh_folder
-from asyneio.io.inertial_units import turns_in_degrees
+from asyneio.io.recording.inertial_units import turns_in_degrees
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, EventRecording, RecordArray
 from tests.io.event_recordings import make_event_recording
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from asyneio.errors import RecordingError
-from asyneio.io.isolated_stamps import isolated
-from asyneio.io.stamps import sort_in_time
+from asyneio.io.parsing.isolated_stamps import isolated
+from asyneio.io.parsing.stamps import sort_in_time
 from asyneio.types import INERTIAL_DTYPE, IntArray
 
 S = 1_000_000_000

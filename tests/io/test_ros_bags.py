@@ -12,10 +12,10 @@ from rosbags.rosbag2 import Reader as Reader2
 
 from asyneio.errors import RecordingError
 from asyneio.io import open_recording
-from asyneio.io.conversion import Source, convert
-from asyneio.io.ros1_writer import write_rosbag
-from asyneio.io.ros2_writer import write_rosbag2
-from asyneio.io.targets import target_named
+from asyneio.io.conversion.convert import Source, convert
+from asyneio.io.conversion.targets import target_named
+from asyneio.io.ros.ros1_writer import write_rosbag
+from asyneio.io.ros.ros2_writer import write_rosbag2
 from asyneio.types import NS_PER_S, EventRecording
 from tests.io.event_recordings import make_event_recording
 from tests.io.ros_bags import recording_records, typestore, write_bag

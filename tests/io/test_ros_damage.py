@@ -17,12 +17,12 @@ from rosbags.rosbag1 import Writer
 
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.io import ReadOptions, open_recording, write_uzh_folder
-from asyneio.io.bag import MAX_UNPACKED, CutError, Message, Topic, unpack
-from asyneio.io.event_arrays import EventArrayDecoder, event_fields
-from asyneio.io.ros1_writer import write_rosbag
-from asyneio.io.ros_places import Locator, locate
-from asyneio.io.ros_schema import parse_schema
-from asyneio.io.ros_tables import NumberTable
+from asyneio.io.ros.bag import MAX_UNPACKED, CutError, Message, Topic, unpack
+from asyneio.io.ros.event_arrays import EventArrayDecoder, event_fields
+from asyneio.io.ros.field_offsets import Locator, locate
+from asyneio.io.ros.ros1_writer import write_rosbag
+from asyneio.io.ros.schema import parse_schema
+from asyneio.io.ros.tables import NumberTable
 from asyneio.types import Distortion, EventRecording
 from tests.io.event_recordings import make_event_recording
 from tests.io.ros_bags import Record, camera_record, header, recording_records, write_bag

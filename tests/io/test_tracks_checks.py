@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from asyneio.errors import RecordingError
-from asyneio.io.tracks_checks import cut_tracks
+from asyneio.io.tracks.checks import cut_tracks
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, RecordArray
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from asyneio.errors import RecordingError
 from asyneio.io import read_estimates, read_trajectory, to_trajectory, write_estimates, write_tum
-from asyneio.io.estimates_file import stack_estimates
-from asyneio.io.seconds_table import format_seconds, parse_seconds
+from asyneio.io.parsing.seconds_table import format_seconds, parse_seconds
+from asyneio.io.results.estimates import stack_estimates
 from asyneio.types import STATE_BLOCKS, Estimate, PoseTrajectory
 from tests.io.recordings import START_NS, make_estimate, straight_path
 
@@ -159,7 +159,7 @@ def test_truncated_archive_is_refused(tmp_path: Path, estimates: list[Estimate],
 
 
 def test_archive_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("asyneio.io.estimates_file._MAX_BYTES", 1000)
+    monkeypatch.setattr("asyneio.io.results.estimates._MAX_BYTES", 1000)
     with zipfile.ZipFile(tmp_path / "e.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("t_ns.npy", b"0" * 1001)
     with pytest.raises(RecordingError, match="unpacks to 1001 bytes"):

@@ -12,15 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from asyneio.config import HealthConfig
-from asyneio.odometry.continuity import Continuity, Jumps, field_of_view
-from asyneio.odometry.health import HealthMonitor, Vitals
-from asyneio.odometry.vitals import ScaleChanges, sample_gap_s
+from asyneio.odometry.health.continuity import Continuity, Jumps, field_of_view
+from asyneio.odometry.health.metrics import ScaleChanges, sample_gap_s
+from asyneio.odometry.health.state_machine import HealthMetrics, HealthStateMachine
 from asyneio.simulation.faults import held
-from asyneio.simulation.scenario import DAVIS240C
+from asyneio.simulation.tracks.scenario import DAVIS240C
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Health, RecordArray
 
 STEP_NS = 100_000_000
-WELL = Vitals(
+WELL = HealthMetrics(
     since_vision_s=0.02,
     inertial_gap_s=0.005,
     landmarks=60,
@@ -31,8 +31,8 @@ WELL = Vitals(
 )
 
 
-def states(sequence: list[Vitals]) -> list[tuple[Health, str]]:
-    monitor = HealthMonitor(HealthConfig())
+def states(sequence: list[HealthMetrics]) -> list[tuple[Health, str]]:
+    monitor = HealthStateMachine(HealthConfig())
     return [monitor.update(k * STEP_NS, vitals) for k, vitals in enumerate(sequence)]
 
 
@@ -108,7 +108,7 @@ def test_nothing_is_missed_at_rest() -> None:
 @given(
     st.lists(
         st.builds(
-            Vitals,
+            HealthMetrics,
             since_vision_s=st.floats(0.0, 1.0),
             inertial_gap_s=st.floats(0.0, 0.7),
             landmarks=st.integers(0, 20),
@@ -120,7 +120,7 @@ def test_nothing_is_missed_at_rest() -> None:
         max_size=40,
     )
 )
-def test_every_state_but_tracking_has_a_reason(sequence: list[Vitals]) -> None:
+def test_every_state_but_tracking_has_a_reason(sequence: list[HealthMetrics]) -> None:
     for health, reason in states(sequence):
         assert bool(reason) == (health is not Health.TRACKING)
 

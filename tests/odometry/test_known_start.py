@@ -11,24 +11,24 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import EstimationError
 from asyneio.odometry import Odometry
-from asyneio.types import Estimate, FirstState, Health, Recording, StepReport
+from asyneio.types import Estimate, Health, InitialState, Recording, StepReport
 from tests.odometry.runs import configured, cut, simulated
 
 #: rad, m, m/s, rad/s, m/s^2.
 CERTAIN = np.repeat([1e-4, 1e-4, 1e-3, 1e-4, 1e-3], 3)
 
 
-def true_state(after_s: float, sigma: np.ndarray = CERTAIN) -> FirstState:
+def true_state(after_s: float, sigma: np.ndarray = CERTAIN) -> InitialState:
     simulation = simulated()
     t_ns = simulation.truth.start_ns + round(after_s * 1e9)
     true = simulation.truth.at(t_ns)
-    return FirstState(
+    return InitialState(
         t_ns, true.T_w_b[0], true.velocity_w[0], true.bias_gyroscope[0], true.bias_accelerometer[0], sigma
     )
 
 
 def run(
-    recording: Recording, first: FirstState, **sections: dict[str, Any]
+    recording: Recording, first: InitialState, **sections: dict[str, Any]
 ) -> tuple[list[Estimate], list[StepReport], Odometry]:
     odometry = Odometry(configured(**sections), recording.calibration, first)
     estimates, reports = [], []

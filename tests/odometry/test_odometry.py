@@ -10,7 +10,7 @@ import pytest
 from asyneio.errors import EstimationError
 from asyneio.evaluation import NEES_DOF, NeesBlock, nees
 from asyneio.odometry import Odometry
-from asyneio.packets import packets, usable_span
+from asyneio.pipeline.packets import packets, usable_span
 from asyneio.types import Health, Packet
 from tests.odometry.runs import (
     INTERVAL_NS,

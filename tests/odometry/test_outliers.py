@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asyneio.odometry.intake import Intake
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.initializer.consensus import contradicting_tracks
 from asyneio.odometry.outliers import optimize_without_outliers
-from asyneio.odometry.screen import contradicting_tracks
 from asyneio.simulation.contamination import swaying_object, with_object, with_wrong_tracks
 from asyneio.simulation.faults import spikes
 from asyneio.types import Health, Packet
@@ -28,8 +28,8 @@ from tests.odometry.runs import (
 BEARING_SIGMA = PIXEL_SIGMA / 199.0
 
 
-def held(packet: Packet, seed: int = 0) -> Intake:
-    intake = Intake(simulated(seed).recording.calibration.camera, PIXEL_SIGMA)
+def held(packet: Packet, seed: int = 0) -> MeasurementBuffer:
+    intake = MeasurementBuffer(simulated(seed).recording.calibration.camera, PIXEL_SIGMA)
     intake.append(packet)
     return intake
 
@@ -104,7 +104,7 @@ def test_intake_counts_what_it_gates() -> None:
     gyroscope["xyz"][8, 1] += 5.0
     gyroscope["xyz"][12] = np.nan
     packets[2] = replace(packets[2], gyroscope=gyroscope)
-    intake = Intake(recording.calibration.camera, PIXEL_SIGMA, recording.calibration.noise)
+    intake = MeasurementBuffer(recording.calibration.camera, PIXEL_SIGMA, recording.calibration.noise)
     gated = []
     for packet in packets:
         intake.append(packet)

@@ -10,17 +10,25 @@ from numpy.typing import NDArray
 
 from asyneio.config import Config
 from asyneio.errors import CalibrationError
-from asyneio.estimation import correction_terms, interval_terms, visual_terms
-from asyneio.estimation.linear_system import linearize
-from asyneio.estimation.problem import States
+from asyneio.estimation.linearization import (
+    corrections as correction_terms,
+)
+from asyneio.estimation.linearization import (
+    interval as interval_terms,
+)
+from asyneio.estimation.linearization import (
+    visual as visual_terms,
+)
+from asyneio.estimation.linearization.linear_system import linearize
+from asyneio.estimation.problem.problem import States
 from asyneio.inertial.noise import InertialNoise
-from asyneio.odometry import kernels
-from asyneio.odometry.intake import Intake, around
+from asyneio.odometry.buffer import MeasurementBuffer, around
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.propagation import predict_knot, propagate, rates_at
 from asyneio.odometry.settings import resolve
+from asyneio.pipeline import compilation as kernels
 from asyneio.simulation import PinholeCamera
-from asyneio.simulation.scenario import NOISE_FREE
+from asyneio.simulation.tracks.scenario import NOISE_FREE
 from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, MotionModel
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, Packet, RecordArray
 from tests.estimation.toy import make_toy
@@ -45,8 +53,8 @@ def stamped(*t_ns: int) -> RecordArray:
     return records
 
 
-def filled(pixels: Array, pixel_sigma: float = 0.5) -> Intake:
-    intake = Intake(CAMERA, pixel_sigma)
+def filled(pixels: Array, pixel_sigma: float = 0.5) -> MeasurementBuffer:
+    intake = MeasurementBuffer(CAMERA, pixel_sigma)
     times = list(range(100, 100 + len(pixels)))
     intake.append(Packet(200, observed(times, pixels), stamped(90, 130, 150), stamped(100, 180)))
     return intake

@@ -177,7 +177,7 @@ def test_time_that_jumps_back_begins_a_segment() -> None:
 
 def test_a_wrong_scale_is_told_within_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     """The start is made wrong by a third: optimisation mends it, and what was given out is in doubt."""
-    module = importlib.import_module("asyneio.odometry.attempt")
+    module = importlib.import_module("asyneio.odometry.initializer.initialize")
     original = module.try_start
 
     def wrong(*arguments: object) -> object:

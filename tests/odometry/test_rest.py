@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from asyneio.config import InertialConfig
-from asyneio.odometry.rest import RestDetector
+from asyneio.odometry.stationary import StationaryDetector
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, Estimate, Packet, RecordArray
 from tests.inertial.windows import declared_noise
 from tests.odometry.runs import INTERVAL_NS, SCENARIO, simulated
@@ -66,7 +66,7 @@ class Situation:
 
 
 def judged(situation: Situation, seconds: float = 1.5, known: Estimate | None = None) -> list[bool]:
-    detector = RestDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
+    detector = StationaryDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
     answers = []
     for packet in situation.packets(seconds):
         detector.append(packet)
@@ -172,7 +172,7 @@ def test_lifted_too_softly_for_the_accelerometer_but_seen() -> None:
 
 
 def test_a_gap_in_the_samples_ends_it() -> None:
-    detector = RestDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
+    detector = StationaryDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
     packets = QUIET.packets(2.0)
     packets[12] = replace(packets[12], gyroscope=packets[12].gyroscope[:0])
     answers = []
@@ -188,7 +188,7 @@ def test_a_gap_in_the_samples_ends_it() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_rest_lasts(seed: int) -> None:
     """Half a minute of noise and walking biases: never interrupted."""
-    detector = RestDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
+    detector = StationaryDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
     for n, packet in enumerate(QUIET.packets(30.0, seed)):
         drift = np.sqrt(n / 10.0)
         packet.accelerometer["xyz"] += NOISE.accelerometer_walk * drift
@@ -197,13 +197,13 @@ def test_rest_lasts(seed: int) -> None:
         assert detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None, CALM) == (n >= 1) or n < 6
 
 
-def short_rest(seconds: float, image: Callable[[np.ndarray], np.ndarray] | None = None) -> RestDetector:
+def short_rest(seconds: float, image: Callable[[np.ndarray], np.ndarray] | None = None) -> StationaryDetector:
     """After a rest that a push ends, and half a second more."""
 
     def push(t: np.ndarray) -> np.ndarray:
         return np.where(np.asarray(t)[:, None] > seconds, wave(0.8, 1.0)(np.asarray(t) - seconds), 0.0)
 
-    detector = RestDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
+    detector = StationaryDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
     for packet in Situation(push=push, image=image, tracks=40).packets(seconds + 0.5):
         detector.append(packet)
         detector.judge(packet.t_end_ns, packet.t_end_ns, None, CALM)

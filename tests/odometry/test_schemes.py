@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from asyneio.config import Config
-from asyneio.estimation.schemes import SCHEMES
+from asyneio.estimation.problem.schemes import SCHEMES
 from asyneio.evaluation import NEES_DOF, NeesBlock, nees
 from asyneio.types import Health, Recording
 from tests.odometry.runs import Outcome, as_bytes, configured, cut, errors, process, run, simulated

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asyneio.estimation.prior_terms import difference, prior_cost
+from asyneio.estimation.linearization.prior import difference, prior_cost
+from asyneio.odometry.initializer.stationary import _prior, _states_at_rest
 from asyneio.odometry.settings import resolve
-from asyneio.odometry.static_start import _prior, _states_at_rest
 from asyneio.simulation import MotionStyle, Simulation, simulate
 from asyneio.types import Estimate, Health, Recording, StepReport
 from tests.inertial.windows import declared_noise

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from asyneio.estimation.linear_system import evaluate_cost, linearize
-from asyneio.estimation.problem import Problem
-from asyneio.estimation.schemes import SCHEMES
-from asyneio.odometry.vitals import VisualMisfit, inertial_ratio, visual_misfit
+from asyneio.estimation.linearization.linear_system import evaluate_cost, linearize
+from asyneio.estimation.problem.problem import Problem
+from asyneio.estimation.problem.schemes import SCHEMES
+from asyneio.odometry.health.metrics import VisualChiSquare, inertial_ratio, visual_chi_square
 from tests.estimation.toy import Array, make_toy, with_dof
 
 every_scheme = pytest.mark.parametrize("scheme", ["gpif", "preint", "gpp"])
@@ -31,8 +31,8 @@ def silenced(problem: Problem, quiet: Array) -> Problem:
     return problem._replace(visual=problem.visual._replace(root_information=root))
 
 
-def misfit_of(problem: Problem) -> VisualMisfit:
-    return visual_misfit(problem, linearize(problem).squared)
+def misfit_of(problem: Problem) -> VisualChiSquare:
+    return visual_chi_square(problem, linearize(problem).squared)
 
 
 @every_scheme

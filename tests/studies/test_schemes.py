@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asyneio import pipeline
 from asyneio.config import Config
+from asyneio.pipeline import compilation
+from asyneio.pipeline import run as pipeline
 from asyneio.simulation import simulate
 from asyneio.studies import schemes as study
 from asyneio.studies.imu_faults import lose_bursts, lose_samples
@@ -73,7 +74,7 @@ def test_a_real_run_of_every_scheme(scheme: str) -> None:
 def test_a_run_that_is_not_whole_has_no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "config_of", lambda task: Config())
     monkeypatch.setattr(pipeline, "Odometry", LosesTrack)
-    monkeypatch.setattr(pipeline, "are_compiled", lambda: True)
+    monkeypatch.setattr(compilation, "are_compiled", lambda: True)
     measured = study.measure(_TASK)
     assert all(math.isnan(value) for value in measured.values())
     assert set(measured) == {"ate_cm", "orientation_deg", "velocity_cm_s", "cost_ms_per_s"}

@@ -16,7 +16,8 @@ import pytest
 
 from asyneio.config import Config, FrontendConfig
 from asyneio.errors import StudyError
-from asyneio.estimation import linear_system, optimizer
+from asyneio.estimation.linearization import linear_system
+from asyneio.estimation.solver import optimizer
 from asyneio.frontend import Frontend
 from asyneio.io import write_events_hdf5
 from asyneio.pipeline import run_recording
@@ -64,7 +65,8 @@ def test_stages_are_counted_and_put_back() -> None:
 
 
 def test_whole_stages_keep_what_is_within(monkeypatch: pytest.MonkeyPatch) -> None:
-    from asyneio.odometry import attempt, odometry
+    from asyneio.odometry import odometry
+    from asyneio.odometry.initializer import initialize as attempt
 
     def start(*_: Any) -> str:
         optimizer.linearize(None)  # type: ignore[arg-type]

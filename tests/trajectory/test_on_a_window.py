@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from asyneio.estimation.covariance import joint_covariance, newest_covariance
-from asyneio.odometry.intake import Intake
+from asyneio.estimation.solver.covariance import joint_covariance, newest_covariance
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.initializer.in_motion import Start, try_start
 from asyneio.odometry.settings import Settings
-from asyneio.odometry.start import Start, try_start
 from asyneio.simulation import MotionStyle
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from tests.initialization.ideal import styled
@@ -18,19 +18,19 @@ SEED = 1
 
 
 @pytest.fixture(scope="module")
-def held() -> tuple[Intake, Settings]:
+def held() -> tuple[MeasurementBuffer, Settings]:
     return recorded(styled(MotionStyle.AGGRESSIVE, SEED), 2.0, pixel_sigma=0.5)
 
 
 @pytest.fixture(scope="module")
-def started(held: tuple[Intake, Settings]) -> Start:
+def started(held: tuple[MeasurementBuffer, Settings]) -> Start:
     start = try_start(*held)
     assert isinstance(start, Start), start
     return start
 
 
 @pytest.fixture(scope="module")
-def through(held: tuple[Intake, Settings], started: Start) -> GPTrajectory:
+def through(held: tuple[MeasurementBuffer, Settings], started: Start) -> GPTrajectory:
     window, solution = started.window, started.solution
     return GPTrajectory(
         window.t_ns,

@@ -82,7 +82,7 @@ def uzh(
     from asyneio.cli import console
     from asyneio.cli.progress import task_progress
     from asyneio.errors import StudyError
-    from asyneio.io.atomic import make_folder, write_text
+    from asyneio.io.parsing.atomic import make_folder, write_text
     from asyneio.studies.measuring import measure_missing
     from asyneio.studies.uzh import BenchSettings, find_sequences, measure_sequence
     from asyneio.studies.uzh_report import report_json, report_markdown
@@ -179,7 +179,7 @@ def speed(
     from asyneio.cli.progress import reading_progress, share_progress, task_progress
     from asyneio.errors import StudyError
     from asyneio.io import ReadOptions
-    from asyneio.io.atomic import write_text
+    from asyneio.io.parsing.atomic import write_text
     from asyneio.studies.speed import SpeedOptions, measure_speed
     from asyneio.studies.speed_report import (
         NO_BASELINE,

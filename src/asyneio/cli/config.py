@@ -83,8 +83,8 @@ def annotated(settings: Config) -> str:
 
 def _named(source: str) -> Config:
     """The settings of a file, of a folder of results, or of a preset."""
+    from asyneio.cameras import PRESETS
     from asyneio.errors import ConfigError
-    from asyneio.presets import PRESETS
 
     if Path(source).exists():
         return settings_of(_settings_file(Path(source)), None)

@@ -18,7 +18,7 @@ from asyneio.cli.options import (
 
 if TYPE_CHECKING:
     from asyneio.io import ReadOptions
-    from asyneio.io.conversion import Target
+    from asyneio.io.conversion.convert import Target
     from asyneio.types import EventRecording
 
 
@@ -57,9 +57,9 @@ def convert(
     from asyneio.cli.progress import event_progress
     from asyneio.errors import RecordingError
     from asyneio.io import ReadOptions
-    from asyneio.io.conversion import Source, from_zero, is_unfinished
-    from asyneio.io.conversion import convert as write
-    from asyneio.io.targets import target_named
+    from asyneio.io.conversion.convert import Source, from_zero, is_unfinished
+    from asyneio.io.conversion.convert import convert as write
+    from asyneio.io.conversion.targets import target_named
 
     target = target_named(to, output)
     if output.resolve() == recording.resolve():

@@ -30,7 +30,7 @@ def demo(
     from asyneio.cli.simulate import EventFormat, named_event_scenario, write_simulated_events
     from asyneio.config import Config
     from asyneio.io import open_recording
-    from asyneio.io.atomic import make_folder
+    from asyneio.io.parsing.atomic import make_folder
 
     folder = output / "recording"
     make_folder(folder)

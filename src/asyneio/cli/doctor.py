@@ -17,7 +17,7 @@ from asyneio.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from asyneio.doctor.verdict import Diagnosis
+    from asyneio.doctor.result import Diagnosis
 
 _STYLES = {"OK": "green", "NOTE": "cyan", "WARNING": "yellow", "FAIL": "bold red"}
 
@@ -58,7 +58,7 @@ def doctor(
 
 
 def _show(diagnosis: Diagnosis) -> None:
-    """Verdict by verdict, then what a run would tell, then the summary, on standard output."""
+    """CheckResult by verdict, then what a run would tell, then the summary, on standard output."""
     from rich.console import Console
     from rich.padding import Padding
     from rich.text import Text

@@ -10,13 +10,13 @@ from asyneio import __version__
 from asyneio.cli import console
 from asyneio.cli.figures import run_figures
 from asyneio.cli.progress import share_progress
-from asyneio.cli.reporting import KnownStates, report_data
 from asyneio.config import Config
 from asyneio.errors import EstimationError, EvaluationError
 from asyneio.evaluation import Evaluation, evaluate, protocol_named
 from asyneio.io import to_trajectory
-from asyneio.io.atomic import atomic_file, make_folder, remove_empty, write_text
+from asyneio.io.parsing.atomic import atomic_file, make_folder, remove_empty, write_text
 from asyneio.pipeline import RunInterrupted, RunResult, run_recording, write_outputs
+from asyneio.pipeline.report import KnownStates, report_data
 from asyneio.types import EventRecording, Recording
 from asyneio.viz import available, render_overview, render_pictures, render_report
 

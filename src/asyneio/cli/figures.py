@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from asyneio.evaluation import Evaluation
-from asyneio.summary import Summary
+from asyneio.pipeline.summary import Summary
 from asyneio.types import Health
 
 Rows = tuple[tuple[str, str], ...]

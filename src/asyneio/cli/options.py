@@ -74,8 +74,8 @@ def settings_of(config: Path | None, preset: str | None) -> Config:
     Raises:
         ConfigError: the file is missing or wrong, or there is no such preset.
     """
+    from asyneio.cameras import preset_named
     from asyneio.config import load_config
-    from asyneio.presets import preset_named
 
     return load_config(config, preset_named(preset).settings if preset else None)
 

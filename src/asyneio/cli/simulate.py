@@ -84,7 +84,7 @@ def simulate(
     import json
 
     from asyneio.cli.recorded_motion import RecordedFiles, recorded_scenario
-    from asyneio.io.atomic import make_folder
+    from asyneio.io.parsing.atomic import make_folder
     from asyneio.simulation import EVENT_SCENARIOS, imu_named, with_imu
 
     sensor = None if imu_model is None else imu_named(imu_model)

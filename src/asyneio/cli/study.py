@@ -53,7 +53,7 @@ def study(
     from asyneio.cli import console
     from asyneio.cli.progress import task_progress
     from asyneio.errors import StudyError
-    from asyneio.io.atomic import make_folder
+    from asyneio.io.parsing.atomic import make_folder
     from asyneio.studies.catalogue import STUDIES
     from asyneio.studies.runner import run_study
 

@@ -21,8 +21,8 @@ from asyneio.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from asyneio.cli.track_run import TrackRun
     from asyneio.io import ReadOptions
+    from asyneio.pipeline.track import TrackRun
     from asyneio.types import EventRecording, RecordArray
 
 TRACKS_FILE, SUMMARY_FILE = "tracks.csv", "tracks_summary.json"
@@ -61,10 +61,10 @@ def track(
 
     from asyneio.cli import console
     from asyneio.cli.progress import share_progress
-    from asyneio.cli.track_run import summarize_tracks, track_recording
     from asyneio.errors import RecordingError
     from asyneio.io import ReadOptions
-    from asyneio.io.atomic import make_folder, remove_empty, write_text
+    from asyneio.io.parsing.atomic import make_folder, remove_empty, write_text
+    from asyneio.pipeline.track import summarize_tracks, track_recording
 
     settings = with_tracker(settings_of(config, preset), tracker).frontend
     loaded = _open(
@@ -134,7 +134,7 @@ def _open(path: Path, options: ReadOptions) -> EventRecording:
 def _write_tracks(recording: EventRecording, observations: RecordArray, folder: Path) -> list[Path]:
     """Write the tracks and, where all else is known, the rest of a tracks folder."""
     from asyneio.io import write_tracks_folder
-    from asyneio.io.tracks_writer import write_csv
+    from asyneio.io.tracks.writer import write_csv
     from asyneio.types import Recording
 
     if recording.calibration is not None and recording.gyroscope.size and recording.accelerometer.size:
@@ -151,7 +151,7 @@ def _write_tracks(recording: EventRecording, observations: RecordArray, folder: 
 def _draw(recording: EventRecording, run: TrackRun, folder: Path, animation: bool) -> list[Path]:
     from asyneio.cli import console
     from asyneio.cli.progress import share_progress
-    from asyneio.io.atomic import atomic_file
+    from asyneio.io.parsing.atomic import atomic_file
     from asyneio.viz import available
     from asyneio.viz.tracks import TrackScene, render_animation, render_tracks
 

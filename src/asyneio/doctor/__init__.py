@@ -1,6 +1,6 @@
 """Is a recording usable, and if not, what is to be done?"""
 
 from asyneio.doctor.examination import examine
-from asyneio.doctor.verdict import Diagnosis, Severity, Verdict
+from asyneio.doctor.result import CheckResult, Diagnosis, Severity
 
-__all__ = ["Diagnosis", "Severity", "Verdict", "examine"]
+__all__ = ["CheckResult", "Diagnosis", "Severity", "examine"]

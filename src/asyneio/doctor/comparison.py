@@ -7,18 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from asyneio.doctor.alignment import Alignment, align
-from asyneio.doctor.camera_rates import CameraRates, pairs_from_tracks, rates_from_events, rates_from_tracks
-from asyneio.doctor.epipolar import gains_of_tracks
 from asyneio.doctor.event_scan import EventFigures
-from asyneio.doctor.evidence import Evidence
-from asyneio.doctor.gains import Gains, gains_of
-from asyneio.doctor.time_offset import TurnOf, gaps_of
+from asyneio.doctor.inspection import Inspection
+from asyneio.doctor.rotation.alignment import Alignment, align
+from asyneio.doctor.rotation.camera_rates import (
+    CameraRates,
+    pairs_from_tracks,
+    rates_from_events,
+    rates_from_tracks,
+)
+from asyneio.doctor.rotation.epipolar import gains_of_tracks
+from asyneio.doctor.rotation.gains import Gains, gains_of
+from asyneio.doctor.rotation.time_offset import TurnOf, gaps_of
 from asyneio.errors import AsyneioError
 from asyneio.inertial.gravity_witness import SAME_SCALE
-from asyneio.inertial.stillness import possible
-from asyneio.io.event_assembly import USUAL_SIZES
-from asyneio.io.tracks_checks import MAX_BAD_SHARE
+from asyneio.inertial.stationarity import possible
+from asyneio.io.parsing.stamps import MAX_BAD_SHARE
+from asyneio.io.recording.assembly import USUAL_SIZES
 from asyneio.types import CameraIntrinsics, FloatArray, RecordArray
 
 Progress = Callable[[float], None]
@@ -28,8 +33,10 @@ _GUESSED_FOCAL = 0.87
 _FOUND = tuple[CameraRates, Alignment | None, Gains | None]
 
 
-def with_alignment(evidence: Evidence, excerpts: list[RecordArray], progress: Progress | None) -> Evidence:
-    """Evidence with the comparison, where there is enough for it.
+def with_alignment(
+    evidence: Inspection, excerpts: list[RecordArray], progress: Progress | None
+) -> Inspection:
+    """Inspection with the comparison, where there is enough for it.
 
     A gyroscope whose scale is wrong by far would hide all else. So its readings are divided by the scale that
     gravity tells, or, where gravity tells none, by that which the picture's roll does, and compared again.
@@ -67,7 +74,7 @@ def _far_off(scale: float) -> bool:
 
 
 def _compared(
-    evidence: Evidence, excerpts: list[RecordArray], scale: float, progress: Progress | None
+    evidence: Inspection, excerpts: list[RecordArray], scale: float, progress: Progress | None
 ) -> _FOUND:
     """Rates, alignment and gains with the gyroscope's readings divided by `scale`."""
     streams, calibration, camera = evidence.streams, evidence.calibration, evidence.camera
@@ -87,7 +94,9 @@ def _compared(
     return rates, alignment, _gains(evidence, rates, alignment, TurnOf(readings))
 
 
-def _gains(evidence: Evidence, rates: CameraRates, alignment: Alignment | None, turn: TurnOf) -> Gains | None:
+def _gains(
+    evidence: Inspection, rates: CameraRates, alignment: Alignment | None, turn: TurnOf
+) -> Gains | None:
     """How large the camera's motion is of the gyroscope's."""
     assert evidence.camera is not None
     if alignment is None:

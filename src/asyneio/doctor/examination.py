@@ -6,21 +6,23 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from asyneio.doctor.event_pixels import check_hot_pixels, check_polarity, check_repeats, check_resolution
-from asyneio.doctor.event_time import (
+from asyneio.doctor.checks.event_pixels import (
+    check_hot_pixels,
+    check_polarity,
+    check_repeats,
+    check_resolution,
+)
+from asyneio.doctor.checks.event_time import (
     check_event_clock,
     check_event_order,
     check_event_pauses,
     check_event_rate,
     check_flicker,
 )
-from asyneio.doctor.evidence import Evidence, fail, ok
-from asyneio.doctor.extrinsics import check_extrinsics, check_time_offset
-from asyneio.doctor.folder_files import check_files
-from asyneio.doctor.gathering import gather
-from asyneio.doctor.image_scale import check_image_scale
-from asyneio.doctor.imu_scale import check_imu_scale
-from asyneio.doctor.imu_time import (
+from asyneio.doctor.checks.extrinsics import check_extrinsics, check_time_offset
+from asyneio.doctor.checks.image_scale import check_image_scale
+from asyneio.doctor.checks.imu_scale import check_imu_scale
+from asyneio.doctor.checks.imu_time import (
     check_duration,
     check_imu_gaps,
     check_imu_order,
@@ -29,23 +31,26 @@ from asyneio.doctor.imu_time import (
     check_overlap_of_clocks,
     streams_of,
 )
-from asyneio.doctor.imu_values import (
-    check_blows,
+from asyneio.doctor.checks.imu_values import (
     check_dead_axes,
     check_gravity,
     check_imu_units,
     check_noise,
     check_rest,
+    check_spikes_and_saturation,
 )
-from asyneio.doctor.lens import check_calibration_there, check_focal_length, check_lens
+from asyneio.doctor.checks.intrinsics import check_calibration_there, check_focal_length, check_lens
+from asyneio.doctor.checks.replay import check_replay
+from asyneio.doctor.checks.truth import check_truth
+from asyneio.doctor.folder_files import check_files
+from asyneio.doctor.gathering import gather
+from asyneio.doctor.inspection import Inspection, fail, ok
 from asyneio.doctor.other_kinds import MATLAB, PICTURES, POSES
-from asyneio.doctor.replay import check_replay
-from asyneio.doctor.truth import check_truth
-from asyneio.doctor.verdict import Diagnosis, Severity, Verdict
-from asyneio.io.contents import ReadOptions
+from asyneio.doctor.result import CheckResult, Diagnosis, Severity
+from asyneio.io.recording.contents import ReadOptions
 
 #: One after the other; None: there is nothing that this check could look at.
-CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
+CHECKS: tuple[Callable[[Inspection], CheckResult | None], ...] = (
     check_files,
     check_duration,
     check_event_rate,
@@ -63,7 +68,7 @@ CHECKS: tuple[Callable[[Evidence], Verdict | None], ...] = (
     check_imu_gaps,
     check_imu_units,
     check_dead_axes,
-    check_blows,
+    check_spikes_and_saturation,
     check_rest,
     check_gravity,
     check_imu_scale,
@@ -125,7 +130,7 @@ def examine(
     )
 
 
-def _what_it_is(evidence: Evidence) -> Verdict:
+def _what_it_is(evidence: Inspection) -> CheckResult:
     """The kind of recording and how much of it there is."""
     parts = [evidence.kind]
     if evidence.events is not None:
@@ -138,7 +143,7 @@ def _what_it_is(evidence: Evidence) -> Verdict:
     # Where the reader gave up, its refusal says all.
     if evidence.sees or any(refusal.part == "events" for refusal in evidence.refusals):
         return ok("recording", ", ".join(parts), kind=evidence.kind)
-    return Verdict(
+    return CheckResult(
         "recording",
         Severity.WARNING,
         f"{', '.join(parts)}; no events and no tracks",

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from asyneio.doctor.evidence import Evidence, note, ok
-from asyneio.doctor.verdict import Verdict
+from asyneio.doctor.inspection import Inspection, note, ok
+from asyneio.doctor.result import CheckResult
 from asyneio.doctor.views import is_calibration
 from asyneio.errors import AsyneioError
-from asyneio.io.beside import TRUTH_FILES, first_file
 from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
-from asyneio.io.contents import Contents, ReadOptions
 from asyneio.io.open_recording import described, format_of_file
+from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.io.recording.sidecar import TRUTH_FILES, first_file
 
 #: Endings of files that hold data of sensors, or pack some.
 _DATA = {
@@ -85,7 +85,7 @@ def may_be_data(file: Path) -> bool:
     return file.suffix.lower() in _DATA or "event" in name or ("imu" in name and file.suffix in _TABLES)
 
 
-def check_files(evidence: Evidence) -> Verdict | None:
+def check_files(evidence: Inspection) -> CheckResult | None:
     """Which files of the folder are used, and which are not."""
     files = evidence.files
     if files is None:

@@ -9,17 +9,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from asyneio.doctor.comparison import guess_size, with_alignment
-from asyneio.doctor.evidence import Evidence, Refusal
 from asyneio.doctor.folder_files import files_of
+from asyneio.doctor.inspection import Inspection, Refusal
 from asyneio.doctor.other_kinds import gather_other, gather_tracks
 from asyneio.doctor.reading import read_events
 from asyneio.doctor.views import is_beside, is_calibration, view_without
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
 from asyneio.io.calibration import settle
-from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_assembly import prepare_samples
 from asyneio.io.open_recording import TRACKS_FILE, find_format, open_contents
-from asyneio.io.stamps import median_rate_hz
+from asyneio.io.parsing.stamps import median_rate_hz
+from asyneio.io.recording.assembly import prepare_samples
+from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.types import RecordArray
 
 Progress = Callable[[float], None]
@@ -28,7 +28,7 @@ Progress = Callable[[float], None]
 _READING = 0.8
 
 
-def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -> tuple[Evidence, float]:
+def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -> tuple[Inspection, float]:
     """Look at a recording; also the seconds that reading its events took.
 
     Args:
@@ -92,7 +92,7 @@ def _attempts(
 
 def _look_at(
     path: Path, options: ReadOptions, opened: _Opened, progress: Progress
-) -> tuple[Evidence, list[RecordArray]]:
+) -> tuple[Inspection, list[RecordArray]]:
     contents = opened.contents
     assert contents is not None
     declared = contents.size or contents.rig.size or options.wanted.size
@@ -112,7 +112,7 @@ def _look_at(
         rig = settle(rig, declared or guess_size(read.figures), options.wanted, contents.lens, rate_hz)
     except AsyneioError as error:
         refusals.append(Refusal("calibration", str(error)))
-    evidence = Evidence(
+    evidence = Inspection(
         path=path,
         kind=opened.kind,
         events=read.figures,

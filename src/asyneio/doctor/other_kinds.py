@@ -1,4 +1,4 @@
-"""Evidence on what holds no events: tracks folders, inertial samples alone, a calibration alone."""
+"""Inspection on what holds no events: tracks folders, inertial samples alone, a calibration alone."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
-from asyneio.doctor.evidence import Evidence, Refusal
 from asyneio.doctor.folder_files import files_in, may_be_data
+from asyneio.doctor.inspection import Inspection, Refusal
 from asyneio.doctor.views import is_calibration
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
-from asyneio.io.beside import SAMPLE_FILES, TRUTH_FILES
 from asyneio.io.calibration import CAMCHAIN_FILE, Rig, find_rig, settle
-from asyneio.io.contents import ReadOptions, Samples
-from asyneio.io.csv_table import read_csv
-from asyneio.io.event_assembly import prepare_samples
-from asyneio.io.inertial_files import InertialStreams, read_inertial
-from asyneio.io.inertial_text import read_inertial_file
 from asyneio.io.open_recording import described
-from asyneio.io.stamps import median_rate_hz
-from asyneio.io.tracks_folder import read_tracks_folder
-from asyneio.io.trajectory_text import read_trajectory
+from asyneio.io.parsing.csv_table import read_csv
+from asyneio.io.parsing.stamps import median_rate_hz
+from asyneio.io.recording.assembly import prepare_samples
+from asyneio.io.recording.contents import ReadOptions, Samples
+from asyneio.io.recording.inertial_csv import InertialStreams, read_inertial
+from asyneio.io.recording.inertial_text import read_inertial_file
+from asyneio.io.recording.sidecar import SAMPLE_FILES, TRUTH_FILES
+from asyneio.io.recording.trajectory_text import read_trajectory
+from asyneio.io.tracks.folder import read_tracks_folder
 from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, PoseTrajectory
 
 #: Where data sets put samples and poses, below the folder that is named; then any file so called.
@@ -33,7 +33,7 @@ _OTHER_FILES = {b"MATLAB": MATLAB, b"\x89PNG": PICTURES, b"\xff\xd8\xff": PICTUR
 _COMBINED, _GYROSCOPE, _ACCELEROMETER = "imu.csv", "gyroscope.csv", "accelerometer.csv"
 
 
-def gather_tracks(path: Path, options: ReadOptions) -> Evidence:
+def gather_tracks(path: Path, options: ReadOptions) -> Inspection:
     """A tracks folder: tracks, samples and calibration, each as far as it can be read."""
     refusals: list[Refusal] = []
     notes: tuple[str, ...] = ()
@@ -67,7 +67,7 @@ def gather_tracks(path: Path, options: ReadOptions) -> Evidence:
             refusals.append(Refusal("calibration", str(error)))
         except RecordingError as error:
             refusals.append(Refusal("tracks", str(error)))
-    return Evidence(
+    return Inspection(
         path=path,
         kind="a tracks folder",
         tracks=tracks,
@@ -81,7 +81,7 @@ def gather_tracks(path: Path, options: ReadOptions) -> Evidence:
     )
 
 
-def gather_other(path: Path, refusals: tuple[Refusal, ...], recognised: bool) -> Evidence:
+def gather_other(path: Path, refusals: tuple[Refusal, ...], recognised: bool) -> Inspection:
     """Inertial samples or a calibration alone; else the refusal of the readers of events.
 
     Args:
@@ -96,8 +96,8 @@ def gather_other(path: Path, refusals: tuple[Refusal, ...], recognised: bool) ->
         return _inertial_evidence(path, samples, kept)
     camera = _calibration_alone(path)
     if camera is not None:
-        return Evidence(path=path, kind="a calibration alone", camera=camera)
-    return Evidence(path=path, kind=_what_else(path), refusals=refusals)
+        return Inspection(path=path, kind="a calibration alone", camera=camera)
+    return Inspection(path=path, kind=_what_else(path), refusals=refusals)
 
 
 def _what_else(path: Path) -> str:
@@ -143,13 +143,13 @@ def _is_known(folder: Path, file: Path) -> bool:
     return file in _found(folder, _INERTIAL_PLACES) or file in _found(folder, _TRUTH_PLACES)
 
 
-def _inertial_evidence(path: Path, samples: Samples, refusals: tuple[Refusal, ...]) -> Evidence:
+def _inertial_evidence(path: Path, samples: Samples, refusals: tuple[Refusal, ...]) -> Inspection:
     streams: InertialStreams | None = None
     try:
         streams = prepare_samples(samples, None)
     except RecordingError as error:
         refusals += (Refusal("inertial samples", str(error)),)
-    return Evidence(
+    return Inspection(
         path=path,
         kind="inertial samples alone",
         samples=samples,

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from asyneio.doctor.event_scan import EventFigures, EventScan
-from asyneio.doctor.evidence import Refusal
 from asyneio.doctor.excerpts import Excerpts
+from asyneio.doctor.inspection import Refusal
 from asyneio.errors import RecordingError
-from asyneio.io.contents import Contents, Samples, split_samples
-from asyneio.io.event_checks import EventChecker, SensorSizeError, check_span
-from asyneio.io.event_source import FAR_OUTSIDE, EventSource
-from asyneio.io.lone_stamps import LoneStamps
+from asyneio.io.recording.checks import EventChecker, SensorSizeError, check_span
+from asyneio.io.recording.contents import Contents, Samples, split_samples
+from asyneio.io.recording.lone_stamps import LoneStamps
+from asyneio.io.recording.source import FAR_OUTSIDE, EventSource
 from asyneio.types import RecordArray
 
 Progress = Callable[[float], None]

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.active import active_coordinates
-from asyneio.estimation.births import Births
-from asyneio.estimation.camera_calibration import first_camera, with_camera
-from asyneio.estimation.inertial_calibration import corrected, first_correction, with_imu
-from asyneio.estimation.landmarks import LandmarkTable
-from asyneio.estimation.marginalization import marginalize_oldest
-from asyneio.estimation.measurements import InertialBuffer, PreintegrationBuffer, VisualBuffer
-from asyneio.estimation.optimizer import OptimizerSettings, Solution, optimize
-from asyneio.estimation.problem import (
+from asyneio.estimation.landmark_initialization import LandmarkCandidates
+from asyneio.estimation.linearization.zero_velocity import zero_velocity_of
+from asyneio.estimation.problem.active import active_coordinates
+from asyneio.estimation.problem.camera_calibration import first_camera, with_camera
+from asyneio.estimation.problem.inertial_calibration import corrected, first_correction, with_imu
+from asyneio.estimation.problem.landmarks import LandmarkTable
+from asyneio.estimation.problem.measurements import InertialBuffer, PreintegrationBuffer, VisualBuffer
+from asyneio.estimation.problem.problem import (
     KINEMATIC_COLUMNS,
     NOTHING_PROPAGATED,
     PROPAGATED_COLUMNS,
@@ -22,10 +21,11 @@ from asyneio.estimation.problem import (
     Propagated,
     States,
 )
-from asyneio.estimation.propagated_queries import propagated_at
-from asyneio.estimation.rest_terms import rest_of
-from asyneio.estimation.schemes import measure
-from asyneio.estimation.window_settings import TrackObservations, WindowSettings
+from asyneio.estimation.problem.propagated_queries import propagated_at
+from asyneio.estimation.problem.schemes import measure
+from asyneio.estimation.problem.window_settings import TrackObservations, WindowSettings
+from asyneio.estimation.solver.marginalization import marginalize_oldest
+from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution, optimize
 from asyneio.inertial.increments import Preintegration
 from asyneio.inertial.noise import InertialNoise
 from asyneio.types import BoolArray, IntArray, RecordArray
@@ -124,7 +124,7 @@ class Window:
             *(np.concatenate(pair) for pair in zip(self._linearization, knot, strict=True))
         )
 
-    def take_back_rest(self, since_ns: int) -> None:
+    def revert_zero_velocity(self, since_ns: int) -> None:
         """Intervals that end after `since_ns` are no longer taken to be at rest."""
         still = self._still & (self.t_ns[1:] <= since_ns)
         if not np.array_equal(still, self._still):
@@ -168,7 +168,7 @@ class Window:
             model=model,
             preintegrated=self._preintegrations.arrays(self.first, intervals),
             propagated=propagated,
-            rest=rest_of(self._still, model),
+            zero_velocity=zero_velocity_of(self._still, model),
             imu=self.imu,
         )
 
@@ -266,13 +266,13 @@ class Window:
             self._visual.keep(keep)
         return len(groups)
 
-    def _births(self) -> Births:
+    def _births(self) -> LandmarkCandidates:
         bias = self.states.bias[:0]
         if self._settings.scheme.propagates:
             bias = self._preintegrations.arrays(self.first, self.knots - 1).bias
             # The newest knot has no increments after it, and an anchor's own pose needs none.
             bias = np.concatenate([bias, self.states.bias[-1:]])
-        return Births(
+        return LandmarkCandidates(
             visual=self._visual,
             first=self.first,
             t_ns=self.t_ns,

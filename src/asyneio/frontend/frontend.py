@@ -11,8 +11,8 @@ import numpy as np
 from asyneio.config import FrontendConfig
 from asyneio.errors import RecordingError
 from asyneio.frontend.border import EventBorder, check_gyroscope
-from asyneio.frontend.gradient_tracker import GradientTracker
-from asyneio.frontend.haste import HasteTracker
+from asyneio.frontend.gradient.tracker import GradientTracker
+from asyneio.frontend.haste.tracker import HasteTracker
 from asyneio.frontend.statistics import FrontendStatistics
 from asyneio.frontend.turns import STILL, TURN_DTYPE
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
@@ -31,7 +31,7 @@ class Tracker(Protocol):
         `turns` TURN_DTYPE, how the image rolls meanwhile."""
         ...
 
-    def make_up_for(self, unused: float) -> None:
+    def set_outlier_share(self, unused: float) -> None:
         """From now on, that share of the tracks is of no use to who reads them."""
         ...
 
@@ -93,7 +93,7 @@ class Frontend:
         turns = STILL if gyroscope is None else self._turns(events["t_ns"], gyroscope)
         return self._tracker.follow(events, turns)
 
-    def make_up_for(self, unused: float) -> None:
+    def set_outlier_share(self, unused: float) -> None:
         """Make room for tracks in place of those that are of no use.
 
         A share `unused` (0 to 1) of the tracks that are given out lies on something that moves by itself, or
@@ -105,7 +105,7 @@ class Frontend:
         """
         if not 0.0 <= unused <= 1.0:
             raise RecordingError(f"found {unused} for the share of unused tracks, expected 0 to 1")
-        self._tracker.make_up_for(unused)
+        self._tracker.set_outlier_share(unused)
 
     def limit_load(self, share: float) -> None:
         """Change `frontend.max_load` from now on: for live use, by what a clock on the wall has shown.

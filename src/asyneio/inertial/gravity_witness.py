@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.inertial.gravity_kernel import sum_force
-from asyneio.inertial.stillness import possible
+from asyneio.inertial.stationarity import possible
 from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
 
 #: Standard gravity [m/s^2].

@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 
 from asyneio.inertial.noise import SensorNoise
-from asyneio.inertial.stillness import possible
+from asyneio.inertial.stationarity import possible
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, FloatArray, RecordArray
 
 #: A trajectory between knots `T` apart follows frequencies up to `BAND / T`: three unknowns of each axis and

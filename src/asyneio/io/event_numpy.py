@@ -16,12 +16,12 @@ from typing import Any, NoReturn
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.beside import samples_beside, truth_beside
 from asyneio.io.calibration import find_rig
-from asyneio.io.column_meaning import Meaning, columns_by_name, columns_by_values, unit_of_time
-from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_source import SAMPLE_DTYPE, pack_events
-from asyneio.io.hdf5_columns import PolarityCheck, blocks, nanoseconds, pixels, signed
+from asyneio.io.hdf5.columns import PolarityCheck, blocks, nanoseconds, pixels, signed
+from asyneio.io.parsing.column_meaning import Meaning, columns_by_name, columns_by_values, unit_of_time
+from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.io.recording.sidecar import samples_beside, truth_beside
+from asyneio.io.recording.source import SAMPLE_DTYPE, pack_events
 from asyneio.types import RecordArray
 
 MAGIC = b"\x93NUMPY"

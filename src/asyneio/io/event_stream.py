@@ -17,10 +17,10 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import RecordingError
-from asyneio.io.beside import samples_beside, truth_beside
 from asyneio.io.calibration import find_rig
-from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_source import SAMPLE_DTYPE, skipped_notes
+from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.io.recording.sidecar import samples_beside, truth_beside
+from asyneio.io.recording.source import SAMPLE_DTYPE, skipped_notes
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"Event Stream"

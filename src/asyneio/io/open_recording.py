@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import NoReturn, TypeVar
 
 from asyneio.errors import RecordingError
-from asyneio.io.beside import SAMPLE_FILES, first_file, samples_of
-from asyneio.io.contents import Contents, ReadOptions
-from asyneio.io.event_assembly import assemble
-from asyneio.io.event_hdf5 import MAGIC as HDF5_MAGIC
-from asyneio.io.event_source import Progress
 from asyneio.io.formats import FORMATS, Format, format_of
-from asyneio.io.hdf5_table import contents_of
-from asyneio.io.resumable import PART_SUFFIX
-from asyneio.io.table_hints import refuse_decimal_commas
-from asyneio.io.tracks_folder import read_tracks_folder
+from asyneio.io.hdf5.own import MAGIC as HDF5_MAGIC
+from asyneio.io.hdf5.table import contents_of
+from asyneio.io.parsing.atomic import PART_SUFFIX
+from asyneio.io.parsing.table_hints import refuse_decimal_commas
+from asyneio.io.recording.assembly import assemble
+from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.io.recording.sidecar import SAMPLE_FILES, first_file, samples_of
+from asyneio.io.recording.source import Progress
+from asyneio.io.tracks.folder import read_tracks_folder
 from asyneio.types import EventRecording, Recording
 
 TRACKS_FILE = "tracks.csv"

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from asyneio.errors import RecordingError
-from asyneio.io.beside import first_file, truth_beside
-from asyneio.io.contents import ReadOptions
-from asyneio.io.estimates_file import read_estimates, to_trajectory
 from asyneio.io.formats import format_of
 from asyneio.io.open_recording import open_contents
-from asyneio.io.trajectory_text import TrajectoryFile, read_trajectory_file
+from asyneio.io.recording.contents import ReadOptions
+from asyneio.io.recording.sidecar import first_file, truth_beside
+from asyneio.io.recording.trajectory_text import TrajectoryFile, read_trajectory_file
+from asyneio.io.results.estimates import read_estimates, to_trajectory
 from asyneio.types import PoseTrajectory, split_segments
 
 ESTIMATES_FILE, TRAJECTORY_FILE = "estimates.npz", "trajectory.tum"

@@ -22,8 +22,8 @@ from asyneio.geometry.gravity import upright
 from asyneio.geometry.so3 import rotation
 from asyneio.inertial.dead_reckoning import interpolate_samples
 from asyneio.inertial.noise import InertialNoise
-from asyneio.inertial.stillness import possible
-from asyneio.odometry.intake import around
+from asyneio.inertial.stationarity import possible
+from asyneio.odometry.buffer import around
 from asyneio.odometry.propagation import propagate
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Attitude, FloatArray, RecordArray
 

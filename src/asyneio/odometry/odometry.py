@@ -8,25 +8,25 @@ import numpy as np
 
 from asyneio.config import Config
 from asyneio.errors import EstimationError, InertialError
-from asyneio.estimation.covariance import joint_covariance
-from asyneio.estimation.optimizer import Solution
+from asyneio.estimation.solver.covariance import joint_covariance
+from asyneio.estimation.solver.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.inertial.repeats import RenewedPackets
-from asyneio.odometry.attempt import RETRY_NS, attempt_start
 from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.blas import one_blas_thread
-from asyneio.odometry.intake import Intake, until
-from asyneio.odometry.known_start import checked
+from asyneio.odometry.buffer import MeasurementBuffer, until
+from asyneio.odometry.health.metrics import sample_gap_s
+from asyneio.odometry.health.monitor import Advance, HealthMonitor
+from asyneio.odometry.initializer.initialize import RETRY_NS, attempt_start
+from asyneio.odometry.initializer.known_state import checked
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.memory import keep_freed_memory
 from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
-from asyneio.odometry.rest import RestDetector
 from asyneio.odometry.settings import Settings, resolve
-from asyneio.odometry.vitals import sample_gap_s
-from asyneio.odometry.watch import Advance, Watch
+from asyneio.odometry.stationary import StationaryDetector
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import (
     NS_PER_S,
@@ -34,8 +34,8 @@ from asyneio.types import (
     Calibration,
     CalibrationEstimate,
     Estimate,
-    FirstState,
     Health,
+    InitialState,
     Packet,
     StepReport,
 )
@@ -54,19 +54,19 @@ class Odometry:
     Args:
         config: all settings.
         calibration: of the rig.
-        first_state: where it is known: the first segment begins there, in the world of that state, and what
+        initial_state: where it is known: the first segment begins there, in the world of that state, and what
             was measured before it is left out. `process` raises `EstimationError` where the inertial samples
             do not reach back to it.
 
     Raises:
-        EstimationError: `first_state` is no state.
+        EstimationError: `initial_state` is no state.
     """
 
     def __init__(
-        self, config: Config, calibration: Calibration, first_state: FirstState | None = None
+        self, config: Config, calibration: Calibration, initial_state: InitialState | None = None
     ) -> None:
         keep_freed_memory()
-        self._first_state = None if first_state is None else checked(first_state)
+        self._first_state = None if initial_state is None else checked(initial_state)
         self._config = config
         self._calibration = calibration
         self._segment = 0
@@ -80,11 +80,11 @@ class Odometry:
     def _begin_segment(self) -> None:
         """Forget everything but how noisy the sensors are: nothing from before may enter the next start."""
         config, calibration = self._config, self._calibration
-        self._intake = Intake(calibration.camera, config.visual.pixel_sigma, calibration.noise)
-        self._rest = RestDetector(config.inertial, calibration, config.visual.pixel_sigma)
+        self._intake = MeasurementBuffer(calibration.camera, config.visual.pixel_sigma, calibration.noise)
+        self._rest = StationaryDetector(config.inertial, calibration, config.visual.pixel_sigma)
         inertial = config.inertial
         bias_sigma = [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma]
-        self._watch = Watch(config.health, calibration, np.repeat(bias_sigma, 3))
+        self._watch = HealthMonitor(config.health, calibration, np.repeat(bias_sigma, 3))
         self._gated = 0.0
         self._latest: Estimate | None = None
         self._settings: Settings | None = None
@@ -202,7 +202,7 @@ class Odometry:
         still = self._rest.judge(from_ns, knot_ns, self._latest, self._noise.at_rest())
         window.extend(knot_ns, knot, *streams, observations, still, self._noise.now())
         if not still:
-            window.take_back_rest(from_ns - _REST_DOUBT_NS)
+            window.revert_zero_velocity(from_ns - _REST_DOUBT_NS)
         window.add_landmarks()
         self._solution, outliers = optimize_without_outliers(window, settings.optimizer)
         intake.refuse(outliers)
@@ -232,7 +232,7 @@ class Odometry:
         knot_ns = int(window.t_ns[-1]) + settings.knot_interval_ns
         return knot_ns if intake.end_ns is not None and knot_ns <= intake.end_ns else None
 
-    def _active(self) -> tuple[Window, Intake, Settings]:
+    def _active(self) -> tuple[Window, MeasurementBuffer, Settings]:
         if self._window is None or self._settings is None:
             raise EstimationError("the odometry has not started; expected packets until it is initialised")
         return self._window, self._intake, self._settings

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.misfit import contradicted_landmarks
-from asyneio.estimation.optimizer import OptimizerSettings, Solution
+from asyneio.estimation.solver.chi_square import contradicted_landmarks
+from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution
 from asyneio.estimation.window import Window
 from asyneio.types import IntArray
 

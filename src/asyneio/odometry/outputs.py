@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from asyneio.estimation.camera_calibration import CAMERA_DOF
-from asyneio.estimation.covariance import (
+from asyneio.estimation.problem.camera_calibration import CAMERA_DOF
+from asyneio.estimation.problem.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF, IMU_DOF, gains
+from asyneio.estimation.solver.covariance import (
     camera_covariance,
     imu_covariance,
     joint_covariance,
     newest_covariance,
 )
-from asyneio.estimation.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF, IMU_DOF, gains
-from asyneio.estimation.optimizer import Solution
+from asyneio.estimation.solver.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.settings import Settings

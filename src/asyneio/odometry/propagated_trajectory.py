@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.errors import TrajectoryError
-from asyneio.estimation.problem import States
+from asyneio.estimation.problem.problem import States
 from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
 from asyneio.inertial.increments import Increments, Preintegration
 from asyneio.types import FloatArray, IntArray

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.estimation.problem import States
+from asyneio.estimation.problem.problem import States
 from asyneio.inertial.dead_reckoning import body_rates, integrate_midpoint, interpolate_samples
 from asyneio.types import FloatArray, IntArray, RecordArray
 

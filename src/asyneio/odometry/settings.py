@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.config import CalibrationConfig, Config, MotionPriorConfig
-from asyneio.estimation.camera_calibration import CalibrationSettings
-from asyneio.estimation.inertial_calibration import AS_READ, CorrectionSettings, correction_settings
-from asyneio.estimation.optimizer import OptimizerSettings
-from asyneio.estimation.schemes import SCHEMES, Scheme
-from asyneio.estimation.window_settings import WindowSettings
+from asyneio.estimation.problem.camera_calibration import CalibrationSettings
+from asyneio.estimation.problem.inertial_calibration import AS_READ, CorrectionSettings, correction_settings
+from asyneio.estimation.problem.schemes import SCHEMES, Scheme
+from asyneio.estimation.problem.window_settings import WindowSettings
+from asyneio.estimation.solver.optimizer import OptimizerSettings
 from asyneio.inertial.noise import InertialNoise
 from asyneio.trajectory.model import motion_model_named
 from asyneio.types import NS_PER_S, Calibration, FloatArray

@@ -13,8 +13,8 @@ import numpy as np
 from asyneio.simulation.camera import PinholeCamera
 from asyneio.simulation.motion import AnalyticMotion, Sinusoids
 from asyneio.simulation.moving import MovingObject
-from asyneio.simulation.simulate import Simulation
-from asyneio.simulation.tracks import Viewer, simulate_tracks
+from asyneio.simulation.tracks.observations import Viewer, simulate_tracks
+from asyneio.simulation.tracks.simulate import Simulation
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, FloatArray, IntArray, Recording
 
 _POINTS = 400

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from asyneio.cameras import MPU6150_NOISE, PRESETS
 from asyneio.errors import SimulationError
-from asyneio.presets import MPU6150_NOISE, PRESETS
 from asyneio.simulation.imu_errors import StreamErrors
 from asyneio.types import ImuNoise
 

@@ -38,7 +38,7 @@ from asyneio.simulation.imu_errors import (
 )
 from asyneio.simulation.imu_filter import Signal, group_delay_s, sampled
 from asyneio.simulation.motion import Motion
-from asyneio.simulation.scenario import RigScenario
+from asyneio.simulation.tracks.scenario import RigScenario
 from asyneio.simulation.truth import Truth
 from asyneio.simulation.vibration import draw_tones
 from asyneio.types import NS_PER_S, Calibration, FloatArray, IntArray, RecordArray

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio import __version__
-from asyneio.io.atomic import atomic_file, write_text
+from asyneio.io.parsing.atomic import atomic_file, write_text
 from asyneio.studies.records import Record
 from asyneio.studies.study import Contest, Study, View
 from asyneio.studies.tables import (

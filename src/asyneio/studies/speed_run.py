@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from asyneio.errors import EstimationError
-from asyneio.packets import calibration_of, usable_span
 from asyneio.pipeline import RunResult, run_recording
+from asyneio.pipeline.frontend_thread import ObservationStream
+from asyneio.pipeline.packets import calibration_of, usable_span
 from asyneio.studies.speed_latency import Latency, frontend_calls, paced_latency, queued_latency
 from asyneio.studies.speed_reference import reference_seconds
 from asyneio.studies.speed_stages import stage_times
 from asyneio.studies.speed_workload import Workload
 from asyneio.studies.uzh import first_seconds
-from asyneio.tracking import ObservationStream
 from asyneio.types import NS_PER_S, EventRecording, Health
 
 #: A start-up ends with the first estimate, which takes a second or two of the recording.
@@ -174,7 +174,7 @@ class SpeedRun:
         ends_ns = np.array([reports[0].t_ns - interval_ns, *(report.t_ns for report in reports)])
         stream = ObservationStream(self.recording, self._workload.config.frontend, ends_ns)
         for _, report in zip(stream, reports, strict=True):
-            stream.tell_unused(report.refused)
+            stream.set_outlier_share(report.refused)
         return stream.busy_s
 
 

@@ -16,8 +16,12 @@ from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
 
-from asyneio.estimation import elimination, linear_system, misfit, optimizer, window
-from asyneio.odometry import Odometry, attempt, outputs
+from asyneio.estimation import window
+from asyneio.estimation.linearization import linear_system
+from asyneio.estimation.solver import chi_square as misfit
+from asyneio.estimation.solver import elimination, optimizer
+from asyneio.odometry import Odometry, outputs
+from asyneio.odometry.initializer import initialize as attempt
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from asyneio.config import Config
 from asyneio.errors import StudyError
 from asyneio.io import ReadOptions, open_recording, write_events_hdf5
-from asyneio.io.event_cache import cache_folder
+from asyneio.io.recording.cache import cache_folder
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events, stream_events
 from asyneio.studies.simulated import fingerprint
 from asyneio.studies.uzh import first_seconds

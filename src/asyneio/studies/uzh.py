@@ -19,8 +19,8 @@ from asyneio.config import Config
 from asyneio.errors import EstimationError, EvaluationError, RecordingError, StudyError
 from asyneio.evaluation import evaluate, protocol_named
 from asyneio.io import ReadOptions, open_recording
-from asyneio.packets import calibration_of
 from asyneio.pipeline import RunResult, run_recording
+from asyneio.pipeline.packets import calibration_of
 from asyneio.studies.published import COMPARED
 from asyneio.studies.study import fingerprint
 from asyneio.types import NS_PER_S, Calibration, Estimate, EventRecording, PoseTrajectory

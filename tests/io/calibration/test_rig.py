@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from asyneio.cameras import PRESETS, Preset
 from asyneio.errors import CalibrationError, ConfigError
 from asyneio.io import ReadOptions, open_recording, write_uzh_folder
 from asyneio.io.calibration import Rig, Wanted, find_rig, settle
-from asyneio.presets import PRESETS, Preset
 from asyneio.types import EventRecording, ImuNoise
 from tests.io.calibration.rigs import RATE_HZ, basalt, kalibr, make_rig, openvins, rpg, vins_fusion
 from tests.io.calibration.test_kinds import SIZE, assert_same

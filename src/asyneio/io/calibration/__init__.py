@@ -8,7 +8,7 @@ from asyneio.io.calibration.files import parse_calibration as parse_calibration
 from asyneio.io.calibration.files import read_calibration as read_calibration
 from asyneio.io.calibration.files import read_imu_noise as read_imu_noise
 from asyneio.io.calibration.files import rig_of as rig_of
-from asyneio.io.calibration.rig import Rig as Rig
-from asyneio.io.calibration.rig import Wanted as Wanted
-from asyneio.io.calibration.rig import require_calibration as require_calibration
-from asyneio.io.calibration.rig import settle as settle
+from asyneio.io.calibration.resolve import Rig as Rig
+from asyneio.io.calibration.resolve import Wanted as Wanted
+from asyneio.io.calibration.resolve import require_calibration as require_calibration
+from asyneio.io.calibration.resolve import settle as settle

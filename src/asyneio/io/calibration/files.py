@@ -11,7 +11,7 @@ from asyneio.errors import CalibrationError
 from asyneio.io.calibration import basalt, inivation, kalibr, orbslam, plain_cameras, rpg, vins
 from asyneio.io.calibration.documents import load_mapping, parse_mapping
 from asyneio.io.calibration.refusals import KnownRefusalError, refuse_known_keys
-from asyneio.io.calibration.rig import Rig, Wanted, require_calibration, settle
+from asyneio.io.calibration.resolve import Rig, Wanted, require_calibration, settle
 from asyneio.io.calibration.sections import CalibrationFile, NoiseReading
 from asyneio.types import Calibration, ImuNoise
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
-from asyneio.io.atomic import write_text
 from asyneio.io.calibration.rigid import inverse_rigid
+from asyneio.io.parsing.atomic import write_text
 from asyneio.types import NS_PER_S, Calibration, CameraIntrinsics, ImuNoise
 
 

@@ -11,7 +11,7 @@ from asyneio.errors import SimulationError
 from asyneio.simulation.events.sensor import SensorSpec
 from asyneio.simulation.imu_sensors import imu_named
 from asyneio.simulation.recorded_path import RecordedRun
-from asyneio.simulation.scenario import RigScenario, with_imu
+from asyneio.simulation.tracks.scenario import RigScenario, with_imu
 from asyneio.types import NS_PER_S, ImuNoise, IntArray
 
 _DAVIS = SensorSpec()

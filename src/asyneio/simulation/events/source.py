@@ -31,9 +31,9 @@ from asyneio.simulation.events.view import TILE, View, view_of
 from asyneio.simulation.events.world import World
 from asyneio.simulation.events.worlds import Walker, build_world
 from asyneio.simulation.motion import Motion
+from asyneio.simulation.motion_styles import draw_motion
 from asyneio.simulation.moving import draw_walk
 from asyneio.simulation.pause import PausedMotion
-from asyneio.simulation.presets import draw_motion
 from asyneio.simulation.rig import C_F_C
 from asyneio.types import FloatArray, IntArray, RecordArray
 

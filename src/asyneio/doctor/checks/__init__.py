@@ -1,0 +1,1 @@
+"""One module for each subject of examination: what is wrong with it and how to fix it."""

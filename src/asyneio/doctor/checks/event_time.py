@@ -1,0 +1,188 @@
+"""Checks on the times of events: rate, pauses, order, unit, flicker."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import welch
+
+from asyneio.doctor.event_scan import PAUSE_NS
+from asyneio.doctor.inspection import Inspection, fail, note, ok, warning
+from asyneio.doctor.result import CheckResult
+from asyneio.io.parsing.stamps import MAX_DISORDER_NS
+from asyneio.types import NS_PER_S
+
+#: What the front end follows in real time on one core [events/s].
+FRONTEND_HZ = 2.5e6
+_PEAK_WINDOW_NS = 10_000_000
+#: Events per second and pixel that a sensor can give. A still one gives 0.05 and more by leaks and noise (two
+#: real ones: 0.44 and 0.62), a textured scene in fast motion 60; readouts end at 300 (12 Mev/s of a DAVIS240)
+#: to 1200 (1.07 Gev/s of a Gen4). Far below and far above is a wrong unit.
+_PLAUSIBLE_HZ_PER_PIXEL = (2e-4, 2000.0)
+#: No event sensor's clock ticks as seldom [ns].
+_COARSE_TICK_NS = 10_000_000
+#: Fewer events tell nothing, and nothing can be followed in them.
+_FEW = 1000
+
+#: Lamps flicker at twice the frequency of the mains; some, and screens, at the mains' own.
+_LAMPS_HZ = (50.0, 60.0, 100.0, 120.0)
+#: A line of the spectrum: so many times the power around it, and a modulation of the rate by such a share.
+_LINE_CONTRAST, _LINE_DEPTH = 20.0, 0.1
+_SEGMENT = 2048
+_LEAST_FLICKER_S = 1.0
+
+
+def check_event_rate(evidence: Inspection) -> CheckResult | None:
+    """Mean and peak rate: what the front end can take, and whether there is anything to see."""
+    events = evidence.events
+    if events is None:
+        return None
+    if events.count < _FEW:
+        cure = "record again, or name another stream; is this a recording of events at all?"
+        return fail("event rate", f"{events.count} event(s)", f"{_FEW} and more", cure)
+    peak = events.peak_hz(_PEAK_WINDOW_NS)
+    share = events.share_above(FRONTEND_HZ, _PEAK_WINDOW_NS)
+    measured = f"{_rate(events.rate_hz)} on average, {_rate(peak)} at most over 10 ms"
+    values = {"mean_hz": _finite(events.rate_hz), "peak_hz": peak, "share_above_front_end": share}
+    if share == 0.0:
+        return ok("event rate", measured, **values)
+    measured += f"; {share:.0%} of the time above {_rate(FRONTEND_HZ)}"
+    expected = f"up to {_rate(FRONTEND_HZ)}, which the front end follows in real time"
+    cure = "slower than real time, but whole; raise the sensor's thresholds if it must be live"
+    return note("event rate", measured, expected, cure, **values)
+
+
+def check_event_pauses(evidence: Inspection) -> CheckResult | None:
+    """Pauses of the stream: a moving camera sees events all the time, a still one makes noise."""
+    events = evidence.events
+    if events is None or events.count < 2:
+        return None
+    values = {
+        "pauses": events.pauses,
+        "silent_s": events.silent_ns / NS_PER_S,
+        "longest_s": events.longest_pause_ns / NS_PER_S,
+    }
+    if events.pauses == 0:
+        return ok("event pauses", f"none longer than {PAUSE_NS / 1e6:.0f} ms", **values)
+    at_s = (events.longest_pause_at_ns - events.first_ns) / NS_PER_S
+    return warning(
+        "event pauses",
+        f"{events.pauses} pause(s), {events.silent_ns / NS_PER_S:.4g} s in all, the longest "
+        f"{events.longest_pause_ns / NS_PER_S:.4g} s from {at_s:.4g} s on",
+        f"no pause longer than {PAUSE_NS / 1e6:.0f} ms",
+        "lost packets, or a still or dark scene: a run goes on with the IMU alone and calls itself degraded",
+        **values,
+    )
+
+
+def check_event_order(evidence: Inspection) -> CheckResult | None:
+    """Stamps in order: a driver may exchange neighbours, a jump is a reset (refused by the reader)."""
+    events = evidence.events
+    if events is None or events.count < 2:
+        return None
+    values = {
+        "backward": events.backward,
+        "worst_s": events.worst_backward_ns / NS_PER_S,
+        "absurd_stamps": events.absurd_stamps,
+    }
+    if events.absurd_stamps:
+        return fail(
+            "event order",
+            f"{events.absurd_stamps} stamp(s) beyond 146 years",
+            "stamps of one clock in the unit of the format",
+            "the file is damaged, or time is in another unit",
+            **values,
+        )
+    if events.backward == 0:
+        return ok("event order", "ascending", **values)
+    worst = (
+        f"{events.backward} event(s) before an earlier one, by up to {events.worst_backward_ns / 1e6:.4g} ms"
+    )
+    limit = f"{MAX_DISORDER_NS / 1e6:.0f} ms"
+    if events.worst_backward_ns <= MAX_DISORDER_NS:
+        return note(
+            "event order", worst, "ascending stamps", f"none needed: up to {limit} is sorted", **values
+        )
+    return warning(
+        "event order",
+        worst,
+        "ascending stamps",
+        f"what comes more than {limit} late is dropped; after a reset of the sensor split the file there",
+        **values,
+    )
+
+
+def check_event_clock(evidence: Inspection) -> CheckResult | None:
+    """The unit of time: the clock's tick, and a rate that the pixels can give."""
+    events = evidence.events
+    if events is None or events.count < 2:
+        return None
+    rate = events.rate_hz / max(events.counts.size, 1)
+    low, high = _PLAUSIBLE_HZ_PER_PIXEL
+    values = {"tick_ns": events.tick_ns, "hz_per_pixel": _finite(rate), "span_s": events.span_s}
+    found = f"{events.span_s:.6g} s long, {rate:.3g} events per second and pixel, stamps in steps of "
+    found += f"{events.tick_ns / 1e3:g} us"
+    if events.count >= _FEW and events.tick_ns >= _COARSE_TICK_NS:
+        return fail(
+            "event clock",
+            found,
+            "steps of a microsecond or so",
+            f"the stamps are likely in a smaller unit (factor {_factor(events.tick_ns / 1e3)}: "
+            f"{'microseconds' if events.tick_ns >= 3e8 else 'finer steps'} taken for seconds): convert them",
+            **values,
+        )
+    if events.count >= _FEW and not low <= rate <= high:
+        unit = "smaller" if rate < low else "larger"
+        factor = _factor(0.5 / rate if rate < low else rate / 10.0)
+        return fail(
+            "event clock",
+            found,
+            f"{low:g} to {high:g} events per second and pixel",
+            f"the stamps are likely in a {unit} unit (factor {factor}): convert them",
+            **values,
+        )
+    return ok("event clock", found, **values)
+
+
+def check_flicker(evidence: Inspection) -> CheckResult | None:
+    """Lamps on the mains: their flicker makes events everywhere that follow no motion."""
+    events = evidence.events
+    if events is None or events.count < _FEW or events.span_s < _LEAST_FLICKER_S:
+        return None
+    sample_hz = NS_PER_S / events.bin_ns
+    if sample_hz < 2.5 * max(_LAMPS_HZ):
+        return note("flicker", f"not looked for in a recording of {events.span_s:.4g} s")
+    length = min(_SEGMENT, events.bins.size)
+    frequency, power = welch(events.bins.astype(np.float64), sample_hz, nperseg=length)
+    mean = float(events.bins.mean())
+    width_hz = 2.0 * sample_hz / length
+    lines = {}
+    for lamp in _LAMPS_HZ:
+        on = np.abs(frequency - lamp) <= width_hz
+        around = (np.abs(frequency - lamp) <= 15.0) & ~on
+        contrast = power[on].max() / max(float(np.median(power[around])), 1e-12)
+        depth = np.sqrt(2.0 * np.trapezoid(power[on], frequency[on])) / max(mean, 1e-12)
+        if contrast > _LINE_CONTRAST and depth > _LINE_DEPTH:
+            lines[f"{lamp:g}"] = float(depth)
+    if not lines:
+        return ok("flicker", "no line at 50, 60, 100 or 120 Hz", lines=lines)
+    said = ", ".join(f"{lamp} Hz ({depth:.0%} of the rate)" for lamp, depth in lines.items())
+    return warning(
+        "flicker",
+        f"the event rate swings at {said}",
+        "a rate that follows the motion alone",
+        "record in daylight or under lamps with a steady supply, or with the sensor's flicker filter on",
+        lines=lines,
+    )
+
+
+def _factor(ratio: float) -> int:
+    """The power of a thousand nearest to a ratio, at least 1000."""
+    return int(1000 ** max(1, min(3, round(np.log(max(ratio, 1.0)) / np.log(1000.0)))))
+
+
+def _rate(hz: float) -> str:
+    return f"{hz / 1e6:.3g} Mev/s" if hz >= 1e5 else f"{hz:.4g} ev/s"
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,181 @@
+"""The camera's angular velocity over many short windows, from events or from feature tracks.
+
+Neither pose nor extrinsics enter: the rates are in the camera's own frame, to be compared with a gyroscope's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.doctor.rotation.epipolar import Pairs
+from asyneio.doctor.rotation.sharpness import find_rate
+from asyneio.geometry.camera import CameraModel
+from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, IntArray, RecordArray
+
+#: Windows looked at: those in which the gyroscope turns fastest. The precision grows with their square root,
+#: the time with their number.
+_MAX_WINDOWS = 64
+#: A window ends when the gyroscope has turned by so much [rad], about ten pixels, and never lasts less or
+#: longer than so many seconds.
+_TURN, _SHORTEST_S, _LONGEST_S = 0.05, 0.006, 0.25
+#: Fewer events draw no picture; more than the second number add nothing.
+_LEAST_EVENTS, _MOST_EVENTS = 500, 8000
+#: A picture that gets no sharper than this by the best rotation tells nothing: noise, or another motion.
+_LEAST_GAIN = 0.01
+
+#: Tracks are taken over windows of this length, and there must be so many of them.
+_TRACK_WINDOW_NS = 100_000_000
+_LEAST_TRACKS = 6
+#: Pairs of bearings are taken over windows of this length: shorter ones show little but noise.
+_PAIR_WINDOW_NS, _LEAST_PAIRS = 250_000_000, 10
+_ROBUST_STEPS = 5
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class CameraRates:
+    """Angular velocity `omega` (N,3) [rad/s] of the camera between `start_ns` and `end_ns` (N,), camera
+    clock."""
+
+    start_ns: IntArray
+    end_ns: IntArray
+    omega: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of windows."""
+        return len(self.omega)
+
+
+def rates_from_events(
+    excerpts: list[RecordArray],
+    camera: CameraIntrinsics,
+    gyroscope: RecordArray,
+    progress: Progress | None = None,
+) -> CameraRates:
+    """Rates by the sharpest picture of each excerpt (EVENT_DTYPE, ascending, inside the sensor).
+
+    Args:
+        excerpts: some of the events.
+        camera: the lens.
+        gyroscope: INERTIAL_DTYPE, ascending, in the clock of the events; only its magnitude is used.
+        progress: is told the share done.
+    """
+    model = CameraModel(camera)
+    rates = [_mean_rate(gyroscope, excerpt) for excerpt in excerpts]
+    fastest = sorted(range(len(excerpts)), key=lambda k: -rates[k])[:_MAX_WINDOWS]
+    rows: list[tuple[int, int, FloatArray]] = []
+    for done, k in enumerate(sorted(fastest)):
+        if progress is not None:
+            progress(done / len(fastest))
+        span_ns = round(NS_PER_S * np.clip(_TURN / max(rates[k], 1e-3), _SHORTEST_S, _LONGEST_S))
+        t_ns = excerpts[k]["t_ns"]
+        events = excerpts[k][: int(np.searchsorted(t_ns, t_ns[0] + span_ns))]
+        events = events[:: max(1, -(-events.size // _MOST_EVENTS))]
+        if events.size < _LEAST_EVENTS or rates[k] == 0.0:
+            continue
+        uv = np.stack([events["x"], events["y"]], axis=1).astype(np.float64)
+        xy, _, valid = model.undistort(uv)
+        events, xy = events[valid], xy[valid]
+        if events.size < _LEAST_EVENTS:
+            continue
+        t_s = (events["t_ns"] - events["t_ns"][0]) / NS_PER_S
+        omega, gain = find_rate(xy, t_s, rates[k], camera.fx)
+        if gain > _LEAST_GAIN:
+            rows.append((int(events["t_ns"][0]), int(events["t_ns"][-1]), omega))
+    return _joined(rows)
+
+
+def rates_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> CameraRates:
+    """Rates by robust least squares on the image motion of tracks (OBSERVATION_DTYPE, ascending).
+
+    A point at rest moves on the normalised plane by `[x y w_x - (1 + x^2) w_y + y w_z,
+    (1 + y^2) w_x - x y w_y - x w_z]`, plus what the translation adds, which the robust cost bears in part.
+    """
+    xy, _, valid = CameraModel(camera).undistort(np.stack([observations["u"], observations["v"]], axis=1))
+    rows: list[tuple[int, int, FloatArray]] = []
+    t_ns = observations["t_ns"]
+    # Only windows with observations: stamps may be years apart.
+    edges = t_ns[0] + np.unique((t_ns - t_ns[0]) // _TRACK_WINDOW_NS) * _TRACK_WINDOW_NS
+    for start_ns, a, b in zip(
+        edges.tolist(),
+        np.searchsorted(t_ns, edges).tolist(),
+        np.searchsorted(t_ns, edges + _TRACK_WINDOW_NS).tolist(),
+        strict=True,
+    ):
+        keep = np.flatnonzero(valid[a:b]) + a
+        middle, motion = _track_motion(observations["id"][keep], t_ns[keep] - start_ns, xy[keep])
+        if len(middle) >= _LEAST_TRACKS:
+            rows.append((int(t_ns[keep].min()), int(t_ns[keep].max()), _rate_of(middle, motion)))
+    return _joined(rows)
+
+
+def pairs_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> tuple[Pairs, CameraRates]:
+    """Bearings of tracks at both ends of windows, and the times of these (as rates of zero)."""
+    xy, _, valid = CameraModel(camera).undistort(np.stack([observations["u"], observations["v"]], axis=1))
+    t_ns, ids = observations["t_ns"][valid], observations["id"][valid]
+    xy = xy[valid]
+    numbers = np.unique((t_ns - t_ns[0]) // _PAIR_WINDOW_NS)
+    starts = t_ns[0] + numbers[:: max(1, -(-numbers.size // _MAX_WINDOWS))] * _PAIR_WINDOW_NS
+    ends: list[tuple[int, int]] = []
+    parts: list[tuple[FloatArray, FloatArray]] = []
+    for a, b in zip(*(np.searchsorted(t_ns, starts + d) for d in (0, _PAIR_WINDOW_NS)), strict=True):
+        if b - a < _LEAST_PAIRS:
+            continue
+        first, last = (np.flatnonzero(t_ns[a:b] == t) + a for t in (t_ns[a], t_ns[b - 1]))
+        _, i, j = np.intersect1d(ids[first], ids[last], return_indices=True)
+        if i.size >= _LEAST_PAIRS and t_ns[b - 1] > t_ns[a]:
+            ends.append((int(t_ns[a]), int(t_ns[b - 1])))
+            parts.append((xy[first[i]], xy[last[j]]))
+    start_ns, end_ns = np.array(ends, dtype=np.int64).reshape(-1, 2).T
+    times = CameraRates(start_ns, end_ns, np.zeros((len(ends), 3)))
+    window = np.repeat(np.arange(len(parts)), [len(first) for first, _ in parts])
+    stacked = [np.concatenate([np.zeros((0, 2)), *side]) for side in zip(*parts, strict=True)] or 2 * [xy[:0]]
+    return Pairs(window, stacked[0], stacked[1], (times.end_ns - times.start_ns) / NS_PER_S), times
+
+
+def _joined(rows: list[tuple[int, int, FloatArray]]) -> CameraRates:
+    starts, ends, omegas = zip(*rows, strict=True) if rows else ((), (), ())
+    return CameraRates(
+        np.array(starts, dtype=np.int64), np.array(ends, dtype=np.int64), np.reshape(omegas, (-1, 3))
+    )
+
+
+def _mean_rate(gyroscope: RecordArray, events: RecordArray) -> float:
+    """Magnitude of the mean reading over the first part of an excerpt; 0 without samples."""
+    start_ns = int(events["t_ns"][0])
+    end_ns = max(int(events["t_ns"][-1]), start_ns + round(_SHORTEST_S * NS_PER_S))
+    a, b = np.searchsorted(gyroscope["t_ns"], [start_ns, end_ns])
+    return float(np.linalg.norm(gyroscope["xyz"][a:b].mean(axis=0))) if b > a else 0.0
+
+
+def _track_motion(ids: IntArray, t_ns: IntArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Middle (N,2) and velocity (N,2) [1/s] of the tracks seen at two times or more, first to last."""
+    order = np.lexsort((t_ns, ids))
+    ids, t_s, xy = ids[order], t_ns[order] / NS_PER_S, xy[order]
+    first = np.flatnonzero(np.concatenate([[True], ids[1:] != ids[:-1]])) if ids.size else np.zeros(0, int)
+    last = np.concatenate([first[1:], [ids.size]]).astype(int) - 1
+    spans = t_s[last] - t_s[first] if ids.size else np.zeros(0)
+    first, last, spans = first[spans > 0.0], last[spans > 0.0], spans[spans > 0.0]
+    return 0.5 * (xy[first] + xy[last]), (xy[last] - xy[first]) / spans[:, None]
+
+
+def _rate_of(xy: FloatArray, motion: FloatArray) -> FloatArray:
+    """Angular velocity (3,) that explains the motion (N,2) of points (N,2), by reweighted least squares."""
+    x, y = xy[:, 0], xy[:, 1]
+    rows = np.empty((len(xy), 2, 3))
+    rows[:, 0] = np.stack([x * y, -(1.0 + x**2), y], axis=1)
+    rows[:, 1] = np.stack([1.0 + y**2, -x * y, -x], axis=1)
+    weight = np.ones(len(xy))
+    omega: FloatArray = np.zeros(3)
+    for _ in range(_ROBUST_STEPS):
+        root = np.sqrt(weight)[:, None]
+        system = (rows * root[:, :, None]).reshape(-1, 3)
+        omega = np.asarray(np.linalg.lstsq(system, (motion * root).reshape(-1), rcond=None)[0])
+        error = np.linalg.norm(motion - rows @ omega, axis=1)
+        weight = 1.0 / (1.0 + (error / max(float(np.median(error)), 1e-9)) ** 2)
+    return np.asarray(omega)

@@ -1,0 +1,121 @@
+"""When did the camera turn, against when the gyroscope did: the offset with the least innovations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asyneio.doctor.rotation.camera_rates import CameraRates
+from asyneio.doctor.rotation.noise import differences, noise_of, spread, weights
+from asyneio.types import NS_PER_S, BoolArray, FloatArray, RecordArray
+
+#: Offsets tried: so far either way, in such steps [s]; then so many fine steps on either side of the best.
+_REACH_S, _STEP_S, _FINE_STEP_S, _FINE = 0.1, 0.007, 0.0015, 6
+#: Where the two do not agree there: so far either way, in such steps [s].
+_FAR_S, _FAR_STEP_S = 10.0, 0.02
+#: Windows that tell anything at all.
+LEAST_WINDOWS = 6
+_ROBUST_STEPS = 3
+
+
+class TurnOf:
+    """The turn that a gyroscope (INERTIAL_DTYPE, ascending) measured, summed once by the trapezoidal rule."""
+
+    def __init__(self, gyroscope: RecordArray) -> None:
+        self._origin_ns = int(gyroscope["t_ns"][0])
+        self._t_s = (gyroscope["t_ns"] - self._origin_ns) / NS_PER_S
+        steps = 0.5 * (gyroscope["xyz"][1:] + gyroscope["xyz"][:-1]) * np.diff(self._t_s)[:, None]
+        self._turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]).T
+
+    def means(self, rates: CameraRates, offset_s: float) -> tuple[FloatArray, BoolArray]:
+        """Mean rates (N,3) [rad/s] over the windows, shifted, and which of them its samples cover."""
+        start, end = (
+            (stamps - self._origin_ns) / NS_PER_S + offset_s for stamps in (rates.start_ns, rates.end_ns)
+        )
+        inside = (start >= 0.0) & (end <= self._t_s[-1]) & (end > start)
+        span = np.where(end > start, end - start, 1.0)
+        turn = [np.interp(end, self._t_s, axis) - np.interp(start, self._t_s, axis) for axis in self._turned]
+        return np.stack(turn, axis=1) / span[:, None], np.asarray(inside)
+
+
+def find_far_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> float | None:
+    """Of offsets within seconds of `around_s`, the one at which a linear map explains most; None without any.
+
+    Coarse: to be refined by `find_offset`. Half the windows must be covered, and a costly search of every
+    recording would not be worth it: this is for two streams that do not agree at all.
+    """
+    trials = around_s + np.arange(-round(_FAR_S / _FAR_STEP_S), round(_FAR_S / _FAR_STEP_S) + 1) * _FAR_STEP_S
+    limit = 3.0 * spread(rates.omega)
+    camera = np.clip(rates.omega, -limit, limit)
+    costs = np.full(trials.size, np.inf)
+    for k, trial in enumerate(trials.tolist()):
+        body, inside = turn.means(rates, trial)
+        count = np.count_nonzero(inside)
+        if count < max(LEAST_WINDOWS, rates.count // 2):
+            continue
+        design = np.column_stack([body[inside], np.ones(count)])
+        seen = camera[inside]
+        normal = design.T @ design + 1e-3 * np.eye(4)
+        left = seen - design @ np.linalg.solve(normal, design.T @ seen)
+        costs[k] = float(np.log((left**2).mean(axis=0) / (seen**2).mean(axis=0) + 1e-6).sum())
+    best = int(np.argmin(costs))
+    return float(trials[best]) if np.isfinite(costs[best]) else None
+
+
+def find_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> tuple[float, float]:
+    """The offset with the least innovations, and its standard deviation (infinite: not told)."""
+    reach = min(_REACH_S + 2.0 * abs(around_s), 5.0 * _REACH_S)
+    trials = around_s + np.arange(-round(reach / _STEP_S), round(reach / _STEP_S) + 1) * _STEP_S
+    costs = np.array([_offset_cost(rates, turn, trial) for trial in trials])
+    k = int(np.argmin(costs))
+    if k in (0, trials.size - 1) or not np.isfinite(costs[k]):
+        return around_s, float("inf")
+    steps = np.arange(-_FINE, _FINE + 1) * _FINE_STEP_S
+    costs = np.array([_offset_cost(rates, turn, trials[k] + step) for step in steps])
+    if not np.isfinite(costs).all():
+        return around_s, float("inf")
+    # A parabola, for single steps are ragged.
+    a, b, _ = np.polyfit(steps, costs, 2)
+    if a <= 0.0:
+        return around_s, float("inf")
+    shift = float(np.clip(-b / (2.0 * a), steps[0], steps[-1]))
+    # The cost counts standard deviations squared.
+    return float(trials[k] + shift), float(np.sqrt(1.0 / a))
+
+
+def _offset_cost(rates: CameraRates, turn: TurnOf, offset_s: float) -> float:
+    """A robust negative log-likelihood, times two, of the best linear map from body to camera; infinite where
+    too few windows are covered."""
+    body, inside = turn.means(rates, offset_s)
+    if np.count_nonzero(inside) < max(LEAST_WINDOWS, rates.count // 2):
+        return float("inf")
+    design = np.hstack([body[inside], np.ones((np.count_nonzero(inside), 1))])
+    gaps = gaps_of(rates, inside)
+    cost = 0.0
+    for axis in rates.omega[inside].T:
+        alike = np.zeros((len(gaps), 1))
+        for _ in range(2):
+            rows, wanted = differences(design, alike), differences(axis[:, None], alike)
+            map_ = _robust_solution(rows, wanted)
+            noise = noise_of(axis[:, None] - design @ map_, gaps)
+            alike = noise.alike
+        # As of all windows, however many are covered: costs of two offsets must be comparable.
+        cost += 2.0 * rates.count * float(np.log(noise.sigma[0]))
+    return cost
+
+
+def _robust_solution(rows: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Reweighted least squares of `rows @ x = wanted`, with a weak pull to zero: where the turn is about one
+    axis, the others are not told."""
+    weight = np.ones((len(rows), 1))
+    for _ in range(_ROBUST_STEPS):
+        normal = rows.T @ (rows * weight) + 1e-3 * np.eye(rows.shape[1])
+        solution = np.linalg.solve(normal, rows.T @ (wanted * weight))
+        residual = wanted - rows @ solution
+        weight = weights(residual, spread(residual))[:, None]
+    return np.asarray(solution)
+
+
+def gaps_of(rates: CameraRates, inside: BoolArray) -> FloatArray:
+    """Times between neighbouring windows (N-1,), in units of the usual one."""
+    gaps = np.diff(rates.start_ns[inside]).astype(np.float64)
+    return np.asarray(gaps / max(float(np.median(gaps)), 1.0))

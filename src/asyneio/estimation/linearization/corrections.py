@@ -1,0 +1,154 @@
+"""What the inertial samples say of their own scale factors and misalignment (`inertial_calibration`): sums
+over the factors (21), against the trajectory and against themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from asyneio.estimation.linearization.interval import whiten
+from asyneio.estimation.problem.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF
+from asyneio.estimation.problem.problem import Inertial, Problem, States
+from asyneio.factors.gp_inertial import (
+    accelerometer_jacobian,
+    accelerometer_residual,
+    gyroscope_jacobian,
+    gyroscope_residual,
+)
+from asyneio.types import FloatArray
+
+
+def add_correction_terms(
+    problem: Problem,
+    local: FloatArray,
+    local_lin: FloatArray,
+    chain: FloatArray,
+    H: FloatArray,
+    b: FloatArray,
+) -> None:
+    """Add rows and columns of the IMU's coordinates, the last ones of `H` (24K+c+s,24K+c+s), `b` (24K+c+s,).
+
+    `local`, `local_lin` (I,5,6) are the intervals' local coordinates, of the states and where Jacobians are
+    taken; `chain` (I,48,48) moves from those to the knots.
+    """
+    states, linearization, model = problem.states, problem.linearization, problem.model
+    columns = problem.imu.columns
+    split = int(np.searchsorted(columns, GYROSCOPE_DOF))
+    begin = len(b) - len(columns)
+    for mine, at in ((columns[:split], begin), (columns[split:], begin + split)):
+        size = len(mine)
+        if size == 0:
+            continue
+        directions = np.ascontiguousarray(DIRECTIONS[mine])
+        border, own, slope = np.zeros((len(local), 48, size)), np.zeros((size, size)), np.zeros(size)
+        sums = (directions, border, own, slope)
+        if mine[0] < GYROSCOPE_DOF:
+            gyroscope_correction(problem.gyroscope, states.bias, local, local_lin, *sums)
+        else:
+            space = model.motion_model.space
+            fields = (model.gravity_w, space, local, local_lin)
+            accelerometer_correction(problem.accelerometer, states, linearization, *fields, *sums)
+        end = at + size
+        H[at:end, at:end] += own
+        b[at:end] += slope
+        for i, moved in enumerate(chain.transpose(0, 2, 1) @ border):
+            o = 24 * i
+            H[o : o + 48, at:end] += moved
+            H[at:end, o : o + 48] += moved.T
+
+
+@njit(cache=True, nogil=True)
+def gyroscope_correction(
+    samples: Inertial,
+    bias: FloatArray,
+    local: FloatArray,
+    local_lin: FloatArray,
+    directions: FloatArray,
+    border: FloatArray,
+    H: FloatArray,
+    b: FloatArray,
+) -> None:
+    """Adds to `border` (I,48,s) against the local coordinates, `H` (s,s), `b` (s,); `directions` (s,3,3) are
+    what a unit of each coordinate adds to E."""
+    most = samples.root_information.shape[1]
+    residual = np.empty((most, 3))
+    jacobian = np.empty((most, 3, 48))
+    for i in range(local.shape[0]):
+        begin, end = samples.start[i], samples.start[i + 1]
+        for n in range(begin, end):
+            value, weights, alpha, k = samples.value[n], samples.weights[n], samples.alpha[n], n - begin
+            gyroscope_residual(value, local[i], weights, bias[i : i + 2], alpha, residual[k])
+            gyroscope_jacobian(local_lin[i], weights, alpha, jacobian[k])
+        root = samples.root_information[begin:end]
+        whiten(root, residual, jacobian, True)
+        _accumulate(root, samples.smooth[begin:end], residual, jacobian, directions, border[i], H, b)
+
+
+@njit(cache=True, nogil=True)
+def accelerometer_correction(
+    samples: Inertial,
+    states: States,
+    linearization: States,
+    gravity_w: FloatArray,
+    space: int,
+    local: FloatArray,
+    local_lin: FloatArray,
+    directions: FloatArray,
+    border: FloatArray,
+    H: FloatArray,
+    b: FloatArray,
+) -> None:
+    """As `gyroscope_correction`."""
+    most = samples.root_information.shape[1]
+    residual = np.empty((most, 3))
+    jacobian = np.empty((most, 3, 48))
+    for i in range(local.shape[0]):
+        begin, end = samples.start[i], samples.start[i + 1]
+        biases = states.bias[i : i + 2]
+        C, C_lin = states.C[i], linearization.C[i]
+        for n in range(begin, end):
+            value, weights, alpha, k = samples.value[n], samples.weights[n], samples.alpha[n], n - begin
+            accelerometer_residual(value, C, local[i], weights, biases, alpha, gravity_w, space, residual[k])
+            accelerometer_jacobian(C_lin, local_lin[i], weights, alpha, gravity_w, space, jacobian[k])
+        root = samples.root_information[begin:end]
+        whiten(root, residual, jacobian, True)
+        _accumulate(root, samples.smooth[begin:end], residual, jacobian, directions, border[i], H, b)
+
+
+@njit(cache=True, nogil=True)
+def _accumulate(
+    root: FloatArray,
+    smooth: FloatArray,
+    residual: FloatArray,
+    jacobian: FloatArray,
+    directions: FloatArray,
+    border: FloatArray,
+    H: FloatArray,
+    b: FloatArray,
+) -> None:
+    """Sums of one interval: `residual` (n,3) and `jacobian` (n,3,48) are whitened, `smooth` (n,3) is not."""
+    size = directions.shape[0]
+    white = np.empty(3)
+    row = np.empty((3, size))
+    for n in range(root.shape[0]):
+        for a in range(3):
+            white[a] = 0.0
+            for m in range(n + 1):
+                white[a] += root[n, m] * smooth[m, a]
+        for p in range(size):
+            for a in range(3):
+                row[a, p] = -(
+                    directions[p, a, 0] * white[0]
+                    + directions[p, a, 1] * white[1]
+                    + directions[p, a, 2] * white[2]
+                )
+        for a in range(3):
+            for p in range(size):
+                v = row[a, p]
+                if v == 0.0:
+                    continue
+                b[p] += v * residual[n, a]
+                for q in range(size):
+                    H[p, q] += v * row[a, q]
+                for k in range(48):
+                    border[k, p] += jacobian[n, a, k] * v

@@ -1,0 +1,130 @@
+"""Time offset and rotation of the camera as unknowns of the window, common to all its observations.
+
+*Which times move.* A landmark's bearing is that of the camera at the anchor's knot, at the knot's own time:
+it stays. Every observation moves along the trajectory: one stamped t shows what the body saw at t +
+time_offset. It stays with the interval of its stamp, whose polynomial is carried on past the knot by the
+offset at most; the next interval's differs from it by a jump of the third derivative of xi, so by j d^3 / 6:
+1e-5 rad for d = 5 ms and a jump of 500 rad/s^3.
+
+On an interpolated trajectory the interpolation weights are made anew for every offset that is tried, so
+nothing is linearised but the step. Propagated poses (29) are shifted to first order from where their
+increments were last asked for.
+
+*Random walk.* All observations in the window share one offset and rotation; between the window and what has
+left it the camera may drift: every marginalised interval adds the variance of a random walk.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from asyneio.estimation.problem.problem import Camera, Prior, Propagated, Visual
+from asyneio.estimation.problem.propagated_queries import shifted
+from asyneio.geometry.linalg import set_block
+from asyneio.geometry.so3 import so3_exp, so3_log
+from asyneio.trajectory.motion_prior import interpolation_weights
+from asyneio.types import FloatArray, IntArray
+
+#: Coordinates of the camera's error state.
+CAMERA_DOF = 4
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """What is estimated of the camera, and how far it may be off.
+
+    `columns` (c,) of [time offset, rotation (3)]; `sigma` (4,) of the prior [s, rad]; `walk` (4,) density of
+    the random walk [s/sqrt(s), rad/sqrt(s)]; `time_offset` to begin with [s].
+    """
+
+    columns: IntArray
+    sigma: FloatArray
+    walk: FloatArray
+    time_offset: float = 0.0
+
+
+#: Nothing is estimated.
+FIXED_CALIBRATION = CalibrationSettings(
+    np.zeros(0, dtype=np.int64), np.ones(CAMERA_DOF), np.zeros(CAMERA_DOF)
+)
+
+
+def first_camera(C_bc: FloatArray, settings: CalibrationSettings) -> Camera:
+    """The camera as calibrated: rotation `C_bc` (3,3) and the time offset of the settings."""
+    return Camera(np.ascontiguousarray(C_bc), settings.time_offset, settings.columns)
+
+
+def with_camera(prior: Prior, camera: Camera, settings: CalibrationSettings) -> Prior:
+    """A prior on knots alone, and that `camera` is known to the settings' sigmas."""
+    if not len(camera.columns):
+        return prior
+    (rank, size), c = prior.R.shape, len(camera.columns)
+    R = np.zeros((rank + c, size + c))
+    R[:rank, :size] = prior.R
+    R[rank:, size:] = np.diag(1.0 / settings.sigma[camera.columns])
+    return Prior(R, R.T @ R, np.append(prior.r_0, np.zeros(c)), prior.linearization, camera)
+
+
+def camera_difference(camera: Camera, linearization: Camera) -> FloatArray:
+    """Error coordinates (c,) of `camera` as seen from `linearization`."""
+    out = np.empty(CAMERA_DOF)
+    out[0] = camera.time_offset - linearization.time_offset
+    so3_log(linearization.C_bc.T @ camera.C_bc, out[1:])
+    return np.asarray(out[camera.columns])
+
+
+def moved_camera(camera: Camera, step: FloatArray) -> Camera:
+    """The camera after a step (c,) of what is estimated of it."""
+    full, turn = np.zeros(CAMERA_DOF), np.empty((3, 3))
+    full[camera.columns] = step
+    so3_exp(full[1:], turn)
+    return camera._replace(C_bc=camera.C_bc @ turn, time_offset=camera.time_offset + float(full[0]))
+
+
+def after_walk(
+    information: FloatArray, gradient: FloatArray, variance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Information (n,n) and gradient (n,) when the last c coordinates have walked by `variance` (c,).
+
+    The coordinates before the walk are eliminated, in a form that is exact for a variance of zero too.
+    """
+    c, n = len(variance), len(gradient) - len(variance)
+    if c == 0:
+        return information, gradient
+    border, own, slope = information[:n, n:], information[n:, n:], gradient[n:]
+    # Q S^{-1} stands for (Lambda + Q^{-1})^{-1}, and S^{-1} for what is left of a unit of information.
+    left = np.linalg.inv(np.eye(c) + own * variance)
+    gain = variance[:, None] * left
+    out = information.copy()
+    out[:n, :n] -= border @ gain @ border.T
+    out[:n, n:] = border @ left.T
+    out[n:, :n] = left @ border.T
+    out[n:, n:] = left @ own
+    return out, np.append(gradient[:n] - border @ gain @ slope, left @ slope)
+
+
+def at_offset(
+    visual: Visual, propagated: Propagated, offset: float, dt: FloatArray, prior: int
+) -> tuple[Visual, Propagated]:
+    """The observations with their poses asked for at another time offset [s].
+
+    `dt` (I,) are the lengths of the intervals, `prior` the motion prior of their interpolation.
+    """
+    if len(propagated.tau):
+        return visual, shifted(propagated, visual.tau + offset)
+    weights = np.empty_like(visual.weights)
+    _reweigh(visual, offset, dt, prior, weights)
+    return visual._replace(weights=weights), propagated
+
+
+@njit(cache=True, nogil=True)
+def _reweigh(visual: Visual, offset: float, dt: FloatArray, prior: int, out: FloatArray) -> None:
+    """Interpolation weights `out` (M,2,5) of all observations at their stamps plus the offset."""
+    weights = np.empty((3, 5))
+    for i in range(len(visual.start) - 1):
+        for n in range(visual.start[i], visual.start[i + 1]):
+            interpolation_weights(visual.tau[n] + offset, dt[i], prior, weights)
+            set_block(out[n], 0, 0, 1.0, weights[:2])

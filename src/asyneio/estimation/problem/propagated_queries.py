@@ -1,0 +1,67 @@
+"""Increments at the times of observations, asked of the rules that made them (29)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from asyneio.estimation.problem.problem import Propagated
+from asyneio.factors.propagated_rates import shifted_increments
+from asyneio.geometry.so3 import so3_log
+from asyneio.inertial.increments import Preintegration
+from asyneio.types import FloatArray
+
+#: Step [s] of the difference that takes a rate from increments: they are smooth, and exact to rounding.
+_RATE_STEP_S = 1e-3
+
+
+def propagated_at(rule: Preintegration, tau: FloatArray, with_rates: bool) -> Propagated:
+    """Increments at `tau` (N,) seconds after the knot, and how they change with time if asked for.
+
+    A time outside the interval, where a camera's clock is off, is reached to first order from its end.
+    """
+    inside = np.clip(tau, 0.0, rule.duration)
+    at = rule.at(inside)
+    omega, d_turn = np.zeros((len(tau), 3)), np.zeros((len(tau), 3, 6))
+    propagated = Propagated(inside, at.C, at.r, at.d_bias, omega, at.nu, d_turn)
+    if not with_rates:
+        return propagated._replace(tau=tau)
+    step = min(_RATE_STEP_S, 0.25 * rule.duration)
+    before = np.clip(inside - step, 0.0, rule.duration - 2.0 * step)
+    begin, end = rule.at(before), rule.at(before + 2.0 * step)
+    _mean_rates(begin.C, end.C, 2.0 * step, omega)
+    d_turn += (end.d_bias[:, :3] - begin.d_bias[:, :3]) / (2.0 * step)
+    return shifted(propagated, tau)
+
+
+def shifted(at: Propagated, tau: FloatArray) -> Propagated:
+    """The increments at other times `tau` (N,), to first order."""
+    C, r, d_bias = (np.empty_like(a) for a in (at.C, at.r, at.d_bias))
+    _shift(at, tau, C, r, d_bias)
+    return at._replace(tau=tau, C=C, r=r, d_bias=d_bias)
+
+
+@njit(cache=True, nogil=True)
+def _mean_rates(begin: FloatArray, end: FloatArray, seconds: float, out: FloatArray) -> None:
+    """Mean angular velocity `out` (N,3) in the body between attitudes (N,3,3)."""
+    for n in range(len(out)):
+        so3_log(begin[n].T @ end[n], out[n])
+        for i in range(3):
+            out[n, i] /= seconds
+
+
+@njit(cache=True, nogil=True)
+def _shift(at: Propagated, tau: FloatArray, C: FloatArray, r: FloatArray, d_bias: FloatArray) -> None:
+    for n in range(len(tau)):
+        shifted_increments(
+            at.C[n],
+            at.r[n],
+            at.d_bias[n],
+            at.omega[n],
+            at.nu[n],
+            at.d_turn[n],
+            tau[n] - at.tau[n],
+            C[n],
+            r[n],
+            d_bias[n],
+        )

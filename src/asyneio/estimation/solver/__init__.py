@@ -1,0 +1,1 @@
+"""Levenberg-Marquardt, landmark elimination, chi-square test, marginalization and covariance."""

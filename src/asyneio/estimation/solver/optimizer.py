@@ -1,0 +1,203 @@
+"""Levenberg-Marquardt on the manifold, landmarks eliminated, knots solved by a dense Cholesky
+factorisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from asyneio.errors import EstimationError
+from asyneio.estimation.linearization.linear_system import LinearSystem, evaluate, linearize
+from asyneio.estimation.linearization.prior import add_prior, difference, prior_cost
+from asyneio.estimation.problem.active import KNOT_DOF, active_in_window, active_part, with_inactive_zero
+from asyneio.estimation.problem.problem import Prior, Problem
+from asyneio.estimation.solver.elimination import eliminate_landmarks
+from asyneio.estimation.solver.retraction import retract
+from asyneio.types import FloatArray, IntArray
+
+_MAX_DAMPING = 1e8
+#: A step that should lower the cost by so many times what ends the iterations is hardly ever the last: where
+#: it leads to is linearised at once, which saves evaluating the cost there.
+_SURELY = 10.0
+
+
+@dataclass(frozen=True)
+class OptimizerSettings:
+    """When to stop. `damping` is what the first rejected step starts from; steps begin undamped."""
+
+    max_iterations: int
+    relative_decrease: float
+    damping: float
+
+
+@dataclass(frozen=True)
+class OptimizerReport:
+    """What an optimisation did. Costs include the prior; `last_decrease` is relative, of the last step."""
+
+    iterations: int
+    initial_cost: float
+    cost: float
+    visual_cost: float
+    rejected: int
+    converged: bool
+    last_decrease: float
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Optimised problem, the squared norms (M,) of its observations' whitened residuals, the reduced normal
+    equations it was last solved with, and the report.
+
+    `information` (24K+c+s,24K+c+s) is the Schur complement of the landmarks plus the prior, last linearised;
+    what it says of coordinates that are not active (`problem.model.active`) means nothing. `factor` is the
+    lower Cholesky factor of its active part, with anything above the diagonal; None where the last step was
+    damped.
+    """
+
+    problem: Problem
+    squared: FloatArray
+    information: FloatArray
+    factor: FloatArray | None
+    landmark_system: LinearSystem
+    report: OptimizerReport
+
+
+class _Point(NamedTuple):
+    """Where the optimisation is: the problem, its cost and the squared residuals of the observations; the
+    normal equations there where they were computed, None where the cost alone was."""
+
+    problem: Problem
+    cost: float
+    squared: FloatArray
+    system: LinearSystem | None
+
+
+class _Step(NamedTuple):
+    point: _Point
+    next_damping: float
+    predicted_decrease: float
+    factor: FloatArray | None
+
+
+def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Solution:
+    """Minimise the window's cost (39) plus the marginal prior.
+
+    Raises:
+        EstimationError: the system stays singular at any damping, or the cost is not finite.
+    """
+    point = _linearized(problem, prior)
+    if not np.isfinite(point.cost):
+        raise EstimationError(
+            "the cost of the window is not finite; expected finite states and measurements: "
+            "check the recording for corrupt values"
+        )
+    damping = 0.0
+    initial_cost = point.cost
+    iterations = 0
+    converged = False
+    last_decrease = 0.0
+    factor: FloatArray | None = None
+    while True:
+        system = point.system or _linearized(point.problem, prior).system
+        assert system is not None
+        visual_cost, rejected = system.visual_cost, system.rejected
+        eliminate_landmarks(system, point.problem.landmarks, point.problem.model)
+        iterations += 1
+        # Nothing is solved from where the last iteration ends.
+        last = iterations >= settings.max_iterations
+        goes_on = float("inf") if last else _SURELY * settings.relative_decrease
+        accepted = _damped_step(point, system, prior, damping, settings.damping, goes_on)
+        if accepted is None:
+            factor = None
+            break
+        # What the quadratic model foretold has happened: the next step would change next to nothing. Measured
+        # by the cost that is left: a bad first guess may cost so much that all that follows seems little.
+        cost, decrease = point.cost, point.cost - accepted.point.cost
+        surprise = abs(decrease - accepted.predicted_decrease)
+        converged = min(surprise, decrease) <= settings.relative_decrease * accepted.point.cost
+        last_decrease = decrease / cost if cost > 0.0 else 0.0
+        point, damping, factor = accepted.point, accepted.next_damping, accepted.factor
+        if converged or iterations >= settings.max_iterations:
+            break
+    report = OptimizerReport(
+        iterations, initial_cost, point.cost, visual_cost, rejected, converged, last_decrease
+    )
+    return Solution(point.problem, point.squared, system.H, factor, system, report)
+
+
+def _linearized(problem: Problem, prior: Prior) -> _Point:
+    """The normal equations, with the prior."""
+    system = linearize(problem)
+    delta = difference(problem.states, prior, problem.camera, problem.imu)
+    cost = float(system.cost + add_prior(system, prior, delta))
+    return _Point(problem, cost, system.squared, system)
+
+
+def _evaluated(problem: Problem, prior: Prior) -> _Point:
+    """The cost alone, in a fraction of the time."""
+    delta = difference(problem.states, prior, problem.camera, problem.imu)
+    cost, squared = evaluate(problem)
+    return _Point(problem, cost + prior_cost(prior, delta), squared, None)
+
+
+def _damped_step(
+    point: _Point, system: LinearSystem, prior: Prior, damping: float, first_damping: float, goes_on: float
+) -> _Step | None:
+    """One accepted step; None if no step lowers the cost.
+
+    Where it should lower the cost by more than the share `goes_on` there will be another, and the point that
+    it leads to is linearised at once.
+    """
+    problem, cost = point.problem, point.cost
+    diagonal = system.H.diagonal().copy()
+    while damping <= _MAX_DAMPING:
+        solved = _solve(system, problem.model.active, diagonal, damping)
+        if solved is not None:
+            step, factor = solved
+            predicted = _predicted_decrease(system, step)
+            candidate = retract(problem, system, step)
+            again = damping == 0.0 and predicted > goes_on * cost
+            reached = (_linearized if again else _evaluated)(candidate, prior)
+            # Equal costs count: at the minimum rounding decides.
+            if reached.cost <= cost * (1.0 + 1e-9):
+                next_damping = damping / 10.0 if damping > first_damping else 0.0
+                return _Step(reached, next_damping, predicted, factor if damping == 0.0 else None)
+        damping = max(first_damping, 10.0 * damping)
+    if solved is None:
+        raise EstimationError(
+            "the normal equations are singular at any damping; expected a constrained window: "
+            "too few measurements, or states that are not finite"
+        )
+    return None
+
+
+def _predicted_decrease(system: LinearSystem, step: FloatArray) -> float:
+    """Decrease of the quadratic model for an undamped step; whitened landmarks add |b_l|^2 / 2."""
+    dof = system.W_camera.shape[1]
+    return 0.5 * float(np.sum(system.b_l[:, :dof] ** 2) - step @ system.b)
+
+
+def _solve(
+    system: LinearSystem, active: IntArray, diagonal: FloatArray, damping: float
+) -> tuple[FloatArray, FloatArray] | None:
+    """Step (24K+c+s,), zero where not active, and the Cholesky factor of the active part; None where the
+    matrix is not positive definite."""
+    knots = len(system.W.width)
+    behind = len(diagonal) - KNOT_DOF * knots
+    chosen = active_in_window(active, knots, behind)
+    H = active_part(system.H, active)
+    if damping > 0.0:
+        H = H.copy()
+        H[np.diag_indices_from(H)] += damping * diagonal[chosen]
+    try:
+        # Symmetric: its transpose is in the order that LAPACK wants.
+        factor, _ = cho_factor(H.T, lower=True, check_finite=False)
+    except LinAlgError:
+        return None
+    step = -cho_solve((factor, True), system.b[chosen], check_finite=False)
+    if not np.isfinite(step).all():
+        return None
+    return with_inactive_zero(step, active, behind), factor

@@ -1,0 +1,71 @@
+"""Standing still between two knots: the pose is the same at both, and both have no velocity.
+
+The residual is that of a zero-velocity and zero-displacement update (Skog et al., "Zero-velocity detection",
+IEEE TBME 2010, describe the first): with `C`, `r` the poses and `varpi` the velocities of the knots
+
+    e = [Log(C_0^T C_1), C_0^T (r_1 - r_0), varpi_0, varpi_1].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from asyneio.geometry.linalg import matmul, matmul_tn, matvec_t, set_block, skew
+from asyneio.geometry.so3 import so3_log, so3_right_jacobian_inverse
+from asyneio.types import FloatArray
+
+#: Rows of the residual: turn, displacement, and the velocities of both knots.
+REST_ROWS = 18
+
+
+@njit(cache=True, nogil=True)
+def zero_velocity_residual(
+    C_0: FloatArray,
+    r_0: FloatArray,
+    varpi_0: FloatArray,
+    C_1: FloatArray,
+    r_1: FloatArray,
+    varpi_1: FloatArray,
+    residual: FloatArray,
+) -> None:
+    """`residual` (18,) unwhitened: [rad, m, rad/s and m/s, rad/s and m/s], in the axes of the bodies.
+
+    Knots: `C` (3,3) body to world, `r` (3,) in the world, `varpi` (6,) generalised velocity in the body.
+    """
+    C_01 = np.empty((3, 3))
+    matmul_tn(C_0, C_1, C_01)
+    so3_log(C_01, residual[:3])
+    matvec_t(C_0, r_1 - r_0, residual[3:6])
+    for i in range(6):
+        residual[6 + i] = varpi_0[i]
+        residual[12 + i] = varpi_1[i]
+
+
+@njit(cache=True, nogil=True)
+def zero_velocity_jacobian(
+    C_0: FloatArray, r_0: FloatArray, C_1: FloatArray, r_1: FloatArray, jacobian: FloatArray
+) -> None:
+    """`jacobian` (18,48) of `zero_velocity_residual` by the error states of both knots, exact."""
+    C_01 = np.empty((3, 3))
+    phi = np.empty(3)
+    way = np.empty(3)
+    hat = np.empty((3, 3))
+    J_inv = np.empty((3, 3))
+    product = np.empty((3, 3))
+    matmul_tn(C_0, C_1, C_01)
+    so3_log(C_01, phi)
+    so3_right_jacobian_inverse(phi, J_inv)
+    matmul(J_inv, C_01.T, product)
+    matvec_t(C_0, r_1 - r_0, way)
+    skew(way, hat)
+    jacobian[:] = 0.0
+    set_block(jacobian, 0, 0, -1.0, product)
+    set_block(jacobian, 0, 24, 1.0, J_inv)
+    set_block(jacobian, 3, 0, 1.0, hat)
+    set_block(jacobian, 3, 27, 1.0, C_01)
+    for i in range(3):
+        jacobian[3 + i, 3 + i] = -1.0
+    for i in range(6):
+        jacobian[6 + i, 6 + i] = 1.0
+        jacobian[12 + i, 30 + i] = 1.0

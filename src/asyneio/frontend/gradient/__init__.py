@@ -1,0 +1,1 @@
+"""The tracker of the paper (Algorithm 1): features located by the gradient of their active events."""

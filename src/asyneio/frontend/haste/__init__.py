@@ -1,0 +1,1 @@
+"""The baseline tracker HASTE: each event votes for one of a few hypotheses of a feature's motion."""

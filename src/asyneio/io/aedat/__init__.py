@@ -1,0 +1,1 @@
+"""AEDAT 2 (jAER) and AEDAT 4 (DV)."""

@@ -1,0 +1,1 @@
+"""One recording written in another format."""

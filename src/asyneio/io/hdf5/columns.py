@@ -1,0 +1,208 @@
+"""Events from HDF5 where x, y, t and p are columns of their own, or the fields of one table.
+
+Columns are read in blocks; whatever their chunks are, memory stays bounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from asyneio.errors import RecordingError
+from asyneio.io.parsing.column_meaning import columns_by_name
+from asyneio.io.parsing.safe_hdf5 import check_columns, dataset, group_at, holds, open_hdf5
+from asyneio.io.parsing.stamps import MAX_BAD_SHARE
+from asyneio.io.recording.checks import MAX_STAMP_NS
+from asyneio.io.recording.source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
+from asyneio.types import IntArray, RecordArray
+
+BLOCK_EVENTS = 2**17
+NAMES = ("t", "x", "y", "p")
+#: How -1 stands where a polarity is an unsigned number.
+_MINUS_ONE = {"u1": 255, "u2": 65_535, "u4": 4_294_967_295}
+
+#: A group with more members holds no columns.
+_MOST_MEMBERS = 64
+_SAMPLED_BLOCKS, _SAMPLED_ROWS = 32, 4096
+
+
+@dataclass(frozen=True)
+class ColumnLayout:
+    """Where the columns are and what their time means: `t_ns = t * unit_ns + offset_ns`.
+
+    `group` is the path of a group with the columns; "" is the root. `table` is the name of a data set in it
+    whose fields they are, "" where they are data sets themselves. `names` are those of t, x, y and p.
+    """
+
+    group: str
+    unit_ns: int
+    offset_ns: int = 0
+    table: str = ""
+    names: tuple[str, str, str, str] = NAMES
+
+
+class ColumnEvents:
+    """An EventSource on columns. Polarity is 0 and 1, -1 and 1, or true and false."""
+
+    def __init__(self, path: Path, layout: ColumnLayout) -> None:
+        self.path = path
+        self._layout = layout
+        self._polarity = PolarityCheck(path)
+
+    def chunks(self) -> Iterator[tuple[RecordArray, float]]:
+        """See EventSource. Raises RecordingError: unreadable, or another layout."""
+        with open_hdf5(self.path) as file:
+            if self._layout.table:
+                yield from self._table(file)
+            else:
+                yield from self._columns(file)
+
+    def samples(self) -> RecordArray:
+        """None: inertial samples are read apart from the events."""
+        return np.empty(0, dtype=SAMPLE_DTYPE)
+
+    def notes(self) -> tuple[str, ...]:
+        """Nothing is skipped here."""
+        return ()
+
+    def _columns(self, file: h5py.File) -> Iterator[tuple[RecordArray, float]]:
+        columns = event_columns(file, self._layout.group, self.path, self._layout.names)
+        for rows, share in blocks(columns[0].shape[0]):
+            yield self._pack(*(column[rows] for column in columns)), share
+
+    def _table(self, file: h5py.File) -> Iterator[tuple[RecordArray, float]]:
+        table = event_table(file, self._layout, self.path)
+        for rows, share in blocks(table.shape[0]):
+            piece = table[rows]
+            yield self._pack(*(piece[name] for name in NAMES)), share
+
+    def _pack(self, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> RecordArray:
+        p = signed(p)
+        self._polarity.feed(p)
+        t_ns = nanoseconds(t, self._layout.unit_ns) + self._layout.offset_ns
+        return pack_events(t_ns, pixels(x), pixels(y), p == 1)
+
+
+def nanoseconds(t: np.ndarray, unit_ns: int) -> IntArray:
+    """Times (N,), whole or not, as nanoseconds; absurd ones end at the limit that the checks refuse."""
+    limit = MAX_STAMP_NS // unit_ns + 1
+    if t.dtype.kind == "f":
+        # Whole seconds apart: a float holds both parts exactly, but not their sum in nanoseconds.
+        t = np.clip(np.nan_to_num(t.astype(np.float64), nan=limit), -limit, limit)
+        whole = np.floor(t)
+        return np.asarray(whole.astype(np.int64) * unit_ns + np.rint((t - whole) * unit_ns).astype(np.int64))
+    if t.dtype.itemsize == 8:
+        t = np.clip(t, 0 if t.dtype.kind == "u" else -limit, limit)
+    return np.asarray(t.astype(np.int64) * unit_ns)
+
+
+def signed(p: np.ndarray) -> np.ndarray:
+    """Polarities (N,) whose -1 may stand as the largest unsigned number, with -1."""
+    largest = _MINUS_ONE.get(p.dtype.str[1:])
+    if largest is None or not (p == largest).any():
+        return p
+    # More than eight bits: other values must stay what they are, so that they are refused.
+    wide = p.astype(np.int64)
+    wide[p == largest] = -1
+    return wide
+
+
+class PolarityCheck:
+    """Requires two kinds of polarity in a whole file, 0 and 1 or -1 and 1."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._met = np.zeros(2, dtype=np.bool_)
+
+    def feed(self, p: np.ndarray) -> None:
+        """Look at the next piece. Raises RecordingError: a third kind."""
+        if p.size == 0 or p.dtype.kind == "b":
+            return
+        zero, negative = p == 0, p == -1
+        self._met |= [bool(zero.any()), bool(negative.any())]
+        if self._met.all() or not (zero | negative | (p == 1)).all():
+            raise RecordingError(
+                f"{self._path}: polarity goes from {p.min()} to {p.max()}; expected 0 and 1, or -1 and 1"
+            )
+
+
+def blocks(total: int) -> Iterator[tuple[slice, float]]:
+    """Slices of at most BLOCK_EVENTS rows, with the share of all rows up to their end."""
+    for start in range(0, total, BLOCK_EVENTS):
+        stop = min(start + BLOCK_EVENTS, total)
+        yield slice(start, stop), stop / total
+
+
+def pixels(values: np.ndarray) -> np.ndarray:
+    """Whole numbers as uint16; what does not fit lies outside every sensor."""
+    if values.dtype == np.uint16:
+        return values
+    if values.dtype.kind == "f":
+        values = np.where(np.isfinite(values) & (values == np.round(values)), values, -1.0)
+    return np.where((values < 0) | (values > FAR_OUTSIDE), FAR_OUTSIDE, values).astype(np.uint16)
+
+
+def event_columns(
+    file: h5py.File, where: str, path: Path, names: tuple[str, str, str, str] = NAMES
+) -> list[h5py.Dataset]:
+    """The columns t, x, y, p of a group. Raises RecordingError: absent, hostile, or no numbers."""
+    parent = group_at(file, where, path)
+    columns = [dataset(parent, name, path, "iufb" if name == names[3] else "iuf", 1) for name in names]
+    check_columns(columns, path)
+    return columns
+
+
+def event_table(file: h5py.File, layout: ColumnLayout, path: Path) -> h5py.Dataset:
+    """A table with the fields t, x, y, p. Raises RecordingError: absent, hostile, or no whole numbers."""
+    table = dataset(group_at(file, layout.group, path), layout.table, path, "V", 1)
+    kinds = table.dtype.fields or {}
+    if not all(name in kinds and kinds[name][0].kind in "iub" for name in NAMES):
+        raise RecordingError(f"{path}: {table.name} holds {table.dtype}; expected whole numbers t, x, y, p")
+    check_columns([table], path)
+    return table
+
+
+def names_of_columns(file: h5py.File, where: str) -> tuple[str, str, str, str] | None:
+    """Names of t, x, y and p in the group of a path; None where one is not there. Links are not followed."""
+    parent: object = file
+    for name in filter(None, where.split("/")):
+        if not isinstance(parent, h5py.Group) or not isinstance(
+            parent.get(name, getlink=True), h5py.HardLink
+        ):
+            return None
+        parent = parent[name]
+    if not isinstance(parent, h5py.Group):
+        return None
+    if all(holds(parent, name) for name in NAMES):
+        return NAMES
+    members = list(islice(map(str, parent), _MOST_MEMBERS))
+    found = columns_by_name(members)
+    if found is None:
+        return None
+    t, x, y, p = (members[found[0][letter]] for letter in NAMES)
+    return t, x, y, p
+
+
+def likely_size(x: h5py.Dataset, y: h5py.Dataset, sizes: Sequence[tuple[int, int]]) -> tuple[int, int] | None:
+    """The first of `sizes` that holds a sample of the events, all over the file; None where none does.
+
+    A look at a small part saves decoding the whole once for every size that is too small.
+    """
+    total = x.shape[0]
+    if total == 0:
+        return None
+    starts = np.unique(np.linspace(0, max(total - _SAMPLED_ROWS, 0), _SAMPLED_BLOCKS).astype(np.int64))
+    columns, rows = (
+        np.concatenate([np.asarray(values[start : start + _SAMPLED_ROWS]) for start in starts.tolist()])
+        for values in (x, y)
+    )
+    for width, height in sizes:
+        outside = (columns < 0) | (columns >= width) | (rows < 0) | (rows >= height)
+        if float(np.mean(outside)) <= MAX_BAD_SHARE:
+            return width, height
+    return None

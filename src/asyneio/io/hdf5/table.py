@@ -1,0 +1,134 @@
+"""Events in HDF5 as one data set of four columns, (N,4): v2e's `events` and its kin.
+
+v2e writes t [us], x, y, p as unsigned numbers of 32 bits; a polarity of -1 then stands as 4 294 967 295.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from asyneio.errors import RecordingError
+from asyneio.io.calibration import find_rig
+from asyneio.io.hdf5.columns import PolarityCheck, blocks, nanoseconds, pixels, signed
+from asyneio.io.parsing.column_meaning import Meaning, columns_by_values, unit_of_time
+from asyneio.io.parsing.safe_hdf5 import check_columns, dataset, open_hdf5
+from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.io.recording.sidecar import samples_beside, truth_beside
+from asyneio.io.recording.source import SAMPLE_DTYPE, pack_events
+from asyneio.types import RecordArray
+
+_SAMPLE = 4096
+_EXPECTED = (
+    "events/x, y, t, p (or xs, ys, ts, ps) as data sets, or one data set of four columns with t, x, y, p"
+)
+_MOST_LISTED = 12
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Where the columns are and what they mean."""
+
+    name: str
+    meaning: Meaning
+
+
+class TableEvents:
+    """An EventSource on a data set of four columns."""
+
+    def __init__(self, path: Path, table: _Table) -> None:
+        self.path = path
+        self._table = table
+
+    def chunks(self) -> Iterator[tuple[RecordArray, float]]:
+        """See EventSource. Raises RecordingError: unreadable, or another layout."""
+        polarity = PolarityCheck(self.path)
+        meaning = self._table.meaning
+        with open_hdf5(self.path) as file:
+            data = dataset(file, self._table.name, self.path, "iuf", 2)
+            for rows, share in blocks(data.shape[0]):
+                piece = np.asarray(data[rows])
+                t, x, y, p = (piece[:, column] for column in meaning.columns)
+                p = signed(p)
+                polarity.feed(p)
+                yield pack_events(nanoseconds(t, meaning.unit_ns), pixels(x), pixels(y), p == 1), share
+
+    def samples(self) -> RecordArray:
+        """None: inertial samples are read apart from the events."""
+        return np.empty(0, dtype=SAMPLE_DTYPE)
+
+    def notes(self) -> tuple[str, ...]:
+        """How the columns were read."""
+        return (self._table.meaning.sentence(self.path.name),)
+
+
+def is_event_table(path: Path) -> bool:
+    """True when a file of HDF5 has one data set of four columns that fit events."""
+    with open_hdf5(path) as file:
+        return _find(file, path) is not None
+
+
+def read_event_table(path: Path, options: ReadOptions) -> Contents:
+    """A file with one data set of four columns, with the inertial samples and poses beside it.
+
+    Raises:
+        RecordingError: unreadable, hostile, or no events.
+        CalibrationError: a calibration file is malformed or impossible.
+    """
+    with open_hdf5(path) as file:
+        table = _find(file, path)
+    if table is None:
+        raise RecordingError(f"{path} {contents_of(path)}")
+    truth, truth_notes = truth_beside(path.parent)
+    return Contents(
+        path.resolve().stem,
+        partial(TableEvents, path, table),
+        None,
+        find_rig(path.parent, options.calibration, options.imu),
+        samples_beside(path.parent, options),
+        truth=truth,
+        notes=truth_notes,
+    )
+
+
+def contents_of(path: Path) -> str:
+    """What a file of HDF5 holds and what is expected, for a refusal."""
+    listed: list[str] = []
+
+    def note(name: str, member: object) -> bool | None:
+        if isinstance(member, h5py.Dataset):
+            listed.append(f"{name} {member.shape} {member.dtype}")
+        return True if len(listed) >= _MOST_LISTED else None
+
+    try:
+        with open_hdf5(path) as file:
+            file.visititems(note)
+    except RecordingError:
+        listed.append("nothing readable")
+    return f"holds {', '.join(listed) or 'no data set'}; expected {_EXPECTED}"
+
+
+def _find(file: h5py.File, path: Path) -> _Table | None:
+    names = [
+        name
+        for name in ("events", "event", "data")
+        if isinstance(file.get(name, getlink=True), h5py.HardLink) and isinstance(file[name], h5py.Dataset)
+    ]
+    for name in names:
+        member = file[name]
+        if len(member.shape or ()) != 2 or member.shape[1] != 4 or member.dtype.kind not in "iuf":
+            continue
+        data = dataset(file, name, path, "iuf", 2)
+        check_columns([data], path)
+        rows = np.asarray(data[:_SAMPLE]).astype(np.float64)
+        place = columns_by_values(rows)
+        if place is not None:
+            unit, told_by = unit_of_time(rows[:, place["t"]], "us", "v2e")
+            columns = (place["t"], place["x"], place["y"], place["p"])
+            return _Table(name, Meaning(columns, 4, unit, told_by))
+    return None

@@ -1,0 +1,1 @@
+"""Tools that know no recording: text tables, safe HDF5 and zip access, timestamps, atomic writing."""

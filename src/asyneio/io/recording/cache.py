@@ -1,0 +1,223 @@
+"""Events of any source as one array: in memory when few, as a memory map of a cached conversion when many.
+
+A conversion is kept in `ASYNEIO_CACHE`, or `asyneio` below `XDG_CACHE_HOME` or `~/.cache`; it is recognised
+by the path, size and time of change of its source, by the sensor's size and by READER_VERSION. Its parts:
+the events as a flat `.npy` file, the inertial samples of the same source as another, and a `.json` file with
+the notes, written last: where it is, the others are whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from asyneio.errors import RecordingError
+from asyneio.io.parsing.atomic import atomic_file, make_folder, write_text
+from asyneio.io.recording.checks import EventChecker, SensorSizeError, check_span
+from asyneio.io.recording.lone_stamps import LoneStamps
+from asyneio.io.recording.source import SAMPLE_DTYPE, EventSource, Progress, join_events
+from asyneio.types import EVENT_DTYPE, RecordArray
+
+#: Counts up whenever a decoder or a check changes what comes out.
+READER_VERSION = 2
+#: Smaller sources are converted in less time than a user notices.
+CACHE_FROM_BYTES = 32 * 2**20
+#: A conversion is at most this many times as large as its source (text of eight bytes a line gives two).
+_GROWTH = 2
+
+
+@dataclass(frozen=True)
+class EventTable:
+    """Checked events (EVENT_DTYPE, ascending, read-only when cached) and what the source held beside them
+    (SAMPLE_DTYPE)."""
+
+    events: RecordArray
+    samples: RecordArray
+    notes: tuple[str, ...]
+
+
+def load_events(
+    source: EventSource,
+    width: int,
+    height: int,
+    progress: Progress | None = None,
+    cache_from: int | None = None,
+    variant: str = "",
+) -> EventTable:
+    """Decode, check and keep the events of a source.
+
+    Args:
+        source: what to read.
+        width, height: of the sensor [px].
+        progress: is told the fraction converted.
+        cache_from: bytes of the source from which on the conversion is cached; None: CACHE_FROM_BYTES.
+        variant: tells apart what different options make of one file.
+
+    Raises:
+        SensorSizeError: more events outside the sensor than chance explains.
+        RecordingError: unreadable, no event, time that jumps backwards, or the disk is full.
+    """
+    status = _stat(source.path)
+    if status.st_size < (CACHE_FROM_BYTES if cache_from is None else cache_from):
+        return _in_memory(source, width, height, progress)
+    source_key = _digest(str(source.path.resolve()))
+    content_key = _digest(f"{status.st_size} {status.st_mtime_ns} {READER_VERSION} {variant}")
+    folder = cache_folder()
+    stem = folder / f"{source_key}-{content_key}-{width}x{height}"
+    found = _reopen(stem)
+    if found is not None:
+        return found
+    obstacle = _obstacle(folder, status.st_size * _GROWTH)
+    if obstacle:
+        table = _in_memory(source, width, height, progress)
+        return EventTable(table.events, table.samples, (*table.notes, obstacle))
+    for old in folder.glob(f"{source_key}-*"):
+        if not old.name.startswith(f"{source_key}-{content_key}-"):
+            old.unlink(missing_ok=True)
+    try:
+        return _convert(source, width, height, progress, stem)
+    except SensorSizeError as error:
+        # Kept as well: where the size is guessed, the next run would find out anew what does not fit.
+        write_text(_notes_file(stem), json.dumps({"refused": str(error)}))
+        raise
+
+
+def cache_folder() -> Path:
+    """Where conversions are kept; it need not exist."""
+    named = os.environ.get("ASYNEIO_CACHE")
+    if named:
+        return Path(named)
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "asyneio"
+
+
+class _Checks:
+    """What events go through: isolated wrong stamps first, then everything else."""
+
+    def __init__(self, source: EventSource, width: int, height: int) -> None:
+        self._source = source
+        self._lone = LoneStamps(source.path.name)
+        self._checker = EventChecker(source.path.name, width, height)
+
+    def events(self, progress: Progress | None) -> Iterator[RecordArray]:
+        """Checked events in pieces."""
+        for chunk, fraction in self._source.chunks():
+            yield from self._checker.feed(self._lone.feed(chunk))
+            if progress is not None:
+                progress(fraction)
+        yield from self._checker.feed(self._lone.finish())
+        yield self._checker.finish()
+
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on all that was skipped, dropped and sorted."""
+        return self._source.notes() + self._lone.notes() + self._checker.notes()
+
+
+def _in_memory(source: EventSource, width: int, height: int, progress: Progress | None) -> EventTable:
+    checks = _Checks(source, width, height)
+    events = join_events(list(checks.events(progress)))
+    check_span(int(events["t_ns"][0]), int(events["t_ns"][-1]), source.path.name)
+    return EventTable(events, source.samples(), checks.notes())
+
+
+def _convert(
+    source: EventSource, width: int, height: int, progress: Progress | None, stem: Path
+) -> EventTable:
+    checks = _Checks(source, width, height)
+    with atomic_file(_events_file(stem)) as stream:
+        _write_header(stream, 0)
+        start, count, first_ns, last_ns = stream.tell(), 0, 0, 0
+        for events in checks.events(progress):
+            if events.size:
+                first_ns = first_ns if count else int(events["t_ns"][0])
+                last_ns = int(events["t_ns"][-1])
+                count += events.size
+                stream.write(np.ascontiguousarray(events).data)
+        check_span(first_ns, last_ns, source.path.name)
+        stream.seek(0)
+        _write_header(stream, count)
+        if stream.tell() != start:
+            raise RecordingError(f"cannot cache {source.path}: the header of {count} events has another size")
+    with atomic_file(_samples_file(stem)) as stream:
+        np.save(stream, source.samples(), allow_pickle=False)
+    notes = checks.notes()
+    write_text(_notes_file(stem), json.dumps({"events": count, "notes": notes}))
+    table = _reopen(stem)
+    if table is None:
+        raise RecordingError(f"the conversion of {source.path} vanished from {stem.parent}; try again")
+    return table
+
+
+def _reopen(stem: Path) -> EventTable | None:
+    """A conversion made earlier, or None where there is none that is whole.
+
+    Raises:
+        SensorSizeError: the earlier conversion found too many events outside this sensor.
+    """
+    try:
+        summary = json.loads(_notes_file(stem).read_text(encoding="utf-8"))
+        if "refused" in summary:
+            raise SensorSizeError(str(summary["refused"]))
+        events = np.load(_events_file(stem), mmap_mode="r", allow_pickle=False)
+        samples = np.load(_samples_file(stem), allow_pickle=False)
+        notes = tuple(map(str, summary["notes"]))
+        # Equal field by field, but read back without the flag that marks the layout as a compiler's.
+        whole = events.dtype == EVENT_DTYPE and samples.dtype == SAMPLE_DTYPE
+        whole = whole and events.shape == (summary["events"],)
+    except (OSError, ValueError, KeyError, TypeError, EOFError):
+        return None
+    return EventTable(events.view(EVENT_DTYPE), samples, notes) if whole else None
+
+
+def _obstacle(folder: Path, bytes_wanted: int) -> str:
+    """A sentence on why the cache cannot be used, empty when it can."""
+    try:
+        make_folder(folder)
+        free = shutil.disk_usage(folder).free
+    except (OSError, RecordingError) as error:
+        return f"the conversion was not kept, the next run repeats it: {error} (see ASYNEIO_CACHE)"
+    if free < bytes_wanted:
+        return (
+            f"the conversion was not kept, the next run repeats it: {folder} has {free / 1e9:.1f} GB free, "
+            f"up to {bytes_wanted / 1e9:.1f} GB are needed (see ASYNEIO_CACHE)"
+        )
+    return ""
+
+
+def _write_header(stream: IO[bytes], count: int) -> None:
+    """The head of a `.npy` file; numpy pads it so that its size does not depend on the count."""
+    np.lib.format.write_array_header_1_0(
+        stream,
+        {"descr": np.lib.format.dtype_to_descr(EVENT_DTYPE), "fortran_order": False, "shape": (count,)},
+    )
+
+
+def _events_file(stem: Path) -> Path:
+    return stem.with_name(f"{stem.name}.events.npy")
+
+
+def _samples_file(stem: Path) -> Path:
+    return stem.with_name(f"{stem.name}.samples.npy")
+
+
+def _notes_file(stem: Path) -> Path:
+    return stem.with_name(f"{stem.name}.json")
+
+
+def _stat(path: Path) -> os.stat_result:
+    try:
+        return path.stat()
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", errors="surrogateescape")).hexdigest()[:20]

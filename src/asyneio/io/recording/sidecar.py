@@ -1,0 +1,99 @@
+"""Files of inertial samples and true poses beside events that come without."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from asyneio.errors import RecordingError
+from asyneio.io.parsing.zip_member import ZipMember
+from asyneio.io.recording.contents import ReadOptions, Samples, no_samples
+from asyneio.io.recording.inertial_text import read_inertial_file, read_sensor_file
+from asyneio.io.recording.trajectory_text import read_trajectory
+from asyneio.types import PoseTrajectory
+
+#: Looked for in this order: ours, UZH, TUM-VIE, EuRoC.
+SAMPLE_FILES = ("imu.csv", "imu.txt", "imu_data.txt", "imu0/data.csv", "mav0/imu0/data.csv")
+#: One file for each sensor, where none of those is there.
+SENSOR_FILES = ("gyroscope.csv", "accelerometer.csv")
+TRUTH_FILES = (
+    "groundtruth.tum",
+    "groundtruth.txt",
+    "groundtruth.csv",
+    "stamped_groundtruth.txt",
+    "mocap_data.txt",
+    "state_groundtruth_estimate0/data.csv",
+    "state_groundtruth_estimate0.csv",
+    "mav0/state_groundtruth_estimate0/data.csv",
+    "mav0/mocap0/data.csv",
+    "mav0/vicon0/data.csv",
+)
+
+
+def samples_beside(folder: Path, options: ReadOptions, names: Sequence[str] = SAMPLE_FILES) -> Samples:
+    """Samples of the file the user named, or else of the first of `names` that is in the folder, or none.
+
+    Raises:
+        RecordingError: the named file is not there.
+    """
+    if options.samples is not None:
+        for path in (Path(options.samples), folder / options.samples):
+            if path.is_file():
+                return samples_of(path)
+        raise RecordingError(
+            f"there is no file {options.samples} of inertial samples, here or in {folder}; expected one, as "
+            "these events come without an IMU"
+        )
+    found = first_file(folder, names)
+    if found is not None:
+        return samples_of(found)
+    sensors = [folder / name for name in SENSOR_FILES]
+    if names and all(path.is_file() for path in sensors):
+        return _of_two_files(sensors[0], sensors[1])
+    return no_samples(f"the IMU of {folder.name}")
+
+
+def samples_of(path: Path | ZipMember, accelerometer_first: bool = False) -> Samples:
+    """Samples of a file; where it cannot be read, none, with the reason as `trouble`."""
+    try:
+        return read_inertial_file(path, accelerometer_first)
+    except RecordingError as error:
+        return no_samples(path.name, str(error))
+
+
+def _of_two_files(gyroscope: Path, accelerometer: Path) -> Samples:
+    """Samples of one file for each sensor."""
+    name = f"{gyroscope.name} and {accelerometer.name}"
+    try:
+        rates, said = read_sensor_file(gyroscope, "gyroscope")
+        forces, more = read_sensor_file(accelerometer, "accelerometer")
+    except RecordingError as error:
+        return no_samples(name, str(error))
+    return Samples(rates, forces, name, (*said, *more))
+
+
+def truth_beside(
+    folder: Path, names: Sequence[str] = TRUTH_FILES
+) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+    """True poses of the first of `names` that can be read, how they were read, and what could not be."""
+    return truth_of([folder / name for name in names])
+
+
+def truth_of(files: Sequence[Path | ZipMember]) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+    """As `truth_beside`, of given files. Nobody needs the truth to run: what is wrong with it is a note."""
+    notes: tuple[str, ...] = ()
+    for file in files:
+        if not file.is_file():
+            continue
+        try:
+            truth, said = read_trajectory(file)
+        except RecordingError as error:
+            notes += (f"not used as truth: {error}",)
+            continue
+        return truth, notes + said
+    return None, notes
+
+
+def first_file(folder: Path, names: Sequence[str]) -> Path | None:
+    """The first of the names that is a file in the folder."""
+    return next((folder / name for name in names if (folder / name).is_file()), None)

@@ -1,0 +1,186 @@
+"""Recordings of ROS 2: SQLite or MCAP files, alone or in a folder with `metadata.yaml`."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
+from asyneio.errors import RecordingError
+from asyneio.io.calibration.documents import load_mapping
+from asyneio.io.ros.bag import Bag, Message, Topic
+from asyneio.io.ros.mcap import MAGIC as MCAP_MAGIC
+from asyneio.io.ros.mcap import McapFile
+from asyneio.io.ros.packed_bag import ZSTD_MAGIC, PackedFile, PackedMessages, unpacked_head, unpacked_name
+
+SQLITE_MAGIC = b"SQLite format 3\0"
+METADATA_FILE = "metadata.yaml"
+
+_INFORMATION = "rosbag2_bagfile_information"
+_SUFFIXES = (".db3", ".mcap", ".zstd", ".zst")
+
+
+class SqliteBag:
+    """A Bag on one SQLite file."""
+
+    identity = ""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._topics: dict[int, Topic] = {}
+
+    def topics(self) -> list[Topic]:
+        """See Bag: all."""
+        return list(self._topics.values())
+
+    def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
+        """See Bag. Raises RecordingError: no database of ROS messages, or damaged before the first."""
+        count = 0
+        # What a recorder that was killed left in its log is read too; without one, nothing is written beside.
+        logs = [self.path.with_name(f"{self.path.name}{end}") for end in ("-wal", "-journal")]
+        logged = any(log.is_file() for log in logs)
+        uri = f"{self.path.resolve().as_uri()}?mode=ro" + ("" if logged else "&immutable=1")
+        try:
+            database = sqlite3.connect(uri, uri=True)
+        except sqlite3.Error as error:
+            raise RecordingError(f"cannot read {self.path}: {error}") from error
+        try:
+            database.execute("PRAGMA trusted_schema=OFF")
+            self._read_topics(database)
+            last = database.execute("SELECT max(id) FROM messages").fetchone()[0] or 1
+            rows = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY id")
+            for number, topic_id, logged_ns, data in rows:
+                topic = self._topics.get(topic_id)
+                if topic is None or not isinstance(data, bytes) or not isinstance(logged_ns, int):
+                    continue
+                count += 1
+                yield Message(topic, logged_ns, data), min(number / last, 1.0)
+        except (sqlite3.Error, UnicodeDecodeError) as error:
+            if count == 0:
+                raise RecordingError(
+                    f"{self.path} is no readable SQLite file of ROS 2: {error}; if it was cut off, try "
+                    f"sqlite3 {self.path.name} .recover | sqlite3 repaired.db3"
+                ) from error
+            notes.append(f"{self.path.name} is damaged ({error}): read up to there, {count} message(s)")
+        finally:
+            database.close()
+
+    def _read_topics(self, database: sqlite3.Connection) -> None:
+        definitions: dict[str, str] = {}
+        if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
+            definitions = {
+                str(name): str(text)
+                for name, encoding, text in database.execute(
+                    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+                )
+                if encoding == "ros2msg"
+            }
+        for number, name, kind, encoding in database.execute(
+            "SELECT id, name, type, serialization_format FROM topics"
+        ):
+            if encoding == "cdr":
+                self._topics[number] = Topic(str(name), str(kind), definitions.get(kind, ""), cdr=True)
+
+
+class SplitBag:
+    """A Bag on the files of one recording, one after the other."""
+
+    def __init__(self, parts: list[Bag]) -> None:
+        self._parts = parts
+        self.path = parts[0].path
+        stamps = [f"{part.path}:{_size_and_time(part.path)}" for part in parts[1:]]
+        self.identity = "|".join(stamps)
+
+    def topics(self) -> list[Topic]:
+        """See Bag."""
+        return list(dict.fromkeys(topic for part in self._parts for topic in part.topics()))
+
+    def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
+        """See Bag."""
+        for number, part in enumerate(self._parts):
+            for message, fraction in part.messages(notes):
+                yield message, (number + fraction) / len(self._parts)
+
+
+def is_rosbag2_folder(path: Path) -> bool:
+    """True for a folder whose `metadata.yaml` says that it is a recording of ROS 2."""
+    try:
+        with (path / METADATA_FILE).open("rb") as stream:
+            return _INFORMATION.encode() in stream.read(4096)
+    except OSError:
+        return False
+
+
+def is_rosbag2_sqlite(head: bytes) -> bool:
+    """True for the start of a database that has a table of topics."""
+    return head.startswith(SQLITE_MAGIC) and b"serialization_format" in head
+
+
+def is_packed_rosbag2(path: Path, head: bytes) -> bool:
+    """True for a file that is packed with zstd and unpacks to MCAP or SQLite."""
+    if not head.startswith(ZSTD_MAGIC):
+        return False
+    return unpacked_head(path, len(SQLITE_MAGIC)).startswith((MCAP_MAGIC, SQLITE_MAGIC))
+
+
+def open_rosbag2(path: Path) -> Bag:
+    """The bag in a file, or of the files in a folder as its `metadata.yaml` lists them.
+
+    Of a file that is listed as packed, the unpacked one is taken where it is there.
+
+    Raises:
+        RecordingError: the folder lists a file that is not there.
+    """
+    if path.is_file():
+        return open_rosbag2_file(path)
+    try:
+        information = load_mapping(path / METADATA_FILE)[_INFORMATION]
+        names = [Path(str(name)).name for name in information["relative_file_paths"]]
+    except (KeyError, TypeError, AttributeError) as error:
+        raise RecordingError(f"{path / METADATA_FILE} does not list the files of a recording") from error
+    # Only names count: a path that leads elsewhere is none of this recording.
+    found = [_present(path / name) for name in names]
+    files = [file for file in found if file is not None]
+    if len(files) < len(names) or not files:
+        missing = [name for name, file in zip(names, found, strict=True) if file is None]
+        there = sorted(file.name for file in path.iterdir() if file.suffix in _SUFFIXES)
+        raise RecordingError(
+            f"{path / METADATA_FILE} lists {', '.join(missing) or 'no file'}, which is not there; the "
+            "folder holds "
+            f"{', '.join(there) or 'no bag'}; name the file to read, or list it in {METADATA_FILE}"
+        )
+    return SplitBag([open_rosbag2_file(file) for file in files])
+
+
+def open_rosbag2_file(path: Path) -> Bag:
+    """The bag in a file, which may be packed. Raises RecordingError: it is none."""
+    head = _head(path)
+    if is_packed_rosbag2(path, head):
+        return PackedFile(path, open_rosbag2_file)
+    if head.startswith(MCAP_MAGIC):
+        return PackedMessages(McapFile(path))
+    if head.startswith(SQLITE_MAGIC):
+        return PackedMessages(SqliteBag(path))
+    if head.startswith(ZSTD_MAGIC):
+        raise RecordingError(f"{path} is damaged or cut off: nothing of it can be unpacked")
+    raise RecordingError(f"{path} is neither MCAP nor SQLite; is it damaged?")
+
+
+def _present(listed: Path) -> Path | None:
+    """The file that is listed, unpacked or packed; None where neither is there."""
+    plain = listed.with_name(unpacked_name(listed))
+    candidates = (plain, listed, *(plain.with_name(plain.name + end) for end in (".zstd", ".zst")))
+    return next((file for file in candidates if file.is_file()), None)
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(16)
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def _size_and_time(path: Path) -> str:
+    status = path.stat()
+    return f"{status.st_size}:{status.st_mtime_ns}"

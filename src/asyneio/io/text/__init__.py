@@ -1,0 +1,1 @@
+"""Events as text, one event a line."""

@@ -1,0 +1,1 @@
+"""Folders of feature tracks and inertial samples."""

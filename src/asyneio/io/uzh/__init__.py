@@ -1,0 +1,1 @@
+"""Folders and zip files in the layout of the UZH event camera dataset."""

@@ -1,0 +1,110 @@
+"""The folder of the UZH event camera data set.
+
+events.txt       t x y p                        seconds, camera clock
+imu.txt          t ax ay az gx gy gz            optional; m/s^2 and rad/s, IMU clock; a header may say
+otherwise groundtruth.txt  t px py pz qx qy qz qw         optional
+calib.txt        fx fy cx cy k1 k2 p1 p2 k3     optional; radtan
+imu.csv, groundtruth.csv and others             where those are missing, as beside every file of events
+camchain-imucam.yaml, imu.yaml                  optional; Kalibr's layout: extrinsics, time shift, IMU noise
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from asyneio.errors import CalibrationError
+from asyneio.io.calibration import find_rig
+from asyneio.io.calibration.lens import make_lens
+from asyneio.io.parsing.csv_table import TextFile, read_text
+from asyneio.io.parsing.gzip_file import GzipFile
+from asyneio.io.parsing.zip_member import ZipMember
+from asyneio.io.recording.contents import Contents, ReadOptions, Rig, Samples
+from asyneio.io.recording.sidecar import TRUTH_FILES, samples_beside, samples_of, truth_of
+from asyneio.io.recording.source import EventSource
+from asyneio.io.text.events import TextEvents
+from asyneio.types import CameraIntrinsics, Distortion
+
+EVENTS_FILE, SAMPLES_FILE, TRUTH_FILE, LENS_FILE = "events.txt", "imu.txt", "groundtruth.txt", "calib.txt"
+
+
+def read_uzh_folder(path: Path, options: ReadOptions) -> Contents:
+    """A folder, or a file of events with the others beside it.
+
+    Args:
+        path: the folder (its events in events.txt) or the file of events.
+        options: what the user says.
+
+    Raises:
+        RecordingError: a file is missing, malformed or contradicts the others.
+        CalibrationError: a calibration file is malformed or impossible.
+    """
+    events_path = path / EVENTS_FILE if path.is_dir() else path
+    return _beside_text(events_path, lambda: TextEvents(events_path), options)
+
+
+def read_gzip_text(path: Path, options: ReadOptions) -> Contents:
+    """As `read_uzh_folder`, of a file of events packed with gzip."""
+    return _beside_text(path, lambda: TextEvents(path, GzipFile(path)), options)
+
+
+def _beside_text(events_path: Path, decode: Callable[[], EventSource], options: ReadOptions) -> Contents:
+    folder = events_path.parent
+    rig = find_rig(folder, options.calibration, options.imu)
+    usual = events_path.name.removesuffix(".gz") == EVENTS_FILE
+    name = folder.resolve().name if usual else Path(events_path.name.removesuffix(".gz")).stem
+    samples = uzh_samples(folder / SAMPLES_FILE)
+    if samples is None:
+        samples = samples_beside(folder, replace(options, samples=None))
+    return uzh_contents(name, decode, rig, lambda file: folder / file, samples)
+
+
+def uzh_contents(
+    name: str,
+    decode: Callable[[], EventSource],
+    rig: Rig,
+    file: Callable[[str], Path | ZipMember],
+    samples: Samples,
+    variant: str = "",
+) -> Contents:
+    """What is in the files beside the events, wherever they are.
+
+    Args:
+        name: of the recording.
+        decode: makes a decoder of its events.
+        rig: what Kalibr's files say.
+        file: gives a file by its name.
+        samples: inertial samples.
+        variant: tells apart recordings in one archive.
+    """
+    truth, truth_notes = truth_of([file(name) for name in dict.fromkeys((TRUTH_FILE, *TRUTH_FILES))])
+    lens = file(LENS_FILE)
+    return Contents(
+        name=name,
+        decode=decode,
+        size=None,
+        rig=rig,
+        samples=samples,
+        lens=(lambda width, height: read_lens(lens, width, height)) if lens.is_file() else None,
+        truth=truth,
+        variant=variant,
+        notes=truth_notes,
+    )
+
+
+def uzh_samples(path: Path | ZipMember) -> Samples | None:
+    """Samples of `imu.txt`: by header, by gravity, else accelerometer first; None without the file."""
+    return samples_of(path, accelerometer_first=True) if path.is_file() else None
+
+
+def read_lens(path: TextFile, width: int, height: int) -> CameraIntrinsics:
+    """`calib.txt`, which does not tell the sensor's size. Raises CalibrationError where it is no lens."""
+    tokens = read_text(path).split()
+    try:
+        values = [float(token) for token in tokens]
+    except ValueError:
+        values = []
+    if len(values) not in (8, 9):
+        raise CalibrationError(f"{path} holds no lens; expected nine numbers: fx fy cx cy k1 k2 p1 p2 k3")
+    return make_lens(values[:4], (width, height), Distortion.RADTAN, values[4:], Path(str(path)))

@@ -1,0 +1,79 @@
+"""Recordings of the UZH event camera data set as they are downloaded: a zip with the files of the folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from asyneio.errors import RecordingError
+from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE, find_rig, parse_calibration, rig_of
+from asyneio.io.parsing.zip_member import ZipMember, open_zip
+from asyneio.io.recording.contents import Contents, ReadOptions, Rig, no_samples
+from asyneio.io.text.events import TextEvents
+from asyneio.io.uzh.folder import EVENTS_FILE, SAMPLES_FILE, uzh_contents, uzh_samples
+
+_MAX_LISTED = 8
+
+
+def read_uzh_zip(path: Path, options: ReadOptions) -> Contents:
+    """A zip with `events.txt` in its root or in a folder; other files beside it as in a UZH folder.
+
+    Args:
+        path: the archive.
+        options: what the user says; `events` names the folder with the events, where there are several.
+
+    Raises:
+        RecordingError: damaged, encrypted, hostile, without events or with several recordings.
+        CalibrationError: a calibration file is malformed or impossible.
+    """
+    member = _choose(path, options.events)
+    folder = member.rpartition("/")[0]
+
+    def file(name: str) -> ZipMember:
+        return ZipMember(path, f"{folder}/{name}" if folder else name)
+
+    rig = find_rig(path.parent, options.calibration, options.imu)
+    if options.calibration is None and (rig.file is None or rig.found):
+        rig = _rig_inside(file(CAMCHAIN_FILE), file(IMU_FILE)) or rig
+    events = ZipMember(path, member)
+    name = folder.rsplit("/", 1)[-1] or path.resolve().stem
+    samples = uzh_samples(file(SAMPLES_FILE)) or no_samples(SAMPLES_FILE)
+    return uzh_contents(name, lambda: TextEvents(path, events), rig, file, samples, variant=member)
+
+
+def _choose(path: Path, wanted: str | None) -> str:
+    """The member with the events."""
+    with open_zip(path) as archive:
+        names = [name for name in archive.namelist() if not name.startswith("__MACOSX/")]
+    found = [name for name in names if name.rsplit("/", 1)[-1] == EVENTS_FILE]
+    if wanted is not None:
+        named = [name for name in found if wanted.strip("/") in (name, name.rpartition("/")[0])]
+        if not named:
+            raise RecordingError(f"{path} has no events in {wanted}; it has {_listed(found)}")
+        return named[0]
+    if not found:
+        raise RecordingError(
+            f"{path} is a zip without {EVENTS_FILE}; it holds {_listed(names)}; of archives, those of the "
+            "UZH data set (text) are read where they are; unpack others"
+        )
+    if len(found) > 1:
+        raise RecordingError(
+            f"{path} holds {len(found)} recordings: {_listed(found)}; choose one with --events FOLDER"
+        )
+    return found[0]
+
+
+def _rig_inside(camchain: ZipMember, imu: ZipMember) -> Rig | None:
+    """Kalibr's files in the archive, where it has any."""
+    if not camchain.is_file():
+        return None
+    files = [
+        parse_calibration(file.read_text(errors="replace"), file.archive / file.member)
+        for file in (camchain, imu)
+        if file.is_file()
+    ]
+    return rig_of(files[0], files[1] if len(files) > 1 else None)
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - _MAX_LISTED} more" if len(names) > _MAX_LISTED else ""
+    return (", ".join(names[:_MAX_LISTED]) or "nothing") + more

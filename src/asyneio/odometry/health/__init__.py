@@ -1,0 +1,1 @@
+"""How far the present estimate can be trusted: metrics, their judgement, and where the stream breaks off."""

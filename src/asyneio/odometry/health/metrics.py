@@ -1,0 +1,163 @@
+"""Health metrics of the newest knot, from window, solution and samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.estimation.linearization.linear_system import evaluate_cost
+from asyneio.estimation.problem.problem import (
+    Inertial,
+    Landmarks,
+    Preintegrated,
+    Problem,
+    States,
+    Visual,
+)
+from asyneio.estimation.solver.optimizer import Solution
+from asyneio.odometry.health.state_machine import MAX_SCALE_CHANGE, SCALE_MEMORY_S, HealthMetrics
+from asyneio.types import NS_PER_S, Estimate, FloatArray, RecordArray
+
+#: Median of a squared norm of two standard normal numbers.
+_MEDIAN_CHI2_2 = 2.0 * np.log(2.0)
+#: Fewer observations than this have no typical size.
+_ENOUGH = 10
+#: Positions of the window's knots within so little of their mean [m, RMS] say nothing of scale.
+_SPREAD_M = 0.05
+
+
+@dataclass(frozen=True)
+class VisualChiSquare:
+    """Of the newest interval: landmarks seen, share of observations beyond the gate, and the median squared
+    residual over its expectation (1 where there are too few observations)."""
+
+    landmarks: int
+    rejected: float
+    ratio: float
+
+
+def visual_chi_square(problem: Problem, squared: FloatArray) -> VisualChiSquare:
+    """How the observations of the newest interval agree with the states of `problem`, by the squared norms
+    (M,) of the whitened residuals of all observations."""
+    visual = problem.visual
+    newest = slice(int(visual.start[-2]), int(visual.start[-1]))
+    landmark = visual.landmark[newest]
+    seen = len(np.unique(landmark))
+    if len(landmark) < _ENOUGH:
+        return VisualChiSquare(seen, 0.0, 1.0)
+    rejected = float(np.mean(squared[newest] >= problem.model.gate**2))
+    return VisualChiSquare(seen, rejected, float(np.median(squared[newest])) / _MEDIAN_CHI2_2)
+
+
+def inertial_ratio(problem: Problem) -> float:
+    """Mean squared whitened residual of the inertial factors of the newest interval; 1 where it has none."""
+    gyroscope, accelerometer = _newest(problem.gyroscope), _newest(problem.accelerometer)
+    preintegrated = Preintegrated._make(a[-1:] for a in problem.preintegrated)
+    residuals = 3 * (len(gyroscope.alpha) + len(accelerometer.alpha)) + 9 * int(preintegrated.present.sum())
+    if residuals == 0:
+        return 1.0
+    # The cost of a window of two knots that holds nothing else.
+    nothing = Problem._field_defaults
+    alone = problem._replace(**nothing)._replace(
+        states=States._make(a[-2:] for a in problem.states),
+        linearization=States._make(a[-2:] for a in problem.linearization),
+        frozen=0,
+        motion=np.zeros(1, dtype=np.bool_),
+        gyroscope=gyroscope,
+        accelerometer=accelerometer,
+        visual=Visual._make([np.zeros(2, dtype=np.int64), *(a[:0] for a in problem.visual[1:])]),
+        landmarks=Landmarks._make(a[:0] for a in problem.landmarks),
+        model=problem.model._replace(dt=problem.model.dt[-1:]),
+        preintegrated=preintegrated,
+    )
+    return 2.0 * evaluate_cost(alone) / residuals
+
+
+def _newest(samples: Inertial) -> Inertial:
+    begin, end = int(samples.start[-2]), int(samples.start[-1])
+    return Inertial._make([np.array([0, end - begin]), *(a[begin:end] for a in samples[1:])])
+
+
+def sample_gap_s(streams: tuple[RecordArray, RecordArray], start_ns: int, end_ns: int) -> float:
+    """Longest time [s] without a sample that touches (start, end], in either stream.
+
+    A pause that began before counts from its beginning, as far as the streams still hold it; one that is not
+    over counts up to `end_ns`.
+    """
+    gaps = []
+    for samples in streams:
+        stamps = samples["t_ns"]
+        a, b = np.searchsorted(stamps, [start_ns, end_ns], side="right")
+        before = stamps[a - 1] if a else start_ns
+        gaps.append(np.diff(np.r_[before, stamps[a:b], end_ns]).max())
+    return float(max(gaps)) / NS_PER_S
+
+
+class ScaleChanges:
+    """Adds up by how much optimisation has revised the window's scale lately.
+
+    A sum that is large enough to be told (`MAX_SCALE_CHANGE`) is told once; then the account begins anew.
+    """
+
+    def __init__(self) -> None:
+        self._t_ns: list[int] = []
+        self._log: list[float] = []
+
+    def add(self, t_ns: int, before: FloatArray, after: FloatArray) -> float:
+        """Positions (K,3) [m] of the same knots before and after; relative change of `SCALE_MEMORY_S`."""
+        before, after = before - before.mean(axis=0), after - after.mean(axis=0)
+        square = float(np.sum(before**2))
+        if square > len(before) * _SPREAD_M**2:
+            along = float(np.sum(before * after)) / square
+            self._t_ns.append(t_ns)
+            self._log.append(float(np.log(max(along, 1e-3))))
+        while self._t_ns and t_ns - self._t_ns[0] > SCALE_MEMORY_S * NS_PER_S:
+            del self._t_ns[0], self._log[0]
+        change = sum(self._log)
+        if abs(change) > np.log(MAX_SCALE_CHANGE):
+            self._t_ns, self._log = [], []
+        return float(np.expm1(change))
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What the odometry saw beside the window: arguments of `HealthMetrics` of the same names."""
+
+    since_vision_s: float
+    inertial_gap_s: float
+    renewed: bool
+    scale_change: float
+    gated: float = 0.0
+    saturated: bool = False
+    still: bool = False
+
+
+def measure_health(
+    solution: Solution, estimate: Estimate, observed: Observed, bias_sigma: FloatArray
+) -> HealthMetrics:
+    """Metrics of the newest knot of a solved window; `bias_sigma` (6,) of the prior on the first biases."""
+    arrays = (estimate.T_w_b, estimate.velocity_w, estimate.covariance)
+    if not all(np.isfinite(a).all() for a in arrays):
+        return HealthMetrics(finite=False)
+    vision = visual_chi_square(solution.problem, solution.squared)
+    bias = np.concatenate([estimate.bias_gyroscope, estimate.bias_accelerometer])
+    C, covariance = estimate.T_w_b[:3, :3], estimate.covariance
+    tilt = (C @ covariance[:3, :3] @ C.T)[:2, :2]
+    return HealthMetrics(
+        since_vision_s=observed.since_vision_s,
+        inertial_gap_s=observed.inertial_gap_s,
+        gated=observed.gated,
+        saturated=observed.saturated,
+        landmarks=vision.landmarks,
+        rejected=vision.rejected,
+        visual_ratio=vision.ratio,
+        inertial_ratio=inertial_ratio(solution.problem),
+        renewed=observed.renewed,
+        speed=float(np.linalg.norm(estimate.velocity_w)),
+        bias_sigmas=float(np.max(np.abs(bias) / bias_sigma)),
+        velocity_sigma=float(np.sqrt(np.linalg.eigvalsh(covariance[9:12, 9:12])[-1])),
+        tilt_sigma_rad=float(np.sqrt(np.linalg.eigvalsh(tilt)[-1])),
+        scale_change=observed.scale_change,
+        still=observed.still,
+    )

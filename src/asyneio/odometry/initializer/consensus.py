@@ -1,0 +1,112 @@
+"""Before the start, when nothing but the IMU is known: tracks that are no points of the static scene."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.initialization.alignment import AlignmentData
+from asyneio.initialization.consensus import BiasEffect, find_consensus
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.propagation import propagate
+from asyneio.types import NS_PER_S, FloatArray, IntArray
+
+#: Tracks are compared over such spans, each half into the one before: long enough for an object at walking
+#: pace to part from the scene, short enough for the errors of a cheap IMU not to matter yet.
+_SPAN_S = 1.0
+_SHORTEST_SPAN_S = 0.5
+#: Each look corrects the gyroscope's bias, so that the next is a sharper one.
+_LOOKS = 3
+#: Step of the numerical derivative by that bias [rad/s].
+_BIAS_STEP = 1e-4
+
+
+def contradicting_tracks(
+    intake: MeasurementBuffer, T_b_c: FloatArray, gravity: float, bearing_sigma: float, gyroscope_sigma: float
+) -> IntArray:
+    """Ids of the tracks that contradict the motion on which most tracks and the IMU agree.
+
+    Args:
+        intake: what has been measured so far.
+        T_b_c: (4,4) camera in the body.
+        gravity: its magnitude [m/s^2].
+        bearing_sigma: noise of a bearing [rad].
+        gyroscope_sigma: of the gyroscope's bias, which nobody has corrected [rad/s].
+    """
+    none = np.empty(0, dtype=np.int64)
+    seen = intake.observations
+    if min(len(intake.gyroscope), len(intake.accelerometer)) < 2 or len(seen.t_ns) == 0:
+        return none
+    starts = (intake.gyroscope["t_ns"][0], intake.accelerometer["t_ns"][0], seen.t_ns[0])
+    ends = (intake.gyroscope["t_ns"][-1], intake.accelerometer["t_ns"][-1], seen.t_ns[-1])
+    start_ns, end_ns = int(max(starts)), int(min(ends))
+    span_ns = round(_SPAN_S * NS_PER_S)
+    found = [none]
+    for last_ns in range(end_ns, start_ns, -span_ns // 2):
+        first_ns = max(last_ns - span_ns, start_ns)
+        if last_ns - first_ns < _SHORTEST_SPAN_S * NS_PER_S:
+            break
+        part = seen.between(first_ns - 1, last_ns)
+        if len(part.t_ns) == 0:
+            continue
+        found.append(_contradicting(intake, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma))
+    return np.unique(np.concatenate(found))
+
+
+def _contradicting(
+    intake: MeasurementBuffer,
+    seen: TrackObservations,
+    first_ns: int,
+    T_b_c: FloatArray,
+    gravity: float,
+    bearing_sigma: float,
+    gyroscope_sigma: float,
+) -> IntArray:
+    """Ids of the contradicting tracks within one span; none where there is no verdict."""
+    bias = np.zeros(3)
+    agreeing = None
+    sigma = gyroscope_sigma
+    for _ in range(_LOOKS):
+        data, ids = alignment_data(intake, seen, first_ns, T_b_c, bias)
+        moved = [
+            alignment_data(intake, seen, first_ns, T_b_c, bias + _BIAS_STEP * axis)[0] for axis in np.eye(3)
+        ]
+        effect = BiasEffect(
+            np.stack([(m.direction - data.direction) / _BIAS_STEP for m in moved], axis=2),
+            np.stack([(m.offset - data.offset) / _BIAS_STEP for m in moved], axis=2),
+        )
+        consensus = find_consensus(data, effect, gravity, bearing_sigma, sigma)
+        if consensus.gyroscope_bias is None:
+            break
+        agreeing = consensus.agreeing
+        # What the rays tell of the bias leans on distances that are rough still.
+        sigma = max(consensus.gyroscope_sigma, 0.5 * sigma)
+        bias = bias + consensus.gyroscope_bias
+    return np.empty(0, dtype=np.int64) if agreeing is None else ids[~agreeing]
+
+
+def alignment_data(
+    intake: MeasurementBuffer,
+    seen: TrackObservations,
+    first_ns: int,
+    T_b_c: FloatArray,
+    bias_gyroscope: FloatArray,
+) -> tuple[AlignmentData, IntArray]:
+    """Rays of observations from `first_ns` on as alignment takes them, and the ids of their tracks (L,)."""
+    zero = np.zeros(3)
+    times = np.union1d([first_ns], seen.t_ns)
+    bias = np.concatenate([bias_gyroscope, zero])
+    start = (np.eye(3), zero, zero)
+    free = propagate(intake.gyroscope, intake.accelerometer, bias, start, times, zero)
+    at = free.at(seen.t_ns)
+    rays = np.column_stack([seen.xy, np.ones(len(seen.xy))])
+    rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ T_b_c[:3, :3].T
+    ids, track = np.unique(seen.track, return_inverse=True)
+    data = AlignmentData(
+        t=np.asarray((seen.t_ns - first_ns) * 1e-9),
+        direction=np.einsum("nij,nj->ni", free.C[at], rays),
+        offset=free.r[at] + free.C[at] @ T_b_c[:3, 3],
+        track=track,
+        tracks=len(ids),
+    )
+    return data, ids

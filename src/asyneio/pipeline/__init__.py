@@ -1,0 +1,37 @@
+"""From a recording to results: front end and estimator side by side, their figures, files and report.
+
+The only room where files, clocks and progress meet the estimator.
+"""
+
+from asyneio.pipeline.compilation import COMPILING
+from asyneio.pipeline.outputs import (
+    ATTITUDE_FILE,
+    CONFIG_FILE,
+    ESTIMATES_FILE,
+    HEALTH_FILE,
+    SUMMARY_FILE,
+    TRAJECTORY,
+    trajectory_file,
+    write_outputs,
+)
+from asyneio.pipeline.progress import SILENT, Progress, Silent
+from asyneio.pipeline.run import Estimator, RunInterrupted, RunResult, run_recording
+
+__all__ = [
+    "ATTITUDE_FILE",
+    "COMPILING",
+    "CONFIG_FILE",
+    "ESTIMATES_FILE",
+    "HEALTH_FILE",
+    "SILENT",
+    "SUMMARY_FILE",
+    "TRAJECTORY",
+    "Estimator",
+    "Progress",
+    "RunInterrupted",
+    "RunResult",
+    "Silent",
+    "run_recording",
+    "trajectory_file",
+    "write_outputs",
+]

@@ -1,0 +1,56 @@
+"""The files of a results folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from asyneio.config import Config, dump_config
+from asyneio.io import to_trajectory, write_estimates, write_tum
+from asyneio.io.parsing.atomic import write_text
+from asyneio.io.results.health import write_attitudes, write_health
+from asyneio.pipeline.run import RunResult
+
+#: Names of the files of a results folder; the summary comes last: where it is, the others are whole.
+TRAJECTORY = "trajectory"
+ESTIMATES_FILE = "estimates.npz"
+HEALTH_FILE = "health.csv"
+ATTITUDE_FILE = "attitude.csv"
+CONFIG_FILE = "config.yaml"
+SUMMARY_FILE = "summary.json"
+
+
+def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]:
+    """Write a trajectory for each segment, estimates, health, resolved configuration and summary; the paths
+    written, in that order.
+
+    Without any estimate there is no trajectory; files of an earlier run are removed so that none of them can
+    be taken for this one's.
+
+    Raises:
+        RecordingError: a file cannot be written.
+    """
+    trajectories = folder.glob(f"{TRAJECTORY}*.tum")
+    named = (folder / name for name in (SUMMARY_FILE, ESTIMATES_FILE, HEALTH_FILE, ATTITUDE_FILE))
+    for path in (*named, *trajectories):
+        path.unlink(missing_ok=True)
+    written: list[Path] = []
+    for segment in result.run.segments():
+        written.append(folder / trajectory_file(segment[0].segment))
+        write_tum(written[-1], to_trajectory(segment))
+    if result.run.estimates:
+        written.append(folder / ESTIMATES_FILE)
+        write_estimates(written[-1], result.run.estimates)
+    written.append(folder / HEALTH_FILE)
+    write_health(written[-1], result.run.reports)
+    attitudes = [report.attitude for report in result.run.reports if report.attitude]
+    if attitudes:
+        written.append(folder / ATTITUDE_FILE)
+        write_attitudes(written[-1], attitudes)
+    write_text(folder / CONFIG_FILE, dump_config(config))
+    write_text(folder / SUMMARY_FILE, result.summary.to_json())
+    return [*written, folder / CONFIG_FILE, folder / SUMMARY_FILE]
+
+
+def trajectory_file(segment: int) -> str:
+    """Name of the file of a segment's trajectory: `trajectory.tum`, `trajectory_1.tum`, ..."""
+    return f"{TRAJECTORY}_{segment}.tum" if segment else f"{TRAJECTORY}.tum"

@@ -1,0 +1,1 @@
+"""Scenarios of feature tracks, without events."""

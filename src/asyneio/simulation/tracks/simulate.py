@@ -1,0 +1,96 @@
+"""Run a scenario: a recording as a reader would deliver it, and the truth behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asyneio.simulation.camera import BoolArray, PinholeCamera
+from asyneio.simulation.motion import Motion
+from asyneio.simulation.motion_styles import draw_motion
+from asyneio.simulation.moving import MovingObject, draw_person
+from asyneio.simulation.pause import PausedMotion
+from asyneio.simulation.rig import C_F_C, calibration_of, simulate_inertial
+from asyneio.simulation.scene import draw_landmarks
+from asyneio.simulation.tracks.observations import Tracks, Viewer, simulate_tracks
+from asyneio.simulation.tracks.scenario import Scenario
+from asyneio.simulation.truth import Truth
+from asyneio.types import OBSERVATION_DTYPE, FloatArray, IntArray, RecordArray, Recording
+
+#: Points on a moving object: always more than there are tracks to follow them.
+_OBJECT_POINTS = 1000
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated run.
+
+    `recording` has all times in the IMU clock. `landmarks_w` (L,3) [m]; `landmark_of_track` (K,) is the index
+    of the landmark that track id k follows, from L on of the points of `moving_object`; `outlier` (M,) tells
+    which observations were displaced.
+    """
+
+    scenario: Scenario
+    recording: Recording
+    truth: Truth
+    landmarks_w: FloatArray
+    landmark_of_track: IntArray
+    outlier: BoolArray
+    moving_object: MovingObject | None = None
+
+    @property
+    def on_object(self) -> BoolArray:
+        """Which observations (M,) lie on the moving object."""
+        landmark = self.landmark_of_track[self.recording.observations["id"]]
+        return np.asarray(landmark >= len(self.landmarks_w))
+
+    def observations_in_camera_clock(self) -> RecordArray:
+        """The observations as a camera would stamp them, `t_cam = t_imu - timeshift`, for writing files."""
+        observations = self.recording.observations.copy()
+        observations["t_ns"] -= self.scenario.timeshift_ns
+        return observations
+
+
+def simulate(scenario: Scenario) -> Simulation:
+    """Simulate a scenario; the same scenario gives the same arrays.
+
+    Raises:
+        SimulationError: the scenario is impossible, or its camera never sees a landmark.
+    """
+    seeds = np.random.SeedSequence(scenario.seed).spawn(6)
+    for_motion, for_scene, for_tracks, for_gyroscope, for_accelerometer, for_object = map(
+        np.random.default_rng, seeds
+    )
+    # The camera, not the body, looks along the carrier: any mounting of the IMU then sees the same scene.
+    mounting = C_F_C @ scenario.T_b_c[:3, :3].T
+    motion: Motion = draw_motion(scenario.motion, for_motion, mounting, scenario.motion_scale)
+    if scenario.pause_s is not None:
+        motion = PausedMotion(motion, *scenario.pause_s)
+    landmarks_w = draw_landmarks(scenario.scene, scenario.landmarks, for_scene)
+    camera = PinholeCamera.from_intrinsics(scenario.camera)
+    moving = draw_person(_OBJECT_POINTS, for_object) if scenario.tracks.moving_share > 0.0 else None
+    viewer = Viewer(motion, camera, scenario.T_b_c, landmarks_w, moving)
+    tracks = simulate_tracks(
+        viewer, scenario.tracks, scenario.camera_offset_s, scenario.duration_s, for_tracks
+    )
+    inertial = simulate_inertial(scenario, motion, for_gyroscope, for_accelerometer)
+    recording = Recording(
+        name=f"{scenario.name}-{scenario.seed}",
+        observations=_observation_records(scenario.start_ns, tracks),
+        gyroscope=inertial.gyroscope,
+        accelerometer=inertial.accelerometer,
+        calibration=calibration_of(scenario),
+        ground_truth=inertial.truth.poses(scenario.ground_truth_rate_hz),
+    )
+    return Simulation(
+        scenario, recording, inertial.truth, landmarks_w, tracks.landmark_of_track, tracks.outlier, moving
+    )
+
+
+def _observation_records(start_ns: int, tracks: Tracks) -> RecordArray:
+    records = np.zeros(tracks.t_ns.size, dtype=OBSERVATION_DTYPE)
+    records["t_ns"] = start_ns + tracks.t_ns
+    records["id"] = tracks.track
+    records["u"], records["v"] = tracks.pixels.T
+    return records
