@@ -118,7 +118,7 @@ def prose(source: str) -> Iterator[str]:
 
 
 def modules() -> list[Path]:
-    return [path for room in ROOMS for path in sorted((ROOT / "src" / "asyneio" / room).glob("*.py"))]
+    return [path for room in ROOMS for path in sorted((ROOT / "src" / "asyneio" / room).rglob("*.py"))]
 
 
 def resolve(name: str) -> object:
