@@ -10,7 +10,7 @@ import pytest
 
 from asyneio.cameras import PRESETS
 from asyneio.io import open_recording, write_events_hdf5, write_uzh_folder
-from asyneio.io.conversion.convert import resumable
+from asyneio.io.conversion import resumable
 from asyneio.types import EventRecording
 from tests.cli.conftest import Asyneio
 from tests.io.event_recordings import assert_same, make_event_recording

@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 
 from asyneio.errors import RecordingError
 from asyneio.io import open_recording
-from asyneio.io.conversion.convert import Source, Target, convert, from_zero, resumable
+from asyneio.io.conversion import resumable
+from asyneio.io.conversion.convert import Source, Target, convert, from_zero
 from asyneio.io.conversion.targets import TARGETS, target_named
 from asyneio.io.prophesee.evt2_writer import evt2_words
 from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
@@ -36,8 +37,8 @@ def recording(rng: np.random.Generator) -> EventRecording:
 
 @pytest.fixture
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("resumable", "conversion"):
-        monkeypatch.setattr(f"asyneio.io.{module}.PIECE_EVENTS", 100)
+    for module in ("resumable", "convert"):
+        monkeypatch.setattr(f"asyneio.io.conversion.{module}.PIECE_EVENTS", 100)
     monkeypatch.setattr(resumable, "PIECES_PER_ENTRY", 3)
 
 
@@ -286,7 +287,7 @@ import sys
 import tracemalloc
 from pathlib import Path
 from asyneio.io import open_recording
-from asyneio.io.conversion.convert import resumable
+from asyneio.io.conversion import resumable
 from asyneio.io.conversion.convert import Source, convert
 from asyneio.io.conversion.targets import target_named
 resumable.PIECE_EVENTS, resumable.PIECES_PER_ENTRY = 1000, 2

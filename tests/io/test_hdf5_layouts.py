@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from asyneio.errors import AsyneioError, RecordingError
-from asyneio.io import ReadOptions, hdf5_columns, open_recording, write_camchain, write_imu_noise
+from asyneio.io import ReadOptions, open_recording, write_camchain, write_imu_noise
+from asyneio.io.hdf5 import columns as hdf5_columns
 from asyneio.io.open_recording import open_contents
 from asyneio.types import EVENT_DTYPE, NS_PER_S, EventRecording, RecordArray
 from tests.io.event_recordings import make_events

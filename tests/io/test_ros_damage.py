@@ -17,7 +17,8 @@ from rosbags.rosbag1 import Writer
 
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.io import ReadOptions, open_recording, write_uzh_folder
-from asyneio.io.ros.bag import MAX_UNPACKED, CutError, Message, Topic, unpack
+from asyneio.io.parsing.unpack import MAX_UNPACKED, CutError, unpack
+from asyneio.io.ros.bag import Message, Topic
 from asyneio.io.ros.event_arrays import EventArrayDecoder, event_fields
 from asyneio.io.ros.field_offsets import Locator, locate
 from asyneio.io.ros.ros1_writer import write_rosbag

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
-from asyneio.io import ReadOptions, event_cache, open_recording, write_uzh_folder
+from asyneio.io import ReadOptions, open_recording, write_uzh_folder
+from asyneio.io.recording import cache as event_cache
 from asyneio.types import EVENT_DTYPE, NS_PER_S, CameraIntrinsics, Distortion, EventRecording
 from tests.io.event_recordings import assert_same, make_event_recording, make_events
 
