@@ -9,7 +9,7 @@ JOBS ?= 2
 # Small matrices: more BLAS threads only wait for each other on a busy machine.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint type bench cases docs clean
+.PHONY: demo test check coverage lint type bench cases docs dist clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.report
@@ -17,6 +17,15 @@ demo: $(VENV)/.report
 
 test: lint type
 	$(BIN)/python -m pytest -n $(JOBS) $(PYTEST)
+
+# Under two minutes: what to run before each commit.
+check: lint type
+	$(BIN)/python -m pytest -n $(JOBS) -m "not slow and not data and not browser" $(PYTEST)
+
+# Python's view of compiled kernels: with compilation off, and without the tests that need compiled speed.
+coverage: $(VENV)/.test
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(JOBS) -m "not slow and not data and not browser" \
+	    --timeout 1200 --cov --cov-report term:skip-covered --cov-report xml $(PYTEST)
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
@@ -38,6 +47,11 @@ docs: $(VENV)/.docs
 	    || { echo "These pages need the network; see mkdocs.yml." >&2; exit 1; }
 	@echo "Open site/index.html"
 
+dist: $(VENV)/.dist
+	rm -rf dist
+	$(BIN)/python -m build --installer pip . >/dev/null
+	$(BIN)/twine check --strict dist/*
+
 clean:
 	rm -rf $(VENV) site build dist results .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find src tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -56,6 +70,11 @@ $(VENV)/.test: $(VENV)/.created pyproject.toml
 $(VENV)/.docs: $(VENV)/.created pyproject.toml
 	@echo "Installing the documentation tools into $(VENV) (once) ..."
 	$(PIP) install --editable '.[docs]'
+	@touch $@
+
+$(VENV)/.dist: $(VENV)/.created pyproject.toml
+	@echo "Installing the packaging tools into $(VENV) (once) ..."
+	$(PIP) install --editable '.[dist]'
 	@touch $@
 
 # Debian and Ubuntu split venv off Python: then virtualenv serves, or the missing package is fetched where we may.

@@ -20,8 +20,12 @@ SEED = 20_241_121
 settings.register_profile("asyneio", derandomize=True, deadline=None)
 settings.load_profile("asyneio")
 
-#: Fixtures that skip where something is missing, and the variables that turn such a skip into a failure.
-_REQUIRED = {"data_dir": "ASYNEIO_REQUIRE_DATA", "chromium": "ASYNEIO_REQUIRE_BROWSER"}
+#: Fixtures that skip where something is missing: the marker of tests that use them, and the variable that
+#: turns such a skip into a failure.
+_REQUIRED = {
+    "data_dir": ("data", "ASYNEIO_REQUIRE_DATA"),
+    "chromium": ("browser", "ASYNEIO_REQUIRE_BROWSER"),
+}
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 _REPOSITORY = Path(__file__).resolve().parent.parent
@@ -43,12 +47,20 @@ def pytest_report_header() -> str:
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """A test that skips for want of what a variable says must be there has failed."""
     report = yield
-    for fixture, variable in _REQUIRED.items():
+    for fixture, (_, variable) in _REQUIRED.items():
         if os.environ.get(variable) and report.skipped and fixture in _fixtures(item):
             reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
             report.outcome = "failed"
             report.longrepr = f"skipped although {variable} is set: {reason}"
     return report
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that need something which may be absent, so that a fast subset can leave them out."""
+    for item in items:
+        for fixture, (marker, _) in _REQUIRED.items():
+            if fixture in _fixtures(item):
+                item.add_marker(marker)
 
 
 def _fixtures(item: pytest.Item) -> list[str]:
