@@ -119,7 +119,9 @@ def prose_of_page(text: str) -> str:
         return re.sub(r"[^\n]", " ", match.group())
 
     for pattern in (r"^```.*?^```$", r"^ {4,}(?:asyneio|make|python|pip)\b.*$", r"`[^`\n]+`", r"\]\([^)]*\)"):
-        text = re.sub(pattern, blank, text, flags=re.MULTILINE | re.DOTALL if "```" in pattern else re.MULTILINE)
+        text = re.sub(
+            pattern, blank, text, flags=re.MULTILINE | re.DOTALL if "```" in pattern else re.MULTILINE
+        )
     return text
 
 

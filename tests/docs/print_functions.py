@@ -1,8 +1,7 @@
 """Functions printed in pages: `<!-- source: dotted.name -->`, then a block of Python.
 
-The block is the source of the function as it stands in the package, dedented and without its docstring, which the
-reader has in the API reference. `python tests/docs/print_functions.py` lists the blocks that differ;
-`--write` replaces them.
+The block is the source of the function in the package, dedented and without its docstring, which is in the
+API reference. `python tests/docs/print_functions.py` lists the blocks that differ; `--write` replaces them.
 """
 
 from __future__ import annotations
@@ -40,7 +39,11 @@ def without_docstring(source: str) -> str:
     assert isinstance(function, ast.FunctionDef)
     lines = source.splitlines()
     first = function.body[0]
-    if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str):
+    if (
+        isinstance(first, ast.Expr)
+        and isinstance(first.value, ast.Constant)
+        and isinstance(first.value.value, str)
+    ):
         assert first.end_lineno is not None
         del lines[first.lineno - 1 : first.end_lineno]
     return "\n".join(lines).strip() + "\n"
