@@ -94,7 +94,7 @@ BANNED: dict[str, str] = {
     r"spoils?|spoiled": "'degrades', 'corrupts'",
 }
 
-_PATTERN = re.compile("|".join(rf"(?:\b(?:{phrase})(?!\w))" for phrase in BANNED), re.IGNORECASE)
+_PATTERN = re.compile(rf"\b(?:{'|'.join(f'(?:{phrase})' for phrase in BANNED)})(?!\w)", re.IGNORECASE)
 
 
 class Hit(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -81,6 +82,21 @@ def test_benchmarks_that_are_named_exist() -> None:
     for path in pages():
         for script in re.findall(r"\bbenchmarks/\w+\.py", path.read_text()):
             assert (ROOT / script).is_file(), f"{path.name}: {script}"
+
+
+def test_the_order_of_packages_is_that_of_the_contracts() -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    layers = [layer.replace("asyneio.", "") for layer in contracts[0]["layers"]]
+    block = re.search(r"^    cli\n(?:    .+\n)+", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE)
+    assert block is not None
+    assert block.group().replace("    ", "").splitlines() == layers
+
+
+def test_every_package_is_described() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    table = page[page.index("\n## Packages\n") : page.index("\n## The front end\n")]
+    packages = [folder.name for folder in PACKAGE.iterdir() if (folder / "__init__.py").is_file()]
+    assert [name for name in packages if not re.search(rf"^\|[^|]*`{name}`", table, re.MULTILINE)] == []
 
 
 def inline(path: Path) -> list[str]:
