@@ -1,4 +1,4 @@
-"""What the documentation names exists: pages, links, commands, options, Python names, formats."""
+"""What the documentation names exists: pages, links, commands, options, settings, Python names, formats."""
 
 from __future__ import annotations
 
@@ -6,21 +6,23 @@ import importlib
 import re
 import shlex
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from asyneio.config import Config
 from asyneio.io.conversion.targets import TARGETS
 from tests.cli.walk import UsageError, find
 
 _REPOSITORY = Path(__file__).resolve().parents[2]
 _DOCS = _REPOSITORY / "docs"
-_PAGES = sorted(_DOCS.glob("*.md"))
-_TEXTS = [*_PAGES, _REPOSITORY / "README.md", _REPOSITORY / "CONTRIBUTING.md"]
+_PAGES = sorted(_DOCS.rglob("*.md"))
+_TEXTS = [*_PAGES, *(_REPOSITORY / f"{name}.md" for name in ("README", "CONTRIBUTING", "CHANGELOG"))]
 
-#: Of files that are called as a section of the settings is.
+#: Endings of files whose name is also that of a section of the settings.
 _ENDINGS = ("py", "json", "csv")
 
 
@@ -30,12 +32,12 @@ def prose(path: Path) -> str:
 
 
 def anchors(path: Path) -> set[str]:
-    """The fragments that headings of a page make, as Python-Markdown and GitHub agree on them."""
+    """The fragments of a page's headings, where Python-Markdown and GitHub agree."""
     titles = re.findall(r"^#+ (.+)$", prose(path), re.MULTILINE)
     return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", title).strip().lower()) for title in titles}
 
 
-@pytest.mark.parametrize("path", _TEXTS, ids=lambda path: path.name)
+@pytest.mark.parametrize("path", _TEXTS, ids=lambda path: str(path.relative_to(_REPOSITORY)))
 def test_internal_links_lead_somewhere(path: Path) -> None:
     for link in re.findall(r"\]\(\s*([^)]+)\)", prose(path).replace("\n", " ")):
         if re.match(r"https?:", link):
@@ -48,8 +50,8 @@ def test_internal_links_lead_somewhere(path: Path) -> None:
 
 
 def test_a_broken_link_is_noticed(tmp_path: Path) -> None:
-    assert "files-written-by-a-run" in anchors(_DOCS / "conventions.md")
-    assert "files-never-written" not in anchors(_DOCS / "conventions.md")
+    assert "files-written-by-a-run" in anchors(_DOCS / "files.md")
+    assert "files-never-written" not in anchors(_DOCS / "files.md")
 
 
 def test_every_page_is_in_the_navigation() -> None:
@@ -62,14 +64,14 @@ def test_every_page_is_in_the_navigation() -> None:
             for below in entry.values() if isinstance(entry, dict) else entry:
                 yield from pages(below)
 
-    assert sorted(pages(site["nav"])) == [path.name for path in _PAGES]
-    # Nothing from elsewhere: fonts come from the reader's device.
+    assert sorted(pages(site["nav"])) == sorted(str(path.relative_to(_DOCS)) for path in _PAGES)
+    # No external resources: fonts come from the reader's device.
     assert site["theme"]["font"] is False
     assert not {"extra_css", "extra_javascript"} & set(site)
 
 
 def named_commands() -> list[tuple[str, str]]:
-    """Page and command line, of blocks and of words within the text."""
+    """Page and command line, from blocks and from inline code."""
     found = []
     for path in _TEXTS:
         text = path.read_text()
@@ -80,7 +82,7 @@ def named_commands() -> list[tuple[str, str]]:
 
 
 def check(line: str) -> None:
-    """Raises UsageError where the command, or one of its options, is not there."""
+    """Raises UsageError if the command or one of its options does not exist."""
     command, rest = find(shlex.split(line)[1:])
     known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
     for word in rest:
@@ -123,10 +125,9 @@ def test_every_format_that_is_written_is_listed() -> None:
 
 
 def test_settings_that_are_named_exist() -> None:
-    from asyneio.config import Config
-
+    """A name that begins like a section is a setting, or a module of the package of that name."""
     sections = Config().model_dump()
     for path in _PAGES:
         for section, name in re.findall(r"`([a-z_]+)\.([a-z_]+)`", prose(path)):
-            if section in sections:
-                assert name in sections[section] or name in _ENDINGS, f"{path.name}: {section}.{name}"
+            if section in sections and name not in sections[section] and name not in _ENDINGS:
+                assert find_spec(f"asyneio.{section}.{name}") is not None, f"{path.name}: {section}.{name}"
