@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from asyneio.errors import RecordingError
-from asyneio.io.recording.checks import MAX_LATE_RUN, EventChecker, SensorSizeError, check_span
-from asyneio.io.recording.source import join_events
+from asyneio.io.recording.event_checks import MAX_LATE_RUN, EventChecker, SensorSizeError, check_span
+from asyneio.io.recording.event_source import join_events
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 from tests.io.event_recordings import make_events
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from asyneio.errors import RecordingError
 from asyneio.io import open_recording
 from asyneio.io.prophesee.evt3 import HIGH_NS
-from asyneio.io.recording.source import FAR_OUTSIDE
+from asyneio.io.recording.event_source import FAR_OUTSIDE
 from asyneio.io.ros.bag import Bag
 from asyneio.io.ros.event_packets import Packet, PacketDecoder
 from asyneio.io.ros.rosbag1 import Rosbag1

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from asyneio.errors import AsyneioError, RecordingError
-from asyneio.io.recording.source import FAR_OUTSIDE, join_events
-from asyneio.io.text import events as event_text
-from asyneio.io.text.events import TextEvents
+from asyneio.io.recording.event_source import FAR_OUTSIDE, join_events
+from asyneio.io.text import reader as event_text
+from asyneio.io.text.reader import TextEvents
 from asyneio.types import RecordArray
 
 

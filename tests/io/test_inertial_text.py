@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.io import open_recording, read_inertial_file
-from asyneio.io.recording.trajectory_text import read_trajectory
+from asyneio.io.recording.trajectory_reader import read_trajectory
 
 EUROC = (
     "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"

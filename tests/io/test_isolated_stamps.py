@@ -7,7 +7,7 @@ import pytest
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.isolated_stamps import isolated
-from asyneio.io.parsing.stamps import sort_in_time
+from asyneio.io.parsing.stamp_checks import sort_in_time
 from asyneio.types import INERTIAL_DTYPE, IntArray
 
 S = 1_000_000_000

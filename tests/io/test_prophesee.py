@@ -14,8 +14,8 @@ from asyneio.errors import AsyneioError, RecordingError
 from asyneio.io import open_recording
 from asyneio.io.prophesee.evt2 import Evt2Decoder
 from asyneio.io.prophesee.header import parse_header, size_of
-from asyneio.io.prophesee.raw import evt2
-from asyneio.io.prophesee.raw import raw as prophesee
+from asyneio.io.prophesee.reader import evt2
+from asyneio.io.prophesee.reader import raw as prophesee
 from asyneio.types import EventRecording
 
 NEW = b"% format EVT2;height=720;width=1280\n% geometry 1280x720\n% end\n"

@@ -20,9 +20,9 @@ from asyneio.io import ReadOptions, open_recording, write_uzh_folder
 from asyneio.io.ros.bag import MAX_UNPACKED, CutError, Message, Topic, unpack
 from asyneio.io.ros.event_arrays import EventArrayDecoder, event_fields
 from asyneio.io.ros.field_offsets import Locator, locate
+from asyneio.io.ros.number_table import NumberTable
 from asyneio.io.ros.ros1_writer import write_rosbag
 from asyneio.io.ros.schema import parse_schema
-from asyneio.io.ros.tables import NumberTable
 from asyneio.types import Distortion, EventRecording
 from tests.io.event_recordings import make_event_recording
 from tests.io.ros_bags import Record, camera_record, header, recording_records, write_bag

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from asyneio.errors import RecordingError
-from asyneio.io.parsing.stamps import check_overlap, tick_of
+from asyneio.io.parsing.stamp_checks import check_overlap, tick_of
 
 S = 1_000_000_000
 IMU = (0, 60 * S)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from asyneio.errors import RecordingError
 from asyneio.io import read_estimates, read_trajectory, to_trajectory, write_estimates, write_tum
-from asyneio.io.parsing.seconds_table import format_seconds, parse_seconds
+from asyneio.io.parsing.decimal_seconds import format_seconds, parse_seconds
 from asyneio.io.results.estimates import stack_estimates
 from asyneio.types import STATE_BLOCKS, Estimate, PoseTrajectory
 from tests.io.recordings import START_NS, make_estimate, straight_path

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import RecordingError
 from asyneio.io import write_estimates, write_tum
-from asyneio.io.recording.trajectory_text import read_trajectory, read_trajectory_file
+from asyneio.io.recording.trajectory_reader import read_trajectory, read_trajectory_file
 from asyneio.io.trajectory_source import read_estimated, read_reference
 from asyneio.types import PoseTrajectory
 from tests.io.recordings import START_NS, make_estimate, straight_path

@@ -17,11 +17,11 @@ from asyneio.cli.config import config
 from asyneio.cli.convert import convert
 from asyneio.cli.demo import demo
 from asyneio.cli.doctor import doctor
+from asyneio.cli.environment import prepare_environment, prepare_streams
 from asyneio.cli.evaluate import evaluate
 from asyneio.cli.run import run
 from asyneio.cli.simulate import simulate
 from asyneio.cli.study import study
-from asyneio.cli.surroundings import prepare_environment, prepare_streams
 from asyneio.cli.track import track
 from asyneio.errors import AsyneioError
 

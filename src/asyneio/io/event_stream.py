@@ -17,10 +17,10 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import find_calibration
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.sidecar import samples_beside, truth_beside
-from asyneio.io.recording.source import SAMPLE_DTYPE, skipped_notes
+from asyneio.io.recording.event_source import SAMPLE_DTYPE, skipped_notes
+from asyneio.io.recording.sidecar import find_ground_truth, find_samples
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"Event Stream"
@@ -98,14 +98,14 @@ def read_event_stream(path: Path, options: ReadOptions) -> Contents:
             f"{path} is Event Stream of {_KINDS.get(kind, f'kind {kind}')}; expected {_KINDS[_DVS]} or "
             f"{_KINDS[_ATIS]}, whose events are changes of brightness"
         )
-    truth, truth_notes = truth_beside(path.parent)
+    truth, truth_notes = find_ground_truth(path.parent)
     return Contents(
         path.resolve().stem,
         partial(EventStreamEvents, path, kind == _ATIS),
         (width, height),
-        find_rig(path.parent, options.calibration, options.imu),
-        samples_beside(path.parent, options),
-        truth=truth,
+        find_calibration(path.parent, options.calibration, options.imu),
+        find_samples(path.parent, options),
+        ground_truth=truth,
         notes=truth_notes,
     )
 

@@ -14,27 +14,27 @@ from asyneio.io.event_numpy import MAGIC as NUMPY_MAGIC
 from asyneio.io.event_numpy import is_npz, read_numpy
 from asyneio.io.event_stream import MAGIC as EVENT_STREAM_MAGIC
 from asyneio.io.event_stream import read_event_stream
-from asyneio.io.hdf5.dsec import is_event_columns, is_sides_folder, read_event_columns, read_sides_folder
+from asyneio.io.hdf5.asyneio_reader import MAGIC as HDF5_MAGIC
+from asyneio.io.hdf5.asyneio_reader import is_asyneio_hdf5, read_events_hdf5
+from asyneio.io.hdf5.dsec import is_event_columns, is_stereo_folder, read_event_columns, read_stereo_folder
+from asyneio.io.hdf5.event_table import is_event_table, read_event_table
 from asyneio.io.hdf5.m3ed import is_m3ed, read_m3ed
 from asyneio.io.hdf5.mvsec import is_mvsec, read_mvsec
-from asyneio.io.hdf5.own import MAGIC as HDF5_MAGIC
-from asyneio.io.hdf5.own import is_asyneio_hdf5, read_events_hdf5
 from asyneio.io.hdf5.prophesee import is_prophesee_hdf5, read_prophesee_hdf5
-from asyneio.io.hdf5.table import is_event_table, read_event_table
 from asyneio.io.parsing.gzip_file import MAGIC as GZIP_MAGIC
 from asyneio.io.parsing.gzip_file import unpacked_head
 from asyneio.io.parsing.zip_member import MAGIC as ZIP_MAGIC
 from asyneio.io.prophesee.header import MAGIC as PROPHESEE_MAGIC
-from asyneio.io.prophesee.raw import read_prophesee
+from asyneio.io.prophesee.reader import read_prophesee
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.ros.mcap import MAGIC as MCAP_MAGIC
-from asyneio.io.ros.parts import parts_in
-from asyneio.io.ros.recording import read_bag_parts, read_rosbag1, read_rosbag2
+from asyneio.io.ros.reader import read_bag_parts, read_rosbag1, read_rosbag2
 from asyneio.io.ros.rosbag1 import MAGIC as ROSBAG_MAGIC
 from asyneio.io.ros.rosbag2 import is_packed_rosbag2, is_rosbag2_folder, is_rosbag2_sqlite
+from asyneio.io.ros.split_bags import parts_in
 from asyneio.io.text.layout import HEAD_BYTES, is_event_text
-from asyneio.io.uzh.folder import EVENTS_FILE, read_gzip_text, read_uzh_folder
-from asyneio.io.uzh.zip import read_uzh_zip
+from asyneio.io.uzh.folder_reader import EVENTS_FILE, read_gzip_text, read_uzh_folder
+from asyneio.io.uzh.zip_reader import read_uzh_zip
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ FORMATS = (
     Format(
         "sides",
         "a folder of DSEC, VECtor or TUM-VIE",
-        lambda path, _: is_sides_folder(path),
-        read_sides_folder,
+        lambda path, _: is_stereo_folder(path),
+        read_stereo_folder,
         ("events", "samples"),
     ),
     _hdf5("mvsec", "MVSEC's HDF5", is_mvsec, read_mvsec, "events"),

@@ -9,15 +9,15 @@ from typing import NoReturn, TypeVar
 
 from asyneio.errors import RecordingError
 from asyneio.io.formats import FORMATS, Format, format_of
-from asyneio.io.hdf5.own import MAGIC as HDF5_MAGIC
-from asyneio.io.hdf5.table import contents_of
+from asyneio.io.hdf5.asyneio_reader import MAGIC as HDF5_MAGIC
+from asyneio.io.hdf5.event_table import contents_of
 from asyneio.io.parsing.atomic import PART_SUFFIX
-from asyneio.io.parsing.table_hints import refuse_decimal_commas
+from asyneio.io.parsing.decimal_commas import reject_decimal_commas
 from asyneio.io.recording.assembly import assemble
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.sidecar import SAMPLE_FILES, first_file, samples_of
-from asyneio.io.recording.source import Progress
-from asyneio.io.tracks.folder import read_tracks_folder
+from asyneio.io.recording.event_source import Progress
+from asyneio.io.recording.sidecar import SAMPLE_FILES, first_file, read_samples
+from asyneio.io.tracks.reader import read_tracks_folder
 from asyneio.types import EventRecording, Recording
 
 TRACKS_FILE = "tracks.csv"
@@ -62,7 +62,7 @@ def open_recording(
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} holds events, not tracks; a longest track cannot be set for it")
     contents = open_contents(path, options)
-    return _with_text(assemble(contents, progress, cache_from, options.wanted, options.samples_needed))
+    return _with_text(assemble(contents, progress, cache_from, options.selection, options.samples_needed))
 
 
 def _with_text(recording: _AnyRecording) -> _AnyRecording:
@@ -92,7 +92,7 @@ def open_contents(path: Path, options: ReadOptions) -> Contents:
     contents = format.read(source, options)
     if named is None or not named.is_file() or (contents.samples and contents.samples.name == named.name):
         return contents
-    return replace(contents, samples=samples_of(named))
+    return replace(contents, samples=read_samples(named))
 
 
 def find_format(path: Path) -> tuple[Path, Format]:
@@ -164,7 +164,7 @@ def described(path: Path) -> str:
         return f"HDF5 of no known layout, which is not read; it {contents_of(path)}"
     line = head.split(b"\n", 1)[0]
     try:
-        refuse_decimal_commas(path.name, 1, line.decode("utf-8", errors="replace"))
+        reject_decimal_commas(path.name, 1, line.decode("utf-8", errors="replace"))
     except RecordingError as error:
         return f"not read ({error})"
     for magic, text in _NOT_READ.items():

@@ -9,8 +9,8 @@ from asyneio.errors import RecordingError
 from asyneio.io.formats import format_of
 from asyneio.io.open_recording import open_contents
 from asyneio.io.recording.contents import ReadOptions
-from asyneio.io.recording.sidecar import first_file, truth_beside
-from asyneio.io.recording.trajectory_text import TrajectoryFile, read_trajectory_file
+from asyneio.io.recording.sidecar import find_ground_truth, first_file
+from asyneio.io.recording.trajectory_reader import TrajectoryFile, read_trajectory_file
 from asyneio.io.results.estimates import read_estimates, to_trajectory
 from asyneio.types import PoseTrajectory, split_segments
 
@@ -65,7 +65,7 @@ def read_reference(path: Path, columns: str = "") -> TrajectorySource:
         RecordingError: unreadable, or no poses in it.
     """
     if path.is_dir():
-        truth, notes = truth_beside(path)
+        truth, notes = find_ground_truth(path)
         if truth is not None:
             return TrajectorySource({0: truth}, notes)
         if first_file(path, _RESULTS) is None:
@@ -89,10 +89,10 @@ def _of_file(path: Path, columns: str) -> TrajectorySource:
 def _of_recording(path: Path, notes: tuple[str, ...]) -> TrajectorySource:
     """The truth in or beside a recording. Raises RecordingError: it has none."""
     contents = open_contents(path, ReadOptions())
-    if contents.truth is None:
+    if contents.ground_truth is None:
         said = "".join(f"; {note}" for note in (*notes, *contents.notes))
         raise RecordingError(f"{path} holds no true poses{said}; name a file of poses")
-    return TrajectorySource({0: contents.truth}, contents.notes)
+    return TrajectorySource({0: contents.ground_truth}, contents.notes)
 
 
 def _head(path: Path) -> bytes:

@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 
 from asyneio.errors import CalibrationError
 from asyneio.io import read_calibration
-from asyneio.io.calibration import Wanted, find_rig, open_calibration, read_imu_noise, settle
+from asyneio.io.calibration import (
+    CalibrationSelection,
+    IncompleteCalibration,
+    find_calibration,
+    open_calibration,
+    read_imu_noise,
+)
 from asyneio.types import Calibration, Distortion, ImuNoise
 from tests.io.calibration.rigs import (
     KINDS,
@@ -125,21 +131,18 @@ def test_the_lens_alone(tmp_path: Path) -> None:
     ):
         path = tmp_path / name
         path.write_text(text)
-        rig = settle(find_rig(tmp_path, path, None), SIZE)
-        assert rig.camera == replace(lens, coefficients=coefficients)
-        assert rig.calibration is None
-        assert (
-            "the calibration is incomplete: no extrinsics (camera to IMU) and no noise of the IMU"
-            in rig.notes
-        )
-        with pytest.raises(CalibrationError, match="no whole calibration"):
+        found, notes = find_calibration(tmp_path, path, None).resolve(SIZE)
+        assert isinstance(found, IncompleteCalibration)
+        assert found.camera == replace(lens, coefficients=coefficients)
+        assert "the calibration is incomplete: no extrinsics (camera to IMU) and no IMU noise" in notes
+        with pytest.raises(CalibrationError, match="no complete calibration"):
             read_calibration(path, size=SIZE)
 
 
 def test_cameras_are_chosen(tmp_path: Path) -> None:
     rig = make_rig(Distortion.EQUIDISTANT)
     camera, _ = basalt(tmp_path, rig)
-    assert_same(read_calibration(camera, wanted=Wanted("cam1"))[0], rig)
+    assert_same(read_calibration(camera, selection=CalibrationSelection("cam1"))[0], rig)
     assert [str(entry) for entry in open_calibration(camera).cameras] == [
         "cam0 (752 x 480)",
         "cam1 (240 x 180)",
@@ -147,20 +150,20 @@ def test_cameras_are_chosen(tmp_path: Path) -> None:
     for size, wanted, message in (
         (None, None, r"2 cameras and the sensor's size is not known: cam0 \(752 x 480\); cam1"),
         ((640, 480), None, "0 of them are 640 x 480.*name one with --camera"),
-        (SIZE, Wanted("cam2"), "no one camera 'cam2'; the calibration holds cam0"),
-        (SIZE, Wanted("cam0"), "camera_type of cam0 is 'ds'; understood are pinhole, kb4"),
+        (SIZE, CalibrationSelection("cam2"), "no one camera 'cam2'; the calibration holds cam0"),
+        (SIZE, CalibrationSelection("cam0"), "camera_type of cam0 is 'ds'; understood are pinhole, kb4"),
     ):
         with pytest.raises(CalibrationError, match=message):
-            read_calibration(camera, wanted=wanted, size=size)
+            read_calibration(camera, selection=wanted, size=size)
 
 
 def test_a_camera_is_chosen_by_topic(tmp_path: Path) -> None:
     rig = make_rig()
     camera, imu = KINDS["kalibr, second of two"](tmp_path, rig)
     for name in ("/dvs/image_raw", "dvs"):
-        assert_same(read_calibration(camera, imu, Wanted(name))[0], rig)
+        assert_same(read_calibration(camera, imu, CalibrationSelection(name))[0], rig)
     with pytest.raises(CalibrationError, match="no one camera 'image_raw'"):
-        read_calibration(camera, imu, Wanted("image_raw"))
+        read_calibration(camera, imu, CalibrationSelection("image_raw"))
 
 
 def _replaced(path: Path, old: str, new: str) -> Path:

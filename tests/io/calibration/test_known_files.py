@@ -10,7 +10,7 @@ import pytest
 
 from asyneio.errors import CalibrationError
 from asyneio.io import read_calibration
-from asyneio.io.calibration import find_rig, settle
+from asyneio.io.calibration import find_calibration
 from asyneio.types import Calibration
 from tests.io.calibration.rigs import KINDS, kalibr, make_rig
 
@@ -127,13 +127,13 @@ def test_the_cures_work(tmp_path: Path) -> None:
     assert_same(read_calibration(chain, imu)[0], RIG.timeshift_ns)
     first, *rest = FLAT.splitlines()
     (tmp_path / "flat.yaml").write_text("\n".join([first, *(f"  {line}" for line in rest)]))
-    assert settle(find_rig(tmp_path, tmp_path / "flat.yaml", None), None).camera is not None
+    assert find_calibration(tmp_path, tmp_path / "flat.yaml", None).resolve(None)[0].camera is not None
 
 
 def test_a_known_file_beside_a_recording_is_told(tmp_path: Path) -> None:
     (tmp_path / "davis_imu_param.yaml").write_text(IMU_UTILS)
     (tmp_path / "other.yaml").write_text("nothing: known\n")
-    notes = find_rig(tmp_path, None, None).notes
+    notes = find_calibration(tmp_path, None, None).notes
     assert [note[:9] for note in notes] == ["not used:"]
     assert "imu_utils" in notes[0]
 

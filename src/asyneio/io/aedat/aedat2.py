@@ -21,10 +21,10 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import find_calibration
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.inertial_csv import STANDARD_GRAVITY
-from asyneio.io.recording.source import FAR_OUTSIDE, SAMPLE_DTYPE, skipped_notes
+from asyneio.io.recording.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, skipped_notes
+from asyneio.io.recording.inertial_units import STANDARD_GRAVITY
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"#!AER-DAT2.0"
@@ -140,8 +140,8 @@ class Aedat2Events:
 
 def read_aedat2(path: Path, options: ReadOptions) -> Contents:
     """AEDAT-2.0 of a DAVIS240. Raises CalibrationError: a calibration file is malformed or impossible."""
-    rig = find_rig(path.parent, options.calibration, options.imu)
-    return Contents(path.resolve().stem, lambda: Aedat2Events(path), (WIDTH, HEIGHT), rig)
+    calibration = find_calibration(path.parent, options.calibration, options.imu)
+    return Contents(path.resolve().stem, lambda: Aedat2Events(path), (WIDTH, HEIGHT), calibration)
 
 
 def inertial_address(code: IntArray, value: IntArray) -> IntArray:

@@ -19,17 +19,17 @@ from asyneio.io.aedat.aedat4_packets import (
     DamagedError,
     Header,
     Stream,
-    events_of,
+    events_in,
     read_header,
     read_packets,
-    samples_of,
+    samples_in,
     unpacked,
 )
-from asyneio.io.calibration import find_rig
-from asyneio.io.recording.checks import MAX_STAMP_NS
+from asyneio.io.calibration import find_calibration
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.inertial_csv import STANDARD_GRAVITY
-from asyneio.io.recording.source import SAMPLE_DTYPE
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import SAMPLE_DTYPE
+from asyneio.io.recording.inertial_units import STANDARD_GRAVITY
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"#!AER-DAT4"
@@ -69,11 +69,11 @@ class Aedat4Events:
             try:
                 for number, data in read_packets(stream, header):
                     if number == events:
-                        piece = _unpack(events_of(unpacked(data, header.packing, EVENTS)))
+                        piece = _unpack(events_in(unpacked(data, header.packing, EVENTS)))
                         count += piece.size
                         yield piece, stream.tell() / length
                     elif number == samples:
-                        self._pieces.append(_to_si(*samples_of(unpacked(data, header.packing, SAMPLES))))
+                        self._pieces.append(_to_si(*samples_in(unpacked(data, header.packing, SAMPLES))))
             except DamagedError as error:
                 self._salvage(str(error), count)
         self._check_unit()
@@ -143,8 +143,8 @@ def read_aedat4(path: Path, options: ReadOptions) -> Contents:
         CalibrationError: a calibration file is malformed or impossible.
     """
     size = Aedat4Events(path).size()
-    rig = find_rig(path.parent, options.calibration, options.imu)
-    return Contents(path.resolve().stem, partial(Aedat4Events, path), size, rig)
+    calibration = find_calibration(path.parent, options.calibration, options.imu)
+    return Contents(path.resolve().stem, partial(Aedat4Events, path), size, calibration)
 
 
 def _unpack(rows: np.ndarray) -> RecordArray:

@@ -114,13 +114,13 @@ def unpacked(data: bytes, packing: str, kind: str) -> bytes:
     return content[4:]
 
 
-def events_of(content: bytes) -> np.ndarray:
+def events_in(content: bytes) -> np.ndarray:
     """Events (N,) EVENT_STRUCT of a packet of the kind EVTS. Raises DamagedError."""
     start, count = _Table.root(content).vector(0, EVENT_STRUCT.itemsize)
     return np.frombuffer(content, EVENT_STRUCT, count, start)
 
 
-def samples_of(content: bytes) -> tuple[IntArray, np.ndarray]:
+def samples_in(content: bytes) -> tuple[IntArray, np.ndarray]:
     """Times (N,) [us] and accelerometer and gyroscope (N,6) float32 of a packet of the kind IMUS.
 
     Raises:
@@ -128,7 +128,7 @@ def samples_of(content: bytes) -> tuple[IntArray, np.ndarray]:
     """
     start, count = _Table.root(content).vector(0, 4)
     t_us, bits = np.zeros(count, dtype=np.int64), np.zeros((count, _AXES), dtype=np.uint32)
-    if not _read_samples(np.frombuffer(content, np.uint8), start, t_us, bits):
+    if not _read_sample_tables(np.frombuffer(content, np.uint8), start, t_us, bits):
         raise DamagedError("a sample lies outside its packet")
     return t_us, bits.view(np.float32)
 
@@ -214,7 +214,7 @@ class _Table:
 
 
 @njit(cache=True)
-def _read_samples(data: np.ndarray, start: int, t_us: IntArray, bits: np.ndarray) -> bool:
+def _read_sample_tables(data: np.ndarray, start: int, t_us: IntArray, bits: np.ndarray) -> bool:
     """Read the tables that a vector of offsets at `start` points to; False where one lies outside `data`."""
     size = data.size
     for i in range(t_us.size):

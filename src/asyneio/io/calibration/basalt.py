@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import make_lens, without_zeros
-from asyneio.io.calibration.rigid import read_quaternion_pose
-from asyneio.io.calibration.sections import (
+from asyneio.io.calibration.entries import (
     CalibrationFile,
     CameraEntry,
     CameraReading,
@@ -23,6 +21,8 @@ from asyneio.io.calibration.sections import (
     declared_size,
     read_noise,
 )
+from asyneio.io.calibration.intrinsics import make_intrinsics, without_zeros
+from asyneio.io.calibration.rigid_transform import read_quaternion_pose
 from asyneio.io.calibration.values import integers, mapping, number, numbers, sequence, shown
 from asyneio.types import CameraIntrinsics, Distortion
 
@@ -64,34 +64,34 @@ def _size(section: dict[str, Any], index: int) -> tuple[int, int] | None:
 
 
 def _read_camera(section: dict[str, Any], index: int, path: Path) -> CameraReading:
-    lens = _read_lens(section, index, path)
+    intrinsics = _read_intrinsics(section, index, path)
     shift = None
     if section.get("cam_time_offset_ns") is not None:
         offset = round(number(section, "cam_time_offset_ns", path))
         shift = check_shift_ns(offset, "cam_time_offset_ns", "nanoseconds", path)
     notes = _corrections(section, path)
     if "T_imu_cam" not in section:
-        return CameraReading(lens, None, shift, notes)
+        return CameraReading(intrinsics, None, shift, notes)
     poses = _at(section, "T_imu_cam", index, path)
     T_b_c, repaired = read_quaternion_pose(poses, f"T_imu_cam of cam{index}", path)
     said = f"{path.name}: extrinsics of cam{index} read from T_imu_cam (camera to IMU)"
-    return CameraReading(lens, T_b_c, shift, (*repaired, said, *notes))
+    return CameraReading(intrinsics, T_b_c, shift, (*repaired, said, *notes))
 
 
-def _read_lens(section: dict[str, Any], index: int, path: Path) -> CameraIntrinsics:
+def _read_intrinsics(section: dict[str, Any], index: int, path: Path) -> CameraIntrinsics:
     camera = _at(section, "intrinsics", index, path)
     kind, values = camera.get("camera_type"), mapping(camera, "intrinsics", path)
     size = integers({"resolution": _item(section, "resolution", index, path)}, "resolution", 2, path)
     focal = [number(values, key, path) for key in ("fx", "fy", "cx", "cy")]
     if kind == "pinhole":
-        return make_lens(focal, size, Distortion.NONE, (), path)
+        return make_intrinsics(focal, size, Distortion.NONE, (), path)
     if kind == "kb4":
         coefficients = [number(values, f"k{n}", path) for n in range(1, 5)]
-        return make_lens(focal, size, Distortion.EQUIDISTANT, coefficients, path)
+        return make_intrinsics(focal, size, Distortion.EQUIDISTANT, coefficients, path)
     if kind == "pinhole-radtan8":
         keys = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
         radtan = without_zeros([number(values, key, path) for key in keys])
-        return make_lens(focal, size, Distortion.RADTAN if radtan else Distortion.NONE, radtan, path)
+        return make_intrinsics(focal, size, Distortion.RADTAN if radtan else Distortion.NONE, radtan, path)
     raise CalibrationError(
         f"{path}: camera_type of cam{index} is {shown(kind)}; understood are {_UNDERSTOOD}: "
         "calibrate with one of these"

@@ -15,9 +15,7 @@ from typing import Any
 import numpy as np
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import make_lens, without_zeros
-from asyneio.io.calibration.rigid import check_rigid, inverse_rigid
-from asyneio.io.calibration.sections import (
+from asyneio.io.calibration.entries import (
     CalibrationFile,
     CameraEntry,
     CameraReading,
@@ -25,6 +23,8 @@ from asyneio.io.calibration.sections import (
     check_shift_ns,
     read_noise,
 )
+from asyneio.io.calibration.intrinsics import make_intrinsics, without_zeros
+from asyneio.io.calibration.rigid_transform import check_rigid, inverse_rigid
 from asyneio.io.calibration.values import integers, number, numbers, shown
 from asyneio.types import CameraIntrinsics, Distortion
 
@@ -78,14 +78,14 @@ def _named(section: Any, letter: str) -> dict[str, dict[str, Any]]:
 
 
 def _read_camera(camera: dict[str, Any], name: str, imu: dict[str, Any] | None, path: Path) -> CameraReading:
-    lens = _read_lens(camera, name, path)
+    intrinsics = _read_intrinsics(camera, name, path)
     if imu is None or "transformationToC0" not in imu:
-        return CameraReading(lens)
+        return CameraReading(intrinsics)
     if name != _FIRST:
         said = (
             f"{path.name}: no extrinsics of {name}: the file gives the IMU's place relative to {_FIRST} alone"
         )
-        return CameraReading(lens, None, None, (said,))
+        return CameraReading(intrinsics, None, None, (said,))
     T = np.array(numbers(imu, "transformationToC0", 16, path)).reshape(4, 4)
     T_c_b, repaired = check_rigid(T[:3, :3], T[:3, 3], "transformationToC0", path)
     notes = (*repaired, f"{path.name}: extrinsics read from transformationToC0 (IMU to camera) and inverted")
@@ -96,10 +96,10 @@ def _read_camera(camera: dict[str, Any], name: str, imu: dict[str, Any] | None, 
     if "timeOffsetMicros" in imu:
         offset = round(1000.0 * number(imu, "timeOffsetMicros", path))
         shift = check_shift_ns(offset, "timeOffsetMicros", "microseconds", path)
-    return CameraReading(lens, inverse_rigid(T_c_b), shift, notes)
+    return CameraReading(intrinsics, inverse_rigid(T_c_b), shift, notes)
 
 
-def _read_lens(camera: dict[str, Any], name: str, path: Path) -> CameraIntrinsics:
+def _read_intrinsics(camera: dict[str, Any], name: str, path: Path) -> CameraIntrinsics:
     focal = numbers(camera, "focalLength", 2, path)
     centre = numbers(camera, "principalPoint", 2, path)
     size = integers(camera, "resolution", 2, path)
@@ -116,7 +116,7 @@ def _read_lens(camera: dict[str, Any], name: str, path: Path) -> CameraIntrinsic
         coefficients = without_zeros(coefficients)
     if not any(coefficients):
         distortion, coefficients = Distortion.NONE, ()
-    return make_lens((*focal, *centre), size, distortion, coefficients, path)
+    return make_intrinsics((*focal, *centre), size, distortion, coefficients, path)
 
 
 def _read_noise(imu: dict[str, Any], path: Path) -> NoiseReading:

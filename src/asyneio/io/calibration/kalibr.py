@@ -17,10 +17,7 @@ from typing import Any
 import numpy as np
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.documents import load_sibling
-from asyneio.io.calibration.lens import read_lens
-from asyneio.io.calibration.rigid import Checked, inverse_rigid, read_rigid
-from asyneio.io.calibration.sections import (
+from asyneio.io.calibration.entries import (
     CalibrationFile,
     CameraEntry,
     CameraReading,
@@ -29,8 +26,11 @@ from asyneio.io.calibration.sections import (
     read_noise,
     shift_ns,
 )
-from asyneio.io.calibration.unapplied import unapplied_notes
+from asyneio.io.calibration.ignored_keys import ignored_key_notes
+from asyneio.io.calibration.intrinsics import read_intrinsics
+from asyneio.io.calibration.rigid_transform import Checked, inverse_rigid, read_rigid
 from asyneio.io.calibration.values import matrix, shown
+from asyneio.io.calibration.yaml_json import load_sibling
 from asyneio.types import FloatArray
 
 NOISE_KEYS = {
@@ -93,7 +93,7 @@ def parse_openvins(content: dict[str, Any], path: Path) -> CalibrationFile:
 
 def _openvins_noise(content: dict[str, Any], path: Path, imu: dict[str, Any], imu_path: Path) -> NoiseReading:
     found = _noise(imu, imu_path)
-    return replace(found, notes=found.notes + unapplied_notes(content, path))
+    return replace(found, notes=found.notes + ignored_key_notes(content, path))
 
 
 def _noise_of(content: dict[str, Any], path: Path) -> partial[NoiseReading] | None:
@@ -108,7 +108,7 @@ def _noise(content: dict[str, Any], path: Path) -> NoiseReading:
         )
     # EuRoC's sensor.yaml has Kalibr's keys but for the rate.
     rate_key = "update_rate" if "update_rate" in section else "rate_hz"
-    notes = _corrections(section, path) + unapplied_notes(section, path)
+    notes = _corrections(section, path) + ignored_key_notes(section, path)
     return NoiseReading(read_noise(section, NOISE_KEYS, rate_key, path), notes=notes)
 
 
@@ -147,11 +147,11 @@ def _read_camera(content: dict[str, Any], name: str, path: Path) -> CameraReadin
             f"{path}: camera_model of {name} is {shown(model)}; only 'pinhole' is supported, with the "
             "distortions none, radtan and equidistant: calibrate with one of these"
         )
-    lens = read_lens(section, path)
+    intrinsics = read_intrinsics(section, path)
     extrinsics = _extrinsics(content, name, path)
     T_b_c, notes = extrinsics if extrinsics else (None, ())
-    notes += unapplied_notes(section, path)
-    return CameraReading(lens, T_b_c, shift_ns(section, "timeshift_cam_imu", path), notes)
+    notes += ignored_key_notes(section, path)
+    return CameraReading(intrinsics, T_b_c, shift_ns(section, "timeshift_cam_imu", path), notes)
 
 
 def _extrinsics(content: dict[str, Any], name: str, path: Path) -> tuple[FloatArray, tuple[str, ...]] | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from asyneio.io.calibration.rigid import inverse_rigid
+from asyneio.io.calibration.rigid_transform import inverse_rigid
 from asyneio.io.parsing.atomic import write_text
 from asyneio.types import NS_PER_S, Calibration, CameraIntrinsics, ImuNoise
 
@@ -37,7 +37,7 @@ def camchain_text(calibration: Calibration) -> str:
 
 
 def camera_text(camera: CameraIntrinsics) -> str:
-    """The content of a camera file without an IMU: lens and resolution only."""
+    """The content of a camera file without an IMU: intrinsics and resolution only."""
     return _dump({"cam0": _camera_section(camera)})
 
 

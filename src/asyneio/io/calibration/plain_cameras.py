@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import distortion_named, make_lens, read_lens
-from asyneio.io.calibration.rigid import read_rigid
-from asyneio.io.calibration.sections import CalibrationFile, CameraEntry, CameraReading, declared_size
+from asyneio.io.calibration.entries import CalibrationFile, CameraEntry, CameraReading, declared_size
+from asyneio.io.calibration.intrinsics import distortion_named, make_intrinsics, read_intrinsics
+from asyneio.io.calibration.rigid_transform import read_rigid
 from asyneio.io.calibration.values import image_size, mapping, matrix, numbers, shown
 
 _MATRIX_LISTS = ("camera_matrix", "resolution", "distortion_model", "distortion_coeffs")
@@ -74,14 +74,14 @@ def _dsec_size(camera: Any) -> tuple[int, int] | None:
 def _read_dsec(cameras: dict[str, Any], name: str, path: Path) -> CameraReading:
     camera = mapping(cameras, name, path)
     _require_pinhole(camera, name, path)
-    return CameraReading(read_lens(camera, path, names=_MATRIX_LISTS))
+    return CameraReading(read_intrinsics(camera, path, names=_MATRIX_LISTS))
 
 
 def _read_euroc(content: dict[str, Any], path: Path) -> CameraReading:
     _require_pinhole(content, "the camera", path)
     T_b_c, notes = read_rigid(content, "T_BS", path)
     said = f"{path.name}: extrinsics read from T_BS (sensor to body)"
-    return CameraReading(read_lens(content, path, names=_EUROC), T_b_c, None, (*notes, said))
+    return CameraReading(read_intrinsics(content, path, names=_EUROC), T_b_c, None, (*notes, said))
 
 
 def _read_camera_info(content: dict[str, Any], path: Path) -> CameraReading:
@@ -90,8 +90,8 @@ def _read_camera_info(content: dict[str, Any], path: Path) -> CameraReading:
     model = distortion_named(content.get("distortion_model"), path, "distortion_model")
     given = content.get("distortion_coefficients")
     coefficients = numbers(given, "data", None, path) if isinstance(given, dict) else ()
-    lens = make_lens((K[0, 0], K[1, 1], K[0, 2], K[1, 2]), size, model, coefficients, path)
-    return CameraReading(lens)
+    intrinsics = make_intrinsics((K[0, 0], K[1, 1], K[0, 2], K[1, 2]), size, model, coefficients, path)
+    return CameraReading(intrinsics)
 
 
 def _require_pinhole(camera: dict[str, Any], name: str, path: Path) -> None:

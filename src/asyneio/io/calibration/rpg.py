@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import distortion_named, make_lens
-from asyneio.io.calibration.rigid import read_rigid
-from asyneio.io.calibration.sections import (
+from asyneio.io.calibration.entries import (
     CalibrationFile,
     CameraEntry,
     CameraReading,
@@ -23,7 +21,9 @@ from asyneio.io.calibration.sections import (
     read_noise,
     shift_ns,
 )
-from asyneio.io.calibration.unapplied import unapplied_notes
+from asyneio.io.calibration.ignored_keys import ignored_key_notes
+from asyneio.io.calibration.intrinsics import distortion_named, make_intrinsics
+from asyneio.io.calibration.rigid_transform import read_rigid
 from asyneio.io.calibration.values import image_size, mapping, numbers, sequence, shown
 
 _NOISE_KEYS = {
@@ -75,7 +75,7 @@ def _read_camera(content: dict[str, Any], rig: dict[str, Any], name: str, path: 
     if "T_B_C" in rig:
         T_b_c, repaired = read_rigid(rig, "T_B_C", path)
         notes = (*repaired, f"{path.name}: extrinsics of {name} read from T_B_C (camera to body)", *notes)
-    return CameraReading(make_lens(values, size, model, coefficients, path), T_b_c, shift, notes)
+    return CameraReading(make_intrinsics(values, size, model, coefficients, path), T_b_c, shift, notes)
 
 
 def _shift(content: dict[str, Any], path: Path) -> tuple[int | None, tuple[str, ...]]:
@@ -89,4 +89,4 @@ def _shift(content: dict[str, Any], path: Path) -> tuple[int | None, tuple[str, 
 def _read_noise(content: dict[str, Any], path: Path) -> NoiseReading:
     section = mapping(content, "imu_params", path)
     noise = read_noise(section, _NOISE_KEYS, "imu_rate", path)
-    return NoiseReading(noise, notes=unapplied_notes(section, path))
+    return NoiseReading(noise, notes=ignored_key_notes(section, path))

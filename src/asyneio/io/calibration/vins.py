@@ -1,4 +1,4 @@
-"""The configuration of VINS-Mono and VINS-Fusion, OpenCV's dialect, with the lens in it or in `cam0_calib`.
+"""The configuration of VINS-Mono and VINS-Fusion, OpenCV's dialect, with the intrinsics in it or in `cam0_calib`.
 
 `body_T_cam0`, or `extrinsicRotation` and `extrinsicTranslation` (imu^R_cam, imu^T_cam by their comments), map
 camera to body coordinates; the image's clock plus `td` is the IMU's (comment of `td`).
@@ -16,10 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.documents import load_sibling
-from asyneio.io.calibration.lens import make_lens
-from asyneio.io.calibration.rigid import Checked, check_rigid, read_rigid
-from asyneio.io.calibration.sections import (
+from asyneio.io.calibration.entries import (
     CalibrationFile,
     CameraEntry,
     CameraReading,
@@ -28,8 +25,11 @@ from asyneio.io.calibration.sections import (
     read_noise,
     shift_ns,
 )
-from asyneio.io.calibration.unapplied import unapplied_notes
+from asyneio.io.calibration.ignored_keys import ignored_key_notes
+from asyneio.io.calibration.intrinsics import make_intrinsics
+from asyneio.io.calibration.rigid_transform import Checked, check_rigid, read_rigid
 from asyneio.io.calibration.values import image_size, mapping, matrix, number, shown
+from asyneio.io.calibration.yaml_json import load_sibling
 from asyneio.types import CameraIntrinsics, Distortion, ImuNoise
 
 #: Taken for the rate of the IMU until its samples tell it.
@@ -47,35 +47,35 @@ _UNKNOWN_EXTRINSICS = 2
 
 
 def is_vins(content: dict[str, Any]) -> bool:
-    """True for a configuration, or for the file of a lens that one names."""
+    """True for a configuration, or for the file of a intrinsics that one names."""
     keys = ("body_T_cam0", "extrinsicRotation", "cam0_calib", "projection_parameters", "acc_n")
     return any(key in content for key in keys)
 
 
 def parse_vins(content: dict[str, Any], path: Path) -> CalibrationFile:
-    """Cameras and noise. Raises CalibrationError where the file of a lens cannot be read."""
+    """Cameras and noise. Raises CalibrationError where the file of a intrinsics cannot be read."""
     cameras: list[CameraEntry] = []
     others: list[Path] = []
     for index in range(_MAX_CAMERAS):
         if f"cam{index}_calib" in content:
-            lens_path, lens = load_sibling(path, content[f"cam{index}_calib"])
-            others.append(lens_path)
+            intrinsics_path, intrinsics = load_sibling(path, content[f"cam{index}_calib"])
+            others.append(intrinsics_path)
         elif index == 0 and "projection_parameters" in content:
-            lens_path, lens = path, content
+            intrinsics_path, intrinsics = path, content
         else:
             continue
         topic = content.get(f"image{index}_topic", content.get("image_topic", ""))
-        size = declared_size(lens.get("image_width"), lens.get("image_height"))
-        read = partial(_read_camera, content, path, lens, lens_path, index)
+        size = declared_size(intrinsics.get("image_width"), intrinsics.get("image_height"))
+        read = partial(_read_camera, content, path, intrinsics, intrinsics_path, index)
         cameras.append(CameraEntry(f"cam{index}", read, topic if isinstance(topic, str) else "", size))
     noise = partial(_read_noise, content, path) if "acc_n" in content or "gyr_n" in content else None
     return CalibrationFile("VINS configuration", path, tuple(cameras), noise, tuple(others))
 
 
 def _read_camera(
-    content: dict[str, Any], path: Path, lens: dict[str, Any], lens_path: Path, index: int
+    content: dict[str, Any], path: Path, intrinsics: dict[str, Any], intrinsics_path: Path, index: int
 ) -> CameraReading:
-    camera = _read_lens(lens, lens_path)
+    camera = _read_intrinsics(intrinsics, intrinsics_path)
     extrinsics = _extrinsics(content, index, path)
     shift = shift_ns(content, "td", path)
     return CameraReading(
@@ -83,21 +83,25 @@ def _read_camera(
     )
 
 
-def _read_lens(lens: dict[str, Any], path: Path) -> CameraIntrinsics:
-    model = lens.get("model_type", "PINHOLE")
-    size = image_size(lens, path)
-    projection = mapping(lens, "projection_parameters", path)
+def _read_intrinsics(intrinsics: dict[str, Any], path: Path) -> CameraIntrinsics:
+    model = intrinsics.get("model_type", "PINHOLE")
+    size = image_size(intrinsics, path)
+    projection = mapping(intrinsics, "projection_parameters", path)
     if model == "PINHOLE":
         values = [number(projection, key, path) for key in ("fx", "fy", "cx", "cy")]
-        given = mapping(lens, "distortion_parameters", path) if "distortion_parameters" in lens else {}
+        given = (
+            mapping(intrinsics, "distortion_parameters", path)
+            if "distortion_parameters" in intrinsics
+            else {}
+        )
         coefficients = [number(given, key, path) for key in ("k1", "k2", "p1", "p2")] if given else []
         distortion = Distortion.RADTAN if any(coefficients) else Distortion.NONE
-        return make_lens(values, size, distortion, coefficients if any(coefficients) else (), path)
+        return make_intrinsics(values, size, distortion, coefficients if any(coefficients) else (), path)
     if model == "KANNALA_BRANDT":
         # camodocal counts from the linear term: its k2 is the first coefficient of others.
         values = [number(projection, key, path) for key in ("mu", "mv", "u0", "v0")]
         coefficients = [number(projection, key, path) for key in ("k2", "k3", "k4", "k5")]
-        return make_lens(values, size, Distortion.EQUIDISTANT, coefficients, path)
+        return make_intrinsics(values, size, Distortion.EQUIDISTANT, coefficients, path)
     raise CalibrationError(
         f"{path}: model_type is {shown(model)}; understood are PINHOLE and KANNALA_BRANDT: calibrate with "
         "one of these"
@@ -135,5 +139,5 @@ def _read_noise(content: dict[str, Any], path: Path) -> NoiseReading:
         of_a_sample.rate_hz,
     )
     said = f"{path.name}: acc_n, gyr_n, acc_w, gyr_w are figures of a sample: divided by the root of the rate"
-    notes = (said, *unapplied_notes(content, path))
+    notes = (said, *ignored_key_notes(content, path))
     return NoiseReading(noise, None if of_a_sample.rate_hz else ASSUMED_RATE_HZ, notes)

@@ -16,15 +16,15 @@ from asyneio.io.aedat import aedat2, aedat2_writer
 from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
 from asyneio.io.conversion.convert import Limits, Source, Target
 from asyneio.io.conversion.resumable import Advance, part_of, write_resumable
-from asyneio.io.hdf5.writer import fill_hdf5
+from asyneio.io.hdf5.asyneio_writer import fill_hdf5
 from asyneio.io.parsing.atomic import write_text
 from asyneio.io.prophesee import dat as prophesee_dat
 from asyneio.io.prophesee import evt2_writer
-from asyneio.io.recording.source import Progress
+from asyneio.io.recording.event_source import Progress
 from asyneio.io.ros.ros1_writer import write_rosbag
 from asyneio.io.ros.ros2_writer import files_of, write_rosbag2
-from asyneio.io.uzh.folder import EVENTS_FILE, LENS_FILE, SAMPLES_FILE, TRUTH_FILE
-from asyneio.io.uzh.writer import beside_texts, event_lines
+from asyneio.io.uzh.folder_reader import EVENTS_FILE, INTRINSICS_FILE, SAMPLES_FILE, TRUTH_FILE
+from asyneio.io.uzh.writer import event_lines, sidecar_texts
 from asyneio.types import EventRecording
 
 _US = 1000
@@ -55,7 +55,7 @@ def _write_folder(source: Source, folder: Path, key: str, advance: Advance, resu
     """Small files first: `events.txt`, by which the folder is known, comes last."""
     with _in_words(folder):
         (folder / EVENTS_FILE).unlink(missing_ok=True)
-    for name, text in beside_texts(source.rest()).items():
+    for name, text in sidecar_texts(source.rest()).items():
         if text is None:
             (folder / name).unlink(missing_ok=True)
         else:
@@ -71,7 +71,7 @@ def _lines(source: Source, start: int, stop: int) -> bytes:
 
 def _write_zip(source: Source, path: Path, key: str, advance: Advance, resume: bool) -> int:
     with _part(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        for name, text in beside_texts(source.rest()).items():
+        for name, text in sidecar_texts(source.rest()).items():
             if text is not None:
                 archive.writestr(_entry(name), text)
         with archive.open(_entry(EVENTS_FILE), "w", force_zip64=True) as stream:
@@ -211,7 +211,7 @@ def _itself(path: Path) -> tuple[Path, ...]:
 
 
 def _in_folder(path: Path) -> tuple[Path, ...]:
-    return (path / SAMPLES_FILE, path / LENS_FILE, path / TRUTH_FILE, path / EVENTS_FILE)
+    return (path / SAMPLES_FILE, path / INTRINSICS_FILE, path / TRUTH_FILE, path / EVENTS_FILE)
 
 
 _DAVIS = (aedat2.WIDTH, aedat2.HEIGHT)

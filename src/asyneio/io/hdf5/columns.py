@@ -16,9 +16,9 @@ import numpy as np
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.column_meaning import columns_by_name
 from asyneio.io.parsing.safe_hdf5 import check_columns, dataset, group_at, holds, open_hdf5
-from asyneio.io.parsing.stamps import MAX_BAD_SHARE
-from asyneio.io.recording.checks import MAX_STAMP_NS
-from asyneio.io.recording.source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
+from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
 from asyneio.types import IntArray, RecordArray
 
 BLOCK_EVENTS = 2**17

@@ -22,7 +22,7 @@ import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import CalibrationSources, find_calibration
 from asyneio.io.hdf5.columns import (
     NAMES,
     ColumnEvents,
@@ -34,10 +34,10 @@ from asyneio.io.hdf5.columns import (
 from asyneio.io.parsing.column_meaning import UNIT_WORDS, UNITS_NS, unit_of_time
 from asyneio.io.parsing.safe_hdf5 import holds, open_hdf5, whole_number
 from asyneio.io.recording.assembly import USUAL_SIZES
-from asyneio.io.recording.checks import MAX_STAMP_NS
-from asyneio.io.recording.contents import Contents, ReadOptions, Rig, Samples
-from asyneio.io.recording.sidecar import samples_beside, truth_beside
-from asyneio.io.recording.source import FAR_OUTSIDE
+from asyneio.io.recording.contents import Contents, ReadOptions, Samples
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import FAR_OUTSIDE
+from asyneio.io.recording.sidecar import find_ground_truth, find_samples
 from asyneio.io.recording.stereo import LEFT, RIGHT, choose_side
 from asyneio.types import PoseTrajectory
 
@@ -58,12 +58,12 @@ def is_event_columns(path: Path) -> bool:
         return any(names_of_columns(file, where) for where in _GROUPS)
 
 
-def is_sides_folder(path: Path) -> bool:
+def is_stereo_folder(path: Path) -> bool:
     """True for a folder of DSEC, VECtor or TUM-VIE."""
     return path.is_dir() and bool(_files_of_sides(path))
 
 
-def read_sides_folder(path: Path, options: ReadOptions) -> Contents:
+def read_stereo_folder(path: Path, options: ReadOptions) -> Contents:
     """A sequence of DSEC, VECtor or TUM-VIE; `options.events` is the camera, "left" or "right".
 
     Raises:
@@ -106,13 +106,21 @@ def read_event_columns(path: Path, options: ReadOptions) -> Contents:
     if layout.offset_ns:
         notes += (f"{path.name}: t_offset of {layout.offset_ns // _US} us added to every event",)
     size = known.size or declared
-    if size is None and known.rig.size is None and guessed is not None:
+    if size is None and known.calibration.size is None and guessed is not None:
         size = guessed
         notes += (
             f"no file tells the sensor's size: taken to be {size[0]} x {size[1]}, which holds the events",
         )
     decode = partial(ColumnEvents, path, layout)
-    return Contents(known.name, decode, size, known.rig, known.samples, truth=known.truth, notes=notes)
+    return Contents(
+        known.name,
+        decode,
+        size,
+        known.calibration,
+        known.samples,
+        ground_truth=known.ground_truth,
+        notes=notes,
+    )
 
 
 def _unit(times: h5py.Dataset) -> tuple[str, str]:
@@ -148,9 +156,9 @@ class _Known:
 
     name: str
     size: tuple[int, int] | None
-    rig: Rig
+    calibration: CalibrationSources
     samples: Samples
-    truth: PoseTrajectory | None = None
+    ground_truth: PoseTrajectory | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -165,24 +173,24 @@ def _beside(path: Path, options: ReadOptions) -> _Known:
 
 def _vector(path: Path, name: str, options: ReadOptions) -> _Known:
     folder = path.parent
-    samples = samples_beside(folder, options, [f"{name}.synced.imu.{suffix}" for suffix in ("txt", "csv")])
-    truth, notes = truth_beside(folder, [f"{name}.synced.gt.{suffix}" for suffix in ("txt", "csv")])
-    rig = find_rig(folder, options.calibration, options.imu)
-    return _Known(name, _VGA, rig, samples, truth, notes)
+    samples = find_samples(folder, options, [f"{name}.synced.imu.{suffix}" for suffix in ("txt", "csv")])
+    truth, notes = find_ground_truth(folder, [f"{name}.synced.gt.{suffix}" for suffix in ("txt", "csv")])
+    calibration = find_calibration(folder, options.calibration, options.imu)
+    return _Known(name, _VGA, calibration, samples, truth, notes)
 
 
 def _tum_vie(path: Path, name: str, options: ReadOptions) -> _Known:
     folder = path.parent
     extracted = folder / f"{name}-vi_gt_data"
     data = extracted if extracted.is_dir() else folder
-    samples = samples_beside(data, options, ["imu_data.txt"])
-    truth, notes = truth_beside(data, ["mocap_data.txt"])
+    samples = find_samples(data, options, ["imu_data.txt"])
+    truth, notes = find_ground_truth(data, ["mocap_data.txt"])
     if truth is not None:
         notes += (
             "true poses are those of the markers: T_imu_marker of TUM-VIE's calibration is not applied",
         )
-    rig = find_rig(folder, options.calibration, options.imu)
-    return _Known(name, _HD, rig, samples, truth, notes)
+    calibration = find_calibration(folder, options.calibration, options.imu)
+    return _Known(name, _HD, calibration, samples, truth, notes)
 
 
 def _is_dsec(path: Path) -> bool:
@@ -195,17 +203,17 @@ def _dsec(path: Path, options: ReadOptions) -> _Known:
     notes: tuple[str, ...] = ()
     if options.samples is None:
         notes = ("DSEC publishes no inertial samples with its events (--samples names a file of them)",)
-    rig = find_rig(root, options.calibration, options.imu)
-    samples = samples_beside(root, options, ())
-    return _Known(root.name, _VGA, rig, samples, None, notes)
+    calibration = find_calibration(root, options.calibration, options.imu)
+    samples = find_samples(root, options, ())
+    return _Known(root.name, _VGA, calibration, samples, None, notes)
 
 
 def _unknown(path: Path, options: ReadOptions) -> _Known:
     folder = path.parent
-    truth, notes = truth_beside(folder)
-    rig = find_rig(folder, options.calibration, options.imu)
-    samples = samples_beside(folder, options)
-    return _Known(path.resolve().stem, None, rig, samples, truth, notes)
+    truth, notes = find_ground_truth(folder)
+    calibration = find_calibration(folder, options.calibration, options.imu)
+    samples = find_samples(folder, options)
+    return _Known(path.resolve().stem, None, calibration, samples, truth, notes)
 
 
 def _files_of_sides(folder: Path) -> dict[tuple[str, str], Path]:

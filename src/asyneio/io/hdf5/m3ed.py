@@ -4,7 +4,7 @@
 |---|---|
 | `/prophesee/left/x, y, t, p` | events, t int64 us |
 | `/ovc/imu/accel`, `omega`, `ts` | (M,3) m/s^2 and rad/s, (M,) us; rows without a sample are not finite |
-| `/prophesee/left/calib/*` | Kalibr's lens; `T_to_prophesee_left` (4,4) maps this camera to the left one |
+| `/prophesee/left/calib/*` | Kalibr's intrinsics; `T_to_prophesee_left` (4,4) maps this camera to the left one |
 | `/ovc/imu/calib/T_to_prophesee_left` | (4,4) IMU to left camera |
 | `NAME_pose_gt.h5`: `/Cn_T_C0`, `/ts` | (K,4,4) first pose of the left camera to camera; (K,) float64 us |
 
@@ -23,16 +23,23 @@ import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import IMU_FILE, find_rig, open_calibration, rig_of, settle
+from asyneio.io.calibration import (
+    IMU_FILE,
+    CalibrationSources,
+    IncompleteCalibration,
+    find_calibration,
+    open_calibration,
+    sources_of,
+)
 from asyneio.io.calibration.kalibr import parse_chain
-from asyneio.io.calibration.rigid import inverse_rigid
+from asyneio.io.calibration.rigid_transform import inverse_rigid
 from asyneio.io.hdf5.columns import NAMES, ColumnEvents, ColumnLayout, event_columns, names_of_columns
 from asyneio.io.parsing.safe_hdf5 import check_columns, dataset, group_at, holds, open_hdf5, table, text
-from asyneio.io.recording.camera_poses import truth_of_camera, unless_unreadable
-from asyneio.io.recording.checks import MAX_STAMP_NS
-from asyneio.io.recording.contents import Contents, ReadOptions, Rig, Samples, no_samples
+from asyneio.io.recording.camera_poses import body_ground_truth, ground_truth_or_note
+from asyneio.io.recording.contents import Contents, ReadOptions, Samples, no_samples
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
 from asyneio.io.recording.stereo import LEFT, RIGHT, choose_side
-from asyneio.types import INERTIAL_DTYPE, FloatArray, PoseTrajectory
+from asyneio.types import INERTIAL_DTYPE, Calibration, FloatArray, PoseTrajectory
 
 SIZE = (1280, 720)
 
@@ -57,17 +64,17 @@ def read_m3ed(path: Path, options: ReadOptions) -> Contents:
         side, notes = choose_side(_sides(file), options.events, path)
         layout = ColumnLayout(f"prophesee/{side}", _US)
         event_columns(file, layout.group, path)
-        rig = _rig(file, side, path, options)
+        calibration = _calibration(file, side, path, options)
         samples = _samples(file, path)
-    settled = settle(rig, SIZE, options.wanted)
-    truth, truth_notes = unless_unreadable(lambda: _truth(path, side, settled))
+    resolved, _ = calibration.resolve(SIZE, options.selection)
+    truth, truth_notes = ground_truth_or_note(lambda: _truth(path, side, resolved))
     return Contents(
         path.resolve().stem,
         partial(ColumnEvents, path, layout),
         SIZE,
-        rig,
+        calibration,
         samples,
-        truth=truth,
+        ground_truth=truth,
         variant=side,
         notes=notes + truth_notes,
     )
@@ -77,19 +84,19 @@ def _sides(file: h5py.File) -> list[str]:
     return [side for side in (LEFT, RIGHT) if names_of_columns(file, f"prophesee/{side}") == NAMES]
 
 
-def _rig(file: h5py.File, side: str, path: Path, options: ReadOptions) -> Rig:
+def _calibration(file: h5py.File, side: str, path: Path, options: ReadOptions) -> CalibrationSources:
     """The calibration the user gave, or that of the file with the IMU's noise from beside it."""
     camera = group_at(file, f"prophesee/{side}", path)
     folder = path.parent
     if options.calibration is not None or not holds(camera, "calib"):
-        return find_rig(folder, options.calibration, options.imu)
+        return find_calibration(folder, options.calibration, options.imu)
     where = path / f"prophesee/{side}/calib"
     camchain = {"cam0": _camera(camera, path) | _extrinsics(file, camera, path)}
-    said = f"{path.name}: lens read from the file (/prophesee/{side}/calib)"
+    said = f"{path.name}: intrinsics read from the file (/prophesee/{side}/calib)"
     noise = options.imu or folder / IMU_FILE
     imu = open_calibration(noise) if options.imu or noise.is_file() else None
-    rig = rig_of(parse_chain(camchain, where), imu)
-    return replace(rig, notes=(said, *rig.notes))
+    calibration = sources_of(parse_chain(camchain, where), imu)
+    return replace(calibration, notes=(said, *calibration.notes))
 
 
 def _camera(camera: h5py.Group, path: Path) -> dict[str, Any]:
@@ -146,7 +153,9 @@ def _samples(file: h5py.File, path: Path) -> Samples:
     return Samples(streams[0], streams[1], name, notes)
 
 
-def _truth(path: Path, side: str, rig: Rig) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+def _truth(
+    path: Path, side: str, calibration: Calibration | IncompleteCalibration
+) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
     """Poses of the left camera in `NAME_pose_gt.h5`; there are none of the right one."""
     beside = path.with_name(f"{path.stem.removesuffix('_data')}_pose_gt{path.suffix}")
     if not beside.is_file():
@@ -163,4 +172,4 @@ def _truth(path: Path, side: str, rig: Rig) -> tuple[PoseTrajectory | None, tupl
         )
     t_ns = np.rint(t_us * float(_US)).astype(np.int64)
     T_w_c = np.array([inverse_rigid(T) for T in T_c_w.astype(np.float64)]).reshape(-1, 4, 4)
-    return truth_of_camera(t_ns, T_w_c, rig, beside)
+    return body_ground_truth(t_ns, T_w_c, calibration, beside)

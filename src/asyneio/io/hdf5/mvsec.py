@@ -20,15 +20,15 @@ import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig, settle
+from asyneio.io.calibration import IncompleteCalibration, find_calibration
 from asyneio.io.hdf5.columns import PolarityCheck, blocks
 from asyneio.io.parsing.safe_hdf5 import group_at, holds, open_hdf5, table
-from asyneio.io.recording.camera_poses import truth_of_camera, unless_unreadable
-from asyneio.io.recording.checks import MAX_STAMP_NS
-from asyneio.io.recording.contents import Contents, ReadOptions, Rig, Samples, no_samples, split_samples
-from asyneio.io.recording.source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
+from asyneio.io.recording.camera_poses import body_ground_truth, ground_truth_or_note
+from asyneio.io.recording.contents import Contents, ReadOptions, Samples, no_samples, split_samples
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
 from asyneio.io.recording.stereo import LEFT, RIGHT, choose_side
-from asyneio.types import NS_PER_S, FloatArray, IntArray, PoseTrajectory, RecordArray
+from asyneio.types import NS_PER_S, Calibration, FloatArray, IntArray, PoseTrajectory, RecordArray
 
 SIZE = (346, 260)
 
@@ -75,19 +75,19 @@ def read_mvsec(path: Path, options: ReadOptions) -> Contents:
         RecordingError: unreadable, hostile, of another layout, or no such camera.
         CalibrationError: a calibration file is malformed or impossible.
     """
-    rig = find_rig(path.parent, options.calibration, options.imu)
+    calibration = find_calibration(path.parent, options.calibration, options.imu)
     with open_hdf5(path) as file:
         side, notes = choose_side(_sides(file), options.events, path)
         samples = _samples(file, side, path)
-    settled = settle(rig, SIZE, options.wanted)
-    truth, truth_notes = unless_unreadable(lambda: _truth(path, side, settled))
+    resolved, _ = calibration.resolve(SIZE, options.selection)
+    truth, truth_notes = ground_truth_or_note(lambda: _truth(path, side, resolved))
     return Contents(
         path.resolve().stem,
         partial(MvsecEvents, path, side),
         SIZE,
-        rig,
+        calibration,
         samples,
-        truth=truth,
+        ground_truth=truth,
         variant=side,
         notes=notes + truth_notes,
     )
@@ -125,7 +125,9 @@ def _samples(file: h5py.File, side: str, path: Path) -> Samples:
     return split_samples(rows, name)
 
 
-def _truth(path: Path, side: str, rig: Rig) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+def _truth(
+    path: Path, side: str, calibration: Calibration | IncompleteCalibration
+) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
     """Poses of the left camera in `NAME_gt.hdf5`; there are none of the right one."""
     stem = path.stem.removesuffix(_FILE_ENDINGS[0])
     beside = path.with_name(f"{stem}{_FILE_ENDINGS[1]}{path.suffix}")
@@ -142,7 +144,7 @@ def _truth(path: Path, side: str, rig: Rig) -> tuple[PoseTrajectory | None, tupl
         poses, t = table(camera, "pose", beside, (4, 4))[:], table(camera, "pose_ts", beside, ())[:]
     if len(poses) != len(t):
         raise RecordingError(f"{beside}: {len(poses)} poses, but {len(t)} times of poses")
-    return truth_of_camera(_nanoseconds(t, beside), poses.astype(np.float64), rig, beside)
+    return body_ground_truth(_nanoseconds(t, beside), poses.astype(np.float64), calibration, beside)
 
 
 def _nanoseconds(seconds: FloatArray, path: Path) -> IntArray:

@@ -8,12 +8,12 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import find_calibration
 from asyneio.io.hdf5.columns import ColumnEvents, ColumnLayout, event_table
 from asyneio.io.parsing.safe_hdf5 import group, holds, open_hdf5, text_attribute
 from asyneio.io.prophesee.header import size_of
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.sidecar import samples_beside, truth_beside
+from asyneio.io.recording.sidecar import find_ground_truth, find_samples
 
 _LAYOUT = ColumnLayout("CD", unit_ns=1000, table="events")
 
@@ -40,13 +40,13 @@ def read_prophesee_hdf5(path: Path, options: ReadOptions) -> Contents:
         }
     size, notes = size_of(fields)
     folder = path.parent
-    truth, truth_notes = truth_beside(folder)
+    truth, truth_notes = find_ground_truth(folder)
     return Contents(
         path.resolve().stem,
         partial(ColumnEvents, path, _LAYOUT),
         size,
-        find_rig(folder, options.calibration, options.imu),
-        samples_beside(folder, options),
-        truth=truth,
+        find_calibration(folder, options.calibration, options.imu),
+        find_samples(folder, options),
+        ground_truth=truth,
         notes=notes + truth_notes,
     )

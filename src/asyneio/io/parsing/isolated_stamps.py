@@ -54,7 +54,7 @@ def _gaps(
     )
 
 
-def drop_isolated(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, ...]]:
+def drop_isolated_rows(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, ...]]:
     """Rows without those whose stamp alone is wrong, with a note that counts them."""
     wrong = isolated(rows["t_ns"])
     count = int(np.count_nonzero(wrong))

@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from asyneio.io.parsing.text_names import Column, parse_column
+from asyneio.io.parsing.column_names import Column, parse_column
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 

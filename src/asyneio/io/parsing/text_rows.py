@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.column_names import Column, TimeColumn, find_time
 from asyneio.io.parsing.csv_table import MAX_BAD_LINES
-from asyneio.io.parsing.seconds_table import parse_seconds
+from asyneio.io.parsing.decimal_seconds import parse_seconds
 from asyneio.io.parsing.text_dialect import (
     Dialect,
     dialect_of,
@@ -28,7 +29,6 @@ from asyneio.io.parsing.text_dialect import (
     numbers_of,
 )
 from asyneio.io.parsing.text_lines import FIRST, bounded_lines, head_of
-from asyneio.io.parsing.text_names import Column, TimeColumn, find_time
 from asyneio.io.parsing.zip_member import DAMAGE, ZipMember
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 

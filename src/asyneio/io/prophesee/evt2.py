@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.io.recording.source import skipped_notes
+from asyneio.io.recording.event_source import skipped_notes
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 EVENT_OFF, EVENT_ON, TIME_HIGH = 0, 1, 8

@@ -20,7 +20,7 @@ from numba import njit
 
 from asyneio.errors import RecordingError
 from asyneio.io.prophesee.evt2 import EVENT_ON, HIGH_BITS, LOW_BITS, TIME_HIGH
-from asyneio.io.recording.source import skipped_notes
+from asyneio.io.recording.event_source import skipped_notes
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 _TRIGGER, _OTHER, _CONTINUED = 10, 14, 15

@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.io.recording.source import skipped_notes
+from asyneio.io.recording.event_source import skipped_notes
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 #: One step of the high time, and its turn [ns].

@@ -21,9 +21,9 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_file, make_folder, write_text
-from asyneio.io.recording.checks import EventChecker, SensorSizeError, check_span
-from asyneio.io.recording.lone_stamps import LoneStamps
-from asyneio.io.recording.source import SAMPLE_DTYPE, EventSource, Progress, join_events
+from asyneio.io.recording.event_checks import EventChecker, SensorSizeError, check_span
+from asyneio.io.recording.event_source import SAMPLE_DTYPE, EventSource, Progress, join_events
+from asyneio.io.recording.isolated_events import IsolatedEventFilter
 from asyneio.types import EVENT_DTYPE, RecordArray
 
 #: Counts up whenever a decoder or a check changes what comes out.
@@ -104,7 +104,7 @@ class _Checks:
 
     def __init__(self, source: EventSource, width: int, height: int) -> None:
         self._source = source
-        self._lone = LoneStamps(source.path.name)
+        self._lone = IsolatedEventFilter(source.path.name)
         self._checker = EventChecker(source.path.name, width, height)
 
     def events(self, progress: Progress | None) -> Iterator[RecordArray]:

@@ -8,15 +8,15 @@ from pathlib import Path
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.zip_member import ZipMember
 from asyneio.io.recording.contents import ReadOptions, Samples, no_samples
-from asyneio.io.recording.inertial_text import read_inertial_file, read_sensor_file
-from asyneio.io.recording.trajectory_text import read_trajectory
+from asyneio.io.recording.inertial_reader import read_inertial_file, read_sensor_file
+from asyneio.io.recording.trajectory_reader import read_trajectory
 from asyneio.types import PoseTrajectory
 
 #: Looked for in this order: ours, UZH, TUM-VIE, EuRoC.
 SAMPLE_FILES = ("imu.csv", "imu.txt", "imu_data.txt", "imu0/data.csv", "mav0/imu0/data.csv")
 #: One file for each sensor, where none of those is there.
 SENSOR_FILES = ("gyroscope.csv", "accelerometer.csv")
-TRUTH_FILES = (
+GROUND_TRUTH_FILES = (
     "groundtruth.tum",
     "groundtruth.txt",
     "groundtruth.csv",
@@ -30,7 +30,7 @@ TRUTH_FILES = (
 )
 
 
-def samples_beside(folder: Path, options: ReadOptions, names: Sequence[str] = SAMPLE_FILES) -> Samples:
+def find_samples(folder: Path, options: ReadOptions, names: Sequence[str] = SAMPLE_FILES) -> Samples:
     """Samples of the file the user named, or else of the first of `names` that is in the folder, or none.
 
     Raises:
@@ -39,21 +39,21 @@ def samples_beside(folder: Path, options: ReadOptions, names: Sequence[str] = SA
     if options.samples is not None:
         for path in (Path(options.samples), folder / options.samples):
             if path.is_file():
-                return samples_of(path)
+                return read_samples(path)
         raise RecordingError(
             f"there is no file {options.samples} of inertial samples, here or in {folder}; expected one, as "
             "these events come without an IMU"
         )
     found = first_file(folder, names)
     if found is not None:
-        return samples_of(found)
+        return read_samples(found)
     sensors = [folder / name for name in SENSOR_FILES]
     if names and all(path.is_file() for path in sensors):
         return _of_two_files(sensors[0], sensors[1])
     return no_samples(f"the IMU of {folder.name}")
 
 
-def samples_of(path: Path | ZipMember, accelerometer_first: bool = False) -> Samples:
+def read_samples(path: Path | ZipMember, accelerometer_first: bool = False) -> Samples:
     """Samples of a file; where it cannot be read, none, with the reason as `trouble`."""
     try:
         return read_inertial_file(path, accelerometer_first)
@@ -72,15 +72,15 @@ def _of_two_files(gyroscope: Path, accelerometer: Path) -> Samples:
     return Samples(rates, forces, name, (*said, *more))
 
 
-def truth_beside(
-    folder: Path, names: Sequence[str] = TRUTH_FILES
+def find_ground_truth(
+    folder: Path, names: Sequence[str] = GROUND_TRUTH_FILES
 ) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
     """True poses of the first of `names` that can be read, how they were read, and what could not be."""
-    return truth_of([folder / name for name in names])
+    return read_ground_truth([folder / name for name in names])
 
 
-def truth_of(files: Sequence[Path | ZipMember]) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
-    """As `truth_beside`, of given files. Nobody needs the truth to run: what is wrong with it is a note."""
+def read_ground_truth(files: Sequence[Path | ZipMember]) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+    """As `find_ground_truth`, of given files. Nobody needs the truth to run: what is wrong with it is a note."""
     notes: tuple[str, ...] = ()
     for file in files:
         if not file.is_file():

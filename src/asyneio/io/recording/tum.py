@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.io.parsing.atomic import write_text
-from asyneio.io.parsing.seconds_table import format_seconds
+from asyneio.io.parsing.decimal_seconds import format_seconds
 from asyneio.types import PoseTrajectory, RecordArray
 
 HEADER = "# t[s] px py pz qx qy qz qw: pose of the body (IMU) in the world\n"

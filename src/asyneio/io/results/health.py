@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.io.parsing.atomic import write_text
-from asyneio.io.parsing.seconds_table import format_seconds
+from asyneio.io.parsing.decimal_seconds import format_seconds
 from asyneio.types import Attitude, StepReport
 
 HEALTH_COLUMNS = ("t[s]", "health", "segment", "reason")

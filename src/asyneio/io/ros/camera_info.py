@@ -1,11 +1,11 @@
-"""The lens of a camera, as CameraInfo messages tell it."""
+"""The intrinsics of a camera, as CameraInfo messages tell it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import distortion_named, make_lens, without_zeros
+from asyneio.io.calibration.intrinsics import distortion_named, make_intrinsics, without_zeros
 from asyneio.io.ros.bag import Topic
 from asyneio.io.ros.field_offsets import Located
 from asyneio.io.ros.survey import Survey
@@ -15,25 +15,25 @@ from asyneio.types import CameraIntrinsics, Distortion
 _NAMES = {"": "none", "fisheye": "equidistant"}
 
 
-def lens_of(
+def intrinsics_of_camera_info(
     found: Survey, events: Topic, size: tuple[int, int] | None
 ) -> tuple[CameraIntrinsics | None, tuple[str, ...]]:
-    """The lens of the only CameraInfo of this size, or of that in the namespace of the events."""
+    """The intrinsics of the only CameraInfo of this size, or of that in the namespace of the events."""
     lenses: dict[Topic, CameraIntrinsics] = {}
     notes: list[str] = []
     for topic, (located, data) in found.cameras.items():
         try:
-            lens = _parse_lens(located, data, topic.name)
+            intrinsics = _parse_camera_info(located, data, topic.name)
         except (CalibrationError, ValueError) as error:
-            notes.append(f"{topic.name} was not taken for the lens: {error}")
+            notes.append(f"{topic.name} was not taken for the intrinsics: {error}")
             continue
-        if lens is not None and size in (None, (lens.width, lens.height)):
-            lenses[topic] = lens
+        if intrinsics is not None and size in (None, (intrinsics.width, intrinsics.height)):
+            lenses[topic] = intrinsics
     space = events.name.rsplit("/", 1)[0]
     near = [topic for topic in lenses if topic.name.rsplit("/", 1)[0] == space]
     chosen = near if len(near) == 1 else list(lenses)
     if len({lenses[topic] for topic in chosen}) == 1:
-        text = f"lens of {chosen[0].name}, unless a file tells another; extrinsics and IMU noise need a file"
+        text = f"intrinsics of {chosen[0].name}, unless a file tells another; extrinsics and IMU noise need a file"
         return lenses[chosen[0]], (*notes, text)
     if chosen:
         names = ", ".join(topic.name for topic in chosen)
@@ -41,8 +41,8 @@ def lens_of(
     return None, tuple(notes)
 
 
-def _parse_lens(located: Located, data: bytes, name: str) -> CameraIntrinsics | None:
-    """The lens of a CameraInfo; None where it says that the camera is not calibrated."""
+def _parse_camera_info(located: Located, data: bytes, name: str) -> CameraIntrinsics | None:
+    """The intrinsics of a CameraInfo; None where it says that the camera is not calibrated."""
     upper = "K" in located.places
     k, d = (located.values(data, key if upper else key.lower()) for key in ("K", "D"))
     if not k[0]:
@@ -54,4 +54,4 @@ def _parse_lens(located: Located, data: bytes, name: str) -> CameraIntrinsics | 
     if not any(coefficients):
         distortion, coefficients = Distortion.NONE, ()
     size = [located.number(data, side) for side in ("width", "height")]
-    return make_lens((k[0], k[4], k[2], k[5]), size, distortion, coefficients, Path(name))
+    return make_intrinsics((k[0], k[4], k[2], k[5]), size, distortion, coefficients, Path(name))

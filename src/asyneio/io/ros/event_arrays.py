@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.io.recording.source import FAR_OUTSIDE
+from asyneio.io.recording.event_source import FAR_OUTSIDE
 from asyneio.io.ros.field_offsets import Locator, Place, item_places
+from asyneio.io.ros.number_table import stamp_of
 from asyneio.io.ros.schema import Schema
-from asyneio.io.ros.tables import stamp_of
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 
 _TIMES = ("ts", "t", "time", "timestamp", "stamp")

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from asyneio.io.prophesee.evt3 import TURN_NS, Evt3Decoder
-from asyneio.io.recording.source import FAR_OUTSIDE, pack_events
+from asyneio.io.recording.event_source import FAR_OUTSIDE, pack_events
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 ENCODINGS = ("evt3", "mono", "libcaer", "libcaer_cmp")

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.parsing.stamps import drop_equal_stamps, sort_in_time
-from asyneio.io.recording.sidecar import truth_beside
+from asyneio.io.parsing.stamp_checks import drop_equal_stamps, sort_in_time
+from asyneio.io.recording.sidecar import find_ground_truth
 from asyneio.io.recording.tum import MAX_NORM_ERROR, POSE_DTYPE, poses_of
 from asyneio.io.ros.bag import Topic
 from asyneio.io.ros.field_offsets import each_item, locate
+from asyneio.io.ros.number_table import stamp_of
 from asyneio.io.ros.survey import PathTopic, Survey
-from asyneio.io.ros.tables import stamp_of
-from asyneio.io.ros.topics import listed_topics
+from asyneio.io.ros.topic_choice import listed_topics
 from asyneio.types import FloatArray, IntArray, PoseTrajectory
 
 Notes = tuple[str, ...]
@@ -22,7 +22,7 @@ Notes = tuple[str, ...]
 _NAMES = tuple(f"pose.position.{axis}" for axis in "xyz") + tuple(f"pose.orientation.{q}" for q in "xyzw")
 
 
-def truth_of_bag(found: Survey, folder: Path) -> tuple[PoseTrajectory | None, Notes]:
+def ground_truth_of_bag(found: Survey, folder: Path) -> tuple[PoseTrajectory | None, Notes]:
     """The poses of the only topic that has them, else of the only path, else of a file beside the bag."""
     for candidates in (list(found.poses), list(found.paths)):
         topics = [topic for topic in candidates if found.counts[topic]]
@@ -30,7 +30,7 @@ def truth_of_bag(found: Survey, folder: Path) -> tuple[PoseTrajectory | None, No
             return None, (f"several topics of poses, none taken as truth: {listed_topics(found, topics)}",)
         if topics:
             return _of_topic(found, topics[0])
-    return truth_beside(folder)
+    return find_ground_truth(folder)
 
 
 def _of_topic(found: Survey, topic: Topic) -> tuple[PoseTrajectory | None, Notes]:

@@ -11,8 +11,8 @@ from rosbags.typesys import Stores
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_path
-from asyneio.io.recording.source import Progress
-from asyneio.io.ros.records import TYPES, records_of, typestore
+from asyneio.io.recording.event_source import Progress
+from asyneio.io.ros.written_messages import TYPES, records_of, typestore
 from asyneio.types import NS_PER_S, EventRecording, RecordArray
 
 _PACKED = np.dtype([("x", "<u2"), ("y", "<u2"), ("sec", "<u4"), ("nsec", "<u4"), ("polarity", "u1")])
@@ -30,7 +30,7 @@ class _Ros1:
         packed["sec"], packed["nsec"] = np.divmod(events["t_ns"], NS_PER_S)
         return struct.pack("<I", events.size) + packed.tobytes()
 
-    def lens(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
+    def intrinsics(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
         numbers = struct.pack(f"<I{len(d)}d{len(others)}d", len(d), *d, *others)
         return struct.pack("<I", len(model)) + model + numbers
 

@@ -11,9 +11,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores
 
 from asyneio.errors import RecordingError
-from asyneio.io.recording.source import Progress
-from asyneio.io.ros.records import TYPES, records_of, typestore
+from asyneio.io.recording.event_source import Progress
 from asyneio.io.ros.rosbag2 import METADATA_FILE
+from asyneio.io.ros.written_messages import TYPES, records_of, typestore
 from asyneio.types import NS_PER_S, EventRecording, RecordArray
 
 #: Sixteen bytes from the row of an event to the column of the next one: CDR has a gap after polarity.
@@ -42,7 +42,7 @@ class _Cdr:
         first = struct.pack("<IHH", events.size, events["x"][0], events["y"][0])
         return first + rows.tobytes()[4:-3]
 
-    def lens(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
+    def intrinsics(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
         # A header and the size take 24 bytes.
         name = struct.pack("<I", len(model) + 1) + model + b"\0"
         name += bytes(-len(name) % 4)

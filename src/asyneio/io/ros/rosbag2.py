@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration.documents import load_mapping
+from asyneio.io.calibration.yaml_json import load_mapping
 from asyneio.io.ros.bag import Bag, Message, Topic
 from asyneio.io.ros.mcap import MAGIC as MCAP_MAGIC
 from asyneio.io.ros.mcap import McapFile

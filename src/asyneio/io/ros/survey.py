@@ -1,4 +1,4 @@
-"""One pass over a bag that decodes no events: topics, counts, inertial samples, poses, lens, clocks.
+"""One pass over a bag that decodes no events: topics, counts, inertial samples, poses, intrinsics, clocks.
 
 Topics are told apart by the fields of their messages, not by their names or the names of their types.
 """
@@ -12,12 +12,12 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.ros.bag import Bag, Message, Topic
-from asyneio.io.ros.definitions import schema_of
 from asyneio.io.ros.event_arrays import EventArrayDecoder, EventFields, event_fields
 from asyneio.io.ros.event_packets import Packet, first_time
 from asyneio.io.ros.field_offsets import Located, Locator, locate
+from asyneio.io.ros.known_definitions import schema_of
+from asyneio.io.ros.number_table import STAMP, NumberTable, stamp_of
 from asyneio.io.ros.schema import Schema
-from asyneio.io.ros.tables import STAMP, NumberTable, stamp_of
 
 _XYZ, _XYZW = "xyz", "xyzw"
 IMU_NAMES = tuple(
@@ -140,7 +140,7 @@ def survey(bag: Bag) -> Survey:
     return found
 
 
-#: What becomes of a topic's messages: rows of numbers, events, a lens (its schema), or nothing.
+#: What becomes of a topic's messages: rows of numbers, events, a intrinsics (its schema), or nothing.
 _Role = NumberTable | PathTopic | EventTopic | Schema | None
 
 

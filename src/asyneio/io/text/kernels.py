@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.io.recording.checks import MAX_STAMP_NS
-from asyneio.io.recording.source import FAR_OUTSIDE
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import FAR_OUTSIDE
 from asyneio.types import NS_PER_S, IntArray
 
 #: What a column is, for `parse_columns`.

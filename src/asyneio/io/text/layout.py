@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from asyneio.io.parsing.column_meaning import Meaning, columns_by_name, columns_by_values, unit_of_time
-from asyneio.io.parsing.seconds_table import parse_seconds
+from asyneio.io.parsing.decimal_seconds import parse_seconds
 
 #: So many bytes of a file tell its layout.
 HEAD_BYTES = 4096

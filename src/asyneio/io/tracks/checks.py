@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.parsing.stamps import MAX_BAD_SHARE
+from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
 from asyneio.types import NS_PER_S, CameraIntrinsics, RecordArray
 
 #: Conventions put the centre of the first pixel at 0 or at 0.5; both are inside.

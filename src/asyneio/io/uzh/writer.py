@@ -12,10 +12,10 @@ from asyneio.errors import RecordingError
 from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
 from asyneio.io.calibration.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.io.parsing.atomic import atomic_file, write_text
-from asyneio.io.parsing.seconds_table import format_seconds
-from asyneio.io.recording.source import pieces_of
+from asyneio.io.parsing.decimal_seconds import format_seconds
+from asyneio.io.recording.event_source import pieces_of
 from asyneio.io.recording.tum import tum_text
-from asyneio.io.uzh.folder import EVENTS_FILE, LENS_FILE, SAMPLES_FILE, TRUTH_FILE
+from asyneio.io.uzh.folder_reader import EVENTS_FILE, INTRINSICS_FILE, SAMPLES_FILE, TRUTH_FILE
 from asyneio.types import NS_PER_S, CameraIntrinsics, Distortion, EventRecording, IntArray, RecordArray
 
 _PIECE = 2**15
@@ -40,7 +40,7 @@ def write_uzh_folder(
         RecordingError: a file cannot be written, or gyroscope and accelerometer have different times, which
             `imu.txt` cannot hold.
     """
-    texts = beside_texts(recording)
+    texts = sidecar_texts(recording)
     with atomic_file(folder / EVENTS_FILE) as stream:
         for piece in pieces_of(recording, _PIECE) if events is None else events:
             for start in range(0, piece.size, _PIECE):
@@ -52,7 +52,7 @@ def write_uzh_folder(
             write_text(folder / name, text)
 
 
-def beside_texts(recording: EventRecording) -> dict[str, str | None]:
+def sidecar_texts(recording: EventRecording) -> dict[str, str | None]:
     """The files of a folder but the events: their texts, None for what the recording lacks.
 
     Raises:
@@ -66,7 +66,7 @@ def beside_texts(recording: EventRecording) -> dict[str, str | None]:
     truth = recording.ground_truth
     return {
         SAMPLES_FILE: _samples_text(gyroscope, accelerometer) if gyroscope.size else None,
-        LENS_FILE: _lens_text(recording.camera) if recording.camera else None,
+        INTRINSICS_FILE: _calib_text(recording.camera) if recording.camera else None,
         CAMCHAIN_FILE: _camchain_text(recording),
         IMU_FILE: imu_noise_text(recording.calibration.noise) if recording.calibration else None,
         TRUTH_FILE: tum_text(truth, header="") if truth is not None else None,
@@ -81,8 +81,8 @@ def _samples_text(gyroscope: RecordArray, accelerometer: RecordArray) -> str:
     )
 
 
-def _lens_text(camera: CameraIntrinsics) -> str | None:
-    """`calib.txt`, which knows radtan up to k3; None for another lens, which the Kalibr file holds."""
+def _calib_text(camera: CameraIntrinsics) -> str | None:
+    """`calib.txt`, which knows radtan up to k3; None for another intrinsics, which the Kalibr file holds."""
     if camera.distortion is Distortion.EQUIDISTANT or any(camera.coefficients[5:]):
         return None
     coefficients = (*camera.coefficients, *(0.0,) * 5)[:5]

@@ -11,11 +11,26 @@ import pytest
 from asyneio.cameras import PRESETS, Preset
 from asyneio.errors import CalibrationError, ConfigError
 from asyneio.io import ReadOptions, open_recording, write_uzh_folder
-from asyneio.io.calibration import Rig, Wanted, find_rig, settle
-from asyneio.types import EventRecording, ImuNoise
+from asyneio.io.calibration import (
+    CalibrationSelection,
+    CalibrationSources,
+    IncompleteCalibration,
+    find_calibration,
+    require_calibration,
+)
+from asyneio.types import Calibration, EventRecording, ImuNoise
 from tests.io.calibration.rigs import RATE_HZ, basalt, kalibr, make_rig, openvins, rpg, vins_fusion
 from tests.io.calibration.test_kinds import SIZE, assert_same
 from tests.io.event_recordings import make_event_recording
+
+
+def resolve(
+    sources: CalibrationSources, size: tuple[int, int] | None = SIZE, rate_hz: float | None = None
+) -> tuple[Calibration, tuple[str, ...]]:
+    """The resolved calibration, which must be complete, and its notes."""
+    found, notes = sources.resolve(size, rate_hz=rate_hz)
+    assert isinstance(found, Calibration)
+    return found, notes
 
 
 def test_files_are_found_by_their_content(tmp_path: Path) -> None:
@@ -25,56 +40,62 @@ def test_files_are_found_by_their_content(tmp_path: Path) -> None:
         write(folder, rig)
         (folder / "config.yaml").write_text("window: {length_s: 1.5}\n")
         (folder / "broken.json").write_text("{")
-        found = settle(find_rig(folder, None, None), SIZE, rate_hz=RATE_HZ)
-        assert found.calibration is not None
-        assert_same(found.calibration, rig)
-        assert any("lies beside the recording" in note for note in found.notes)
+        found, notes = resolve(find_calibration(folder, None, None), rate_hz=RATE_HZ)
+        assert_same(found, rig)
+        assert any("found next to the recording" in note for note in notes)
 
 
-def test_several_calibrations_are_none(tmp_path: Path) -> None:
+def test_several_calibrations_are_ambiguous(tmp_path: Path) -> None:
     rig = make_rig()
     rpg(tmp_path, rig)
     basalt(tmp_path, rig)
-    found = settle(find_rig(tmp_path, None, None), SIZE)
-    assert (found.camera, found.calibration) == (None, None)
-    assert any("(calibration.json, rig.yaml): name one with --calibration" in note for note in found.notes)
-    named = settle(find_rig(tmp_path, tmp_path / "rig.yaml", None), SIZE)
-    assert named.calibration is not None
+    found, notes = find_calibration(tmp_path, None, None).resolve(SIZE)
+    assert isinstance(found, IncompleteCalibration)
+    assert found.camera is None
+    assert any("(calibration.json, rig.yaml): select one with --calibration" in note for note in notes)
+    resolve(find_calibration(tmp_path, tmp_path / "rig.yaml", None))
 
 
 def test_a_found_calibration_may_be_of_another_camera(tmp_path: Path) -> None:
     rpg(tmp_path, make_rig())
-    found = settle(find_rig(tmp_path, None, None), (640, 480))
+    found, notes = find_calibration(tmp_path, None, None).resolve((640, 480))
     assert found.camera is None
-    assert any("rig.yaml is for 240 x 180 pixels: not used" in note for note in found.notes)
+    assert any("rig.yaml is for 240 x 180 pixels: not used" in note for note in notes)
 
 
-def test_kalibr_names_go_first_and_the_named_noise_before_all(tmp_path: Path) -> None:
+def test_precedence_of_names_and_noise(tmp_path: Path) -> None:
+    """Kalibr's file names come before other names, a given file with noise before both."""
     rig = make_rig()
     rpg(tmp_path, replace(rig, timeshift_ns=0))
     camera, imu = kalibr(tmp_path, rig)
     assert imu is not None
     camera.rename(tmp_path / "camchain-imucam.yaml")
     imu.rename(tmp_path / "imu.yaml")
-    found = settle(find_rig(tmp_path, None, None), SIZE)
-    assert found.calibration is not None
-    assert_same(found.calibration, rig)
-    # What the user named brings its own noise; what lies beside the events does not replace it.
+    assert_same(resolve(find_calibration(tmp_path, None, None))[0], rig)
     other = replace(rig, noise=replace(rig.noise, gyroscope_density=1e-3))
     named = rpg(tmp_path / "other", other)[0]
-    found = settle(find_rig(tmp_path, named, None), SIZE)
-    assert found.calibration is not None
-    assert found.calibration.noise.gyroscope_density == 1e-3
-    found = settle(find_rig(tmp_path, named, tmp_path / "imu.yaml"), SIZE)
-    assert found.calibration is not None
-    assert found.calibration.noise == rig.noise
+    found, _ = resolve(find_calibration(tmp_path, named, None))
+    assert found.noise.gyroscope_density == 1e-3
+    found, _ = resolve(find_calibration(tmp_path, named, tmp_path / "imu.yaml"))
+    assert found.noise == rig.noise
+
+
+def test_incomplete_calibration_names_what_is_missing(tmp_path: Path) -> None:
+    imu = kalibr(tmp_path, make_rig())[1]
+    assert imu is not None
+    found, notes = find_calibration(tmp_path / "absent", None, imu).resolve(SIZE)
+    assert isinstance(found, IncompleteCalibration)
+    assert found.reason == notes[-1]
+    assert "no intrinsics and no extrinsics" in found.reason
+    with pytest.raises(CalibrationError, match="no complete calibration: .*no intrinsics and no extrinsics"):
+        require_calibration(found, tmp_path)
 
 
 def test_folders_full_of_yaml(tmp_path: Path) -> None:
     for index in range(70):
         (tmp_path / f"{index}.yaml").write_text("a: 1\n")
-    assert "none is taken for a calibration" in find_rig(tmp_path, None, None).notes[0]
-    assert find_rig(tmp_path / "absent", None, None) == Rig()
+    assert "not searched for a calibration" in find_calibration(tmp_path, None, None).notes[0]
+    assert find_calibration(tmp_path / "absent", None, None) == CalibrationSources()
 
 
 @pytest.mark.parametrize("found", PRESETS.values(), ids=PRESETS.keys())
@@ -143,12 +164,13 @@ def test_files_go_before_a_preset(folder: Path, tmp_path: Path) -> None:
     assert found.calibration.noise == ImuNoise(1e-3, 1e-2, 1e-5, 1e-4)
 
 
-def test_presets_that_do_not_do(folder: Path) -> None:
-    with pytest.raises(CalibrationError, match="DAVIS346 is of 346 x 260 pixels, the recording of 240 x 180"):
-        settle(Rig(), SIZE, Wanted(preset="DAVIS346"))
+def test_presets_that_do_not_fit(folder: Path) -> None:
+    davis346 = CalibrationSelection(preset="DAVIS346")
+    with pytest.raises(CalibrationError, match="DAVIS346 has 346 x 260 pixels, the recording 240 x 180"):
+        CalibrationSources().resolve(SIZE, davis346)
     with pytest.raises(ConfigError, match="preset 'DVS128' is unknown; expected one of DAVIS240C"):
         open_recording(folder, ReadOptions(preset="DVS128"))
-    lens = make_rig().camera
-    rig = settle(Rig(replace(lens, width=346, height=260)), (346, 260), Wanted(preset="DAVIS346"))
-    assert rig.calibration is None
-    assert any("no extrinsics (camera to IMU): no extrinsics are published" in note for note in rig.notes)
+    camera = replace(make_rig().camera, width=346, height=260)
+    found, notes = CalibrationSources().resolve((346, 260), davis346, lambda width, height: camera)
+    assert found == IncompleteCalibration(camera, notes[-1])
+    assert "no extrinsics (camera to IMU): no extrinsics are published" in notes[-1]

@@ -14,13 +14,13 @@ import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import find_calibration
 from asyneio.io.hdf5.columns import PolarityCheck, blocks, nanoseconds, pixels, signed
 from asyneio.io.parsing.column_meaning import Meaning, columns_by_values, unit_of_time
 from asyneio.io.parsing.safe_hdf5 import check_columns, dataset, open_hdf5
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.sidecar import samples_beside, truth_beside
-from asyneio.io.recording.source import SAMPLE_DTYPE, pack_events
+from asyneio.io.recording.event_source import SAMPLE_DTYPE, pack_events
+from asyneio.io.recording.sidecar import find_ground_truth, find_samples
 from asyneio.types import RecordArray
 
 _SAMPLE = 4096
@@ -84,14 +84,14 @@ def read_event_table(path: Path, options: ReadOptions) -> Contents:
         table = _find(file, path)
     if table is None:
         raise RecordingError(f"{path} {contents_of(path)}")
-    truth, truth_notes = truth_beside(path.parent)
+    truth, truth_notes = find_ground_truth(path.parent)
     return Contents(
         path.resolve().stem,
         partial(TableEvents, path, table),
         None,
-        find_rig(path.parent, options.calibration, options.imu),
-        samples_beside(path.parent, options),
-        truth=truth,
+        find_calibration(path.parent, options.calibration, options.imu),
+        find_samples(path.parent, options),
+        ground_truth=truth,
         notes=truth_notes,
     )
 

@@ -1,4 +1,4 @@
-"""A lens out of a calibration file, checked: size, focal lengths, distortion that can be undone."""
+"""Camera intrinsics from a calibration file, checked: size, focal lengths, invertible distortion."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from asyneio.types import CameraIntrinsics, Distortion
 
 MAX_PIXELS = 100_000
 
-#: The distortion models by the names that the various tools give them.
+#: Distortion models by their names in the various tools.
 DISTORTION_NAMES = {
     "none": Distortion.NONE,
     "radtan": Distortion.RADTAN,
@@ -25,26 +25,26 @@ DISTORTION_NAMES = {
     "equidistant": Distortion.EQUIDISTANT,
 }
 
-#: Share of the image that may have no preimage. Beyond 86 degrees a fisheye has none on the normalised plane,
-#: and the corners around its image circle never had; a polynomial that folds there was fitted to little.
+#: Largest share of the image without a viewing direction. A fisheye has none on the normalised plane beyond
+#: 86 degrees, nor in the corners outside its image circle, where the polynomial was hardly fitted.
 _MAX_LOST = {Distortion.NONE: 0.0, Distortion.RADTAN: 0.1, Distortion.EQUIDISTANT: 0.5}
-#: Decentring of real lenses is below this; the third coefficient of an equidistant model is often not.
+#: Real lenses have a smaller decentring; the third coefficient of an equidistant model is often larger.
 _MAX_DECENTRING = 0.05
-#: Pixels that are undone to see whether the distortion can be: so many a side.
+#: The distortion is inverted on a grid of this many pixels per side.
 _PROBES = 25
 
 
-def make_lens(
+def make_intrinsics(
     values: Sequence[float],
     size: Sequence[int],
     model: Distortion,
     coefficients: Sequence[float],
     path: Path,
 ) -> CameraIntrinsics:
-    """A lens of [fx, fy, cx, cy] [px], [width, height] [px] and a distortion.
+    """Intrinsics from [fx, fy, cx, cy] [px], [width, height] [px] and a distortion.
 
     Raises:
-        CalibrationError: no lens can have these numbers.
+        CalibrationError: physically impossible values.
     """
     fx, fy, cx, cy = values
     width, height = size
@@ -67,14 +67,14 @@ def make_lens(
         distortion.check_coefficients(model, coefficients)
     except GeometryError as error:
         raise CalibrationError(f"{path}: {error}") from error
-    lens = tuple(map(float, coefficients))
-    return CameraIntrinsics(float(fx), float(fy), float(cx), float(cy), int(width), int(height), model, lens)
+    focal, centre = (float(fx), float(fy)), (float(cx), float(cy))
+    return CameraIntrinsics(*focal, *centre, int(width), int(height), model, tuple(map(float, coefficients)))
 
 
 def without_zeros(coefficients: Sequence[float]) -> tuple[float, ...]:
-    """The shortest radtan coefficients that mean the same: tools fill what they did not fit with zeros.
+    """The shortest equivalent list of radtan coefficients: tools write zeros for those they did not fit.
 
-    `()`, which is a lens without distortion, where all are zero.
+    `()` if all are zero: no distortion.
     """
     if not any(coefficients):
         return ()
@@ -85,7 +85,7 @@ def without_zeros(coefficients: Sequence[float]) -> tuple[float, ...]:
     return tuple(coefficients)
 
 
-def read_lens(
+def read_intrinsics(
     section: dict[str, Any],
     path: Path,
     size: tuple[int, int] | None = None,
@@ -96,27 +96,27 @@ def read_lens(
         "distortion_coeffs",
     ),
 ) -> CameraIntrinsics:
-    """A lens from a section that holds it as lists: by default under Kalibr's names.
+    """Intrinsics from a section that stores them as lists, by default under Kalibr's names.
 
     Args:
-        section: what the file says of one camera.
+        section: the part of the file for one camera.
         path: of the file, for messages.
-        size: width and height [px] where the section does not tell them.
-        names: keys of [fx, fy, cx, cy], [width, height], the distortion's name and its coefficients.
+        size: width and height [px] if the section has none.
+        names: keys of [fx, fy, cx, cy], [width, height], name of the distortion and its coefficients.
 
     Raises:
-        CalibrationError: a value is absent, malformed or impossible.
+        CalibrationError: a value is missing, malformed or impossible.
     """
     intrinsics, resolution, model, coefficients = names
     values = numbers(section, intrinsics, 4, path)
     width, height = size or integers(section, resolution, 2, path)
     kind = distortion_named(section.get(model), path, model)
     found = numbers(section, coefficients, None, path) if section.get(coefficients) else ()
-    return make_lens(values, (width, height), kind, found, path)
+    return make_intrinsics(values, (width, height), kind, found, path)
 
 
 def distortion_named(name: Any, path: Path, key: str) -> Distortion:
-    """The distortion model of that name, None being none. Raises CalibrationError where it is unknown."""
+    """The distortion model with this name; None means no distortion. Raises CalibrationError: unknown name."""
     if name is None:
         return Distortion.NONE
     if not isinstance(name, str) or name.lower() not in DISTORTION_NAMES:
@@ -125,33 +125,35 @@ def distortion_named(name: Any, path: Path, key: str) -> Distortion:
     return DISTORTION_NAMES[name.lower()]
 
 
-def check_lens(lens: CameraIntrinsics, path: Path) -> tuple[str, ...]:
-    """Sentences on what is doubtful about the distortion: it must be undone at every pixel.
+def check_distortion(intrinsics: CameraIntrinsics, path: Path) -> tuple[str, ...]:
+    """Check that the distortion can be inverted at every pixel; returns notes on doubtful values.
 
     Raises:
-        CalibrationError: it folds inside the image: pixels beyond the fold belong to no direction.
+        CalibrationError: it folds inside the image: pixels beyond the fold have no viewing direction.
     """
     try:
-        model = distortion.make_lens(lens.distortion, lens.coefficients)
+        model = distortion.make_lens(intrinsics.distortion, intrinsics.coefficients)
     except GeometryError as error:
         raise CalibrationError(f"{path}: {error}") from error
     lost = sum(
         distortion.undistort(model, x, y, *distortion.cold_start(model, x, y))[-1] != distortion.SOLVED
-        for x in (np.linspace(0.0, lens.width - 1.0, _PROBES) - lens.cx) / lens.fx
-        for y in (np.linspace(0.0, lens.height - 1.0, _PROBES) - lens.cy) / lens.fy
+        for x in (np.linspace(0.0, intrinsics.width - 1.0, _PROBES) - intrinsics.cx) / intrinsics.fx
+        for y in (np.linspace(0.0, intrinsics.height - 1.0, _PROBES) - intrinsics.cy) / intrinsics.fy
     )
     share = lost / _PROBES**2
-    if share > _MAX_LOST[lens.distortion]:
+    if share > _MAX_LOST[intrinsics.distortion]:
         raise CalibrationError(
-            f"{path}: the distortion ({lens.distortion}, {', '.join(f'{c:g}' for c in lens.coefficients)}) "
-            f"folds inside the image: {share:.0%} of its pixels have no direction. Check the model's name "
+            f"{path}: the distortion ({intrinsics.distortion}, {', '.join(f'{c:g}' for c in intrinsics.coefficients)}) "
+            f"folds inside the image: {share:.0%} of its pixels have no viewing direction. Check the model's name "
             "(coefficients of radtan and equidistant are often exchanged), their order and the resolution"
         )
     notes: tuple[str, ...] = ()
     if lost:
-        notes += (f"{path.name}: {share:.1%} of the image have no direction by the distortion: not used",)
-    decentring = max(map(abs, lens.coefficients[2:4]), default=0.0)
-    if lens.distortion is Distortion.RADTAN and decentring > _MAX_DECENTRING:
+        notes += (
+            f"{path.name}: {share:.1%} of the image has no viewing direction under this distortion: not used",
+        )
+    decentring = max(map(abs, intrinsics.coefficients[2:4]), default=0.0)
+    if intrinsics.distortion is Distortion.RADTAN and decentring > _MAX_DECENTRING:
         notes += (
             f"{path.name}: a decentring of {decentring:g} is far above that of real lenses; "
             "is the distortion equidistant, not radtan?",

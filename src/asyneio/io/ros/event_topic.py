@@ -9,7 +9,7 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.prophesee.evt3 import TURN_NS
-from asyneio.io.recording.source import SAMPLE_DTYPE, join_events
+from asyneio.io.recording.event_source import SAMPLE_DTYPE, join_events
 from asyneio.io.ros.bag import Bag, Message, Topic
 from asyneio.io.ros.event_packets import PacketDecoder
 from asyneio.io.ros.sensor_clock import SensorClock

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.refusals import refuse_known_text
+from asyneio.io.calibration.rejected_files import reject_known_text
 
 #: Calibration files in YAML hold a few kilobytes.
 MAX_BYTES = 64 * 1024
@@ -53,7 +53,7 @@ def load_mapping(path: Path) -> dict[str, Any]:
 def parse_mapping(text: str, path: Path) -> dict[str, Any]:
     """As `load_mapping`, from text that was found at `path`."""
     text = text.removeprefix("\ufeff")
-    refuse_known_text(text, path)
+    reject_known_text(text, path)
     if not text.strip(" \t\r\n\0-"):
         raise CalibrationError(f"{path} is empty; expected a calibration: write it again, or remove the file")
     content = _parse_json(text, path) if text.lstrip().startswith("{") else _parse_yaml(text, path)

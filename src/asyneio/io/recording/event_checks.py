@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import RecordingError
-from asyneio.io.parsing.stamps import MAX_BAD_SHARE, MAX_DISORDER_NS
-from asyneio.io.recording.source import join_events
+from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE, MAX_DISORDER_NS
+from asyneio.io.recording.event_source import join_events
 from asyneio.types import EVENT_DTYPE, NS_PER_S, BoolArray, IntArray, RecordArray
 
 #: Stamps beyond this (about 146 years either way) could overflow when clocks are shifted against each other.

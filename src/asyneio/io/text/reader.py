@@ -14,12 +14,12 @@ import numpy as np
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.column_meaning import UNIT_WORDS
 from asyneio.io.parsing.csv_table import MAX_BAD_LINES, bad_lines_note
+from asyneio.io.parsing.decimal_commas import reject_decimal_commas
+from asyneio.io.parsing.decimal_seconds import parse_seconds
 from asyneio.io.parsing.gzip_file import GzipFile
-from asyneio.io.parsing.seconds_table import parse_seconds
-from asyneio.io.parsing.table_hints import refuse_decimal_commas
 from asyneio.io.parsing.zip_member import DAMAGE, ZipMember
-from asyneio.io.recording.checks import MAX_STAMP_NS
-from asyneio.io.recording.source import FAR_OUTSIDE, SAMPLE_DTYPE, share_text
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, share_text
 from asyneio.io.text.kernels import COLUMN, POLARITY, ROW, TIME, parse_columns, parse_lines
 from asyneio.io.text.layout import HEAD_BYTES, USUAL, split, text_meaning, without_bom
 from asyneio.types import EVENT_DTYPE, RecordArray
@@ -142,7 +142,7 @@ class TextEvents:
             return None
         event = self._parse_tokens(split(text)) if len(line) <= _LONGEST_LINE else None
         if event is None:
-            refuse_decimal_commas(self._file, self._line, text)
+            reject_decimal_commas(self._file, self._line, text)
             if self._meaning.named and self._line == 1:
                 return None
             self._bad.append(self._line)

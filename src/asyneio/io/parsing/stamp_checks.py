@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.parsing.isolated_stamps import drop_isolated
+from asyneio.io.parsing.isolated_stamps import drop_isolated_rows
 from asyneio.types import NS_PER_S, IntArray, RecordArray
 
 #: More than this share of bad rows is a wrong file, not bad luck.
@@ -42,7 +42,7 @@ def sort_in_time(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, 
     Raises:
         RecordingError: a stamp lies more than MAX_DISORDER_NS before one that precedes it.
     """
-    rows, notes = drop_isolated(rows, what)
+    rows, notes = drop_isolated_rows(rows, what)
     t_ns = rows["t_ns"]
     backward = np.flatnonzero(t_ns[1:] < t_ns[:-1])
     if backward.size == 0:

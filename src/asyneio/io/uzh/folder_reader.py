@@ -15,18 +15,23 @@ from dataclasses import replace
 from pathlib import Path
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration import find_rig
-from asyneio.io.calibration.lens import make_lens
+from asyneio.io.calibration import CalibrationSources, find_calibration
+from asyneio.io.calibration.intrinsics import make_intrinsics
 from asyneio.io.parsing.csv_table import TextFile, read_text
 from asyneio.io.parsing.gzip_file import GzipFile
 from asyneio.io.parsing.zip_member import ZipMember
-from asyneio.io.recording.contents import Contents, ReadOptions, Rig, Samples
-from asyneio.io.recording.sidecar import TRUTH_FILES, samples_beside, samples_of, truth_of
-from asyneio.io.recording.source import EventSource
-from asyneio.io.text.events import TextEvents
+from asyneio.io.recording.contents import Contents, ReadOptions, Samples
+from asyneio.io.recording.event_source import EventSource
+from asyneio.io.recording.sidecar import GROUND_TRUTH_FILES, find_samples, read_ground_truth, read_samples
+from asyneio.io.text.reader import TextEvents
 from asyneio.types import CameraIntrinsics, Distortion
 
-EVENTS_FILE, SAMPLES_FILE, TRUTH_FILE, LENS_FILE = "events.txt", "imu.txt", "groundtruth.txt", "calib.txt"
+EVENTS_FILE, SAMPLES_FILE, TRUTH_FILE, INTRINSICS_FILE = (
+    "events.txt",
+    "imu.txt",
+    "groundtruth.txt",
+    "calib.txt",
+)
 
 
 def read_uzh_folder(path: Path, options: ReadOptions) -> Contents:
@@ -51,19 +56,19 @@ def read_gzip_text(path: Path, options: ReadOptions) -> Contents:
 
 def _beside_text(events_path: Path, decode: Callable[[], EventSource], options: ReadOptions) -> Contents:
     folder = events_path.parent
-    rig = find_rig(folder, options.calibration, options.imu)
+    calibration = find_calibration(folder, options.calibration, options.imu)
     usual = events_path.name.removesuffix(".gz") == EVENTS_FILE
     name = folder.resolve().name if usual else Path(events_path.name.removesuffix(".gz")).stem
     samples = uzh_samples(folder / SAMPLES_FILE)
     if samples is None:
-        samples = samples_beside(folder, replace(options, samples=None))
-    return uzh_contents(name, decode, rig, lambda file: folder / file, samples)
+        samples = find_samples(folder, replace(options, samples=None))
+    return uzh_contents(name, decode, calibration, lambda file: folder / file, samples)
 
 
 def uzh_contents(
     name: str,
     decode: Callable[[], EventSource],
-    rig: Rig,
+    calibration: CalibrationSources,
     file: Callable[[str], Path | ZipMember],
     samples: Samples,
     variant: str = "",
@@ -73,21 +78,25 @@ def uzh_contents(
     Args:
         name: of the recording.
         decode: makes a decoder of its events.
-        rig: what Kalibr's files say.
+        calibration: what Kalibr's files say.
         file: gives a file by its name.
         samples: inertial samples.
         variant: tells apart recordings in one archive.
     """
-    truth, truth_notes = truth_of([file(name) for name in dict.fromkeys((TRUTH_FILE, *TRUTH_FILES))])
-    lens = file(LENS_FILE)
+    truth, truth_notes = read_ground_truth(
+        [file(name) for name in dict.fromkeys((TRUTH_FILE, *GROUND_TRUTH_FILES))]
+    )
+    intrinsics = file(INTRINSICS_FILE)
     return Contents(
         name=name,
         decode=decode,
         size=None,
-        rig=rig,
+        calibration=calibration,
         samples=samples,
-        lens=(lambda width, height: read_lens(lens, width, height)) if lens.is_file() else None,
-        truth=truth,
+        intrinsics=(lambda width, height: read_intrinsics(intrinsics, width, height))
+        if intrinsics.is_file()
+        else None,
+        ground_truth=truth,
         variant=variant,
         notes=truth_notes,
     )
@@ -95,16 +104,18 @@ def uzh_contents(
 
 def uzh_samples(path: Path | ZipMember) -> Samples | None:
     """Samples of `imu.txt`: by header, by gravity, else accelerometer first; None without the file."""
-    return samples_of(path, accelerometer_first=True) if path.is_file() else None
+    return read_samples(path, accelerometer_first=True) if path.is_file() else None
 
 
-def read_lens(path: TextFile, width: int, height: int) -> CameraIntrinsics:
-    """`calib.txt`, which does not tell the sensor's size. Raises CalibrationError where it is no lens."""
+def read_intrinsics(path: TextFile, width: int, height: int) -> CameraIntrinsics:
+    """`calib.txt`, which does not tell the sensor's size. Raises CalibrationError where it is no intrinsics."""
     tokens = read_text(path).split()
     try:
         values = [float(token) for token in tokens]
     except ValueError:
         values = []
     if len(values) not in (8, 9):
-        raise CalibrationError(f"{path} holds no lens; expected nine numbers: fx fy cx cy k1 k2 p1 p2 k3")
-    return make_lens(values[:4], (width, height), Distortion.RADTAN, values[4:], Path(str(path)))
+        raise CalibrationError(
+            f"{path} holds no intrinsics; expected nine numbers: fx fy cx cy k1 k2 p1 p2 k3"
+        )
+    return make_intrinsics(values[:4], (width, height), Distortion.RADTAN, values[4:], Path(str(path)))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import MAX_PIXELS
+from asyneio.io.calibration.intrinsics import MAX_PIXELS
 from asyneio.io.calibration.values import number
 from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, ImuNoise
 
@@ -31,7 +31,7 @@ class CameraReading:
     nothing of them. `notes` tell which convention was read and what is in doubt.
     """
 
-    lens: CameraIntrinsics
+    intrinsics: CameraIntrinsics
     T_b_c: FloatArray | None = None
     timeshift_ns: int | None = None
     notes: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from asyneio.io import open_recording, write_tracks_folder
-from asyneio.io.parsing.steady_file import new_hdf5
+from asyneio.io.parsing.hdf5_output import new_hdf5
 from asyneio.io.ros.sensor_clock import REPLAYED, fit_clock
 from asyneio.pipeline import compilation
 from asyneio.pipeline import run as pipeline

@@ -9,11 +9,11 @@ import h5py
 import numpy as np
 
 from asyneio.io.calibration.kalibr_writer import camchain_text, camera_text, imu_noise_text
+from asyneio.io.hdf5.asyneio_reader import FORMAT, VERSION
 from asyneio.io.hdf5.columns import BLOCK_EVENTS
-from asyneio.io.hdf5.own import FORMAT, VERSION
 from asyneio.io.parsing.atomic import atomic_path
-from asyneio.io.parsing.steady_file import new_hdf5
-from asyneio.io.recording.source import pieces_of
+from asyneio.io.parsing.hdf5_output import new_hdf5
+from asyneio.io.recording.event_source import pieces_of
 from asyneio.types import EVENT_DTYPE, EventRecording, RecordArray
 
 _COLUMNS = {"t": "t_ns", "x": "x", "y": "y", "p": "p"}

@@ -30,26 +30,26 @@ _CAMERA_KEYS = (
 )
 
 
-class KnownRefusalError(CalibrationError):
+class KnownFileError(CalibrationError):
     """A file that is known and not read; the message says what to give instead."""
 
 
-def refuse_known_text(text: str, path: Path) -> None:
-    """Raises KnownRefusalError: the text is a report."""
+def reject_known_text(text: str, path: Path) -> None:
+    """Raises KnownFileError: the text is a report."""
     for start, message in _TEXTS.items():
         if text.lstrip().startswith(start):
             chains = sorted(file.name for file in path.parent.glob("*chain*.yaml"))
-            raise KnownRefusalError(
+            raise KnownFileError(
                 message.format(path=path, there=chains[0] if chains else "camchain-imucam-*.yaml")
             )
 
 
-def refuse_known_keys(content: dict[str, Any], path: Path) -> None:
-    """Raises KnownRefusalError: the keys are of no calibration, or stand one level too high."""
+def reject_known_keys(content: dict[str, Any], path: Path) -> None:
+    """Raises KnownFileError: the keys are of no calibration, or stand one level too high."""
     if "Gyr" in content and "Acc" in content:
-        raise KnownRefusalError(f"{path} is a result of imu_utils: {_imu_utils(content)}")
+        raise KnownFileError(f"{path} is a result of imu_utils: {_imu_utils(content)}")
     if "target_type" in content:
-        raise KnownRefusalError(
+        raise KnownFileError(
             f"{path} describes a calibration target ({content['target_type']}); expected the calibration "
             "that Kalibr "
             "made with it: camchain-imucam-*.yaml"
@@ -57,7 +57,7 @@ def refuse_known_keys(content: dict[str, Any], path: Path) -> None:
     empty = next((key for key, value in content.items() if key.startswith("cam") and value is None), None)
     flat = [key for key in _CAMERA_KEYS if key in content]
     if flat and (empty or not any(isinstance(value, dict) for value in content.values())):
-        raise KnownRefusalError(
+        raise KnownFileError(
             f"{path}: the keys {', '.join(flat)} stand at the left margin; expected them below "
             f"{empty or 'cam0'}:, "
             "indented by two blanks each"

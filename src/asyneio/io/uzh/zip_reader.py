@@ -5,11 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE, find_rig, parse_calibration, rig_of
+from asyneio.io.calibration import (
+    CAMCHAIN_FILE,
+    IMU_FILE,
+    CalibrationSources,
+    find_calibration,
+    parse_calibration,
+    sources_of,
+)
 from asyneio.io.parsing.zip_member import ZipMember, open_zip
-from asyneio.io.recording.contents import Contents, ReadOptions, Rig, no_samples
-from asyneio.io.text.events import TextEvents
-from asyneio.io.uzh.folder import EVENTS_FILE, SAMPLES_FILE, uzh_contents, uzh_samples
+from asyneio.io.recording.contents import Contents, ReadOptions, no_samples
+from asyneio.io.text.reader import TextEvents
+from asyneio.io.uzh.folder_reader import EVENTS_FILE, SAMPLES_FILE, uzh_contents, uzh_samples
 
 _MAX_LISTED = 8
 
@@ -31,13 +38,13 @@ def read_uzh_zip(path: Path, options: ReadOptions) -> Contents:
     def file(name: str) -> ZipMember:
         return ZipMember(path, f"{folder}/{name}" if folder else name)
 
-    rig = find_rig(path.parent, options.calibration, options.imu)
-    if options.calibration is None and (rig.file is None or rig.found):
-        rig = _rig_inside(file(CAMCHAIN_FILE), file(IMU_FILE)) or rig
+    calibration = find_calibration(path.parent, options.calibration, options.imu)
+    if options.calibration is None and (calibration.file is None or calibration.found_by_content):
+        calibration = _calibration_inside(file(CAMCHAIN_FILE), file(IMU_FILE)) or calibration
     events = ZipMember(path, member)
     name = folder.rsplit("/", 1)[-1] or path.resolve().stem
     samples = uzh_samples(file(SAMPLES_FILE)) or no_samples(SAMPLES_FILE)
-    return uzh_contents(name, lambda: TextEvents(path, events), rig, file, samples, variant=member)
+    return uzh_contents(name, lambda: TextEvents(path, events), calibration, file, samples, variant=member)
 
 
 def _choose(path: Path, wanted: str | None) -> str:
@@ -62,7 +69,7 @@ def _choose(path: Path, wanted: str | None) -> str:
     return found[0]
 
 
-def _rig_inside(camchain: ZipMember, imu: ZipMember) -> Rig | None:
+def _calibration_inside(camchain: ZipMember, imu: ZipMember) -> CalibrationSources | None:
     """Kalibr's files in the archive, where it has any."""
     if not camchain.is_file():
         return None
@@ -71,7 +78,7 @@ def _rig_inside(camchain: ZipMember, imu: ZipMember) -> Rig | None:
         for file in (camchain, imu)
         if file.is_file()
     ]
-    return rig_of(files[0], files[1] if len(files) > 1 else None)
+    return sources_of(files[0], files[1] if len(files) > 1 else None)
 
 
 def _listed(names: list[str]) -> str:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.io.parsing.stamps import MAX_DISORDER_NS
-from asyneio.io.recording.source import join_events, share_text
+from asyneio.io.parsing.stamp_checks import MAX_DISORDER_NS
+from asyneio.io.recording.event_source import join_events, share_text
 from asyneio.types import EVENT_DTYPE, NS_PER_S, IntArray, RecordArray
 
 #: At most so many events in a row are isolated.
@@ -23,7 +23,7 @@ _WITNESSES = 100
 _MOST_SHARE, _MOST = 1e-4, 20
 
 
-class LoneStamps:
+class IsolatedEventFilter:
     """Takes events in the order of the file and gives them back without the isolated ones, a little later."""
 
     def __init__(self, what: str) -> None:

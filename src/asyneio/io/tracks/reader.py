@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.errors import CalibrationError, RecordingError
-from asyneio.io.calibration import find_rig, require_calibration, settle
+from asyneio.io.calibration import find_calibration, require_calibration
 from asyneio.io.parsing.csv_table import read_csv
-from asyneio.io.parsing.stamps import check_overlap, median_rate_hz, sort_in_time
+from asyneio.io.parsing.stamp_checks import check_overlap, median_rate_hz, sort_in_time
 from asyneio.io.recording.contents import ReadOptions
-from asyneio.io.recording.inertial_csv import read_inertial
-from asyneio.io.recording.sidecar import truth_beside
+from asyneio.io.recording.sidecar import find_ground_truth
 from asyneio.io.tracks.checks import cut_tracks, drop_outside, drop_repeated
+from asyneio.io.tracks.inertial import read_inertial_folder
 from asyneio.types import OBSERVATION_DTYPE, Calibration, RecordArray, Recording
 
 _COLUMNS = ("t_ns", "id", "u", "v")
@@ -50,17 +50,17 @@ def read_tracks_folder(
             f"{path} is not a folder; expected a tracks folder: tracks.csv, imu.csv and a Kalibr calibration"
         )
     options = options or ReadOptions()
-    rig = find_rig(path, options.calibration, options.imu)
-    if rig.trouble:
-        raise CalibrationError(rig.trouble)
-    inertial = read_inertial(path, rig.declared_hz)
+    sources = find_calibration(path, options.calibration, options.imu)
+    if sources.error:
+        raise CalibrationError(sources.error)
+    inertial = read_inertial_folder(path, sources.declared_hz)
     rate_hz = median_rate_hz(inertial.gyroscope["t_ns"])
-    rig = settle(rig, None, options.wanted, rate_hz=rate_hz)
-    calibration = require_calibration(rig, path)
+    found, calibration_notes = sources.resolve(None, options.selection, rate_hz=rate_hz)
+    calibration = require_calibration(found, path)
     observations, track_notes = _read_tracks(path / "tracks.csv", calibration)
     check_overlap(observations["t_ns"], inertial.gyroscope["t_ns"], "tracks.csv", "the gyroscope")
     check_overlap(observations["t_ns"], inertial.accelerometer["t_ns"], "tracks.csv", "the accelerometer")
-    truth, truth_notes = truth_beside(path)
+    truth, truth_notes = find_ground_truth(path)
     if max_track_seconds is not None:
         observations = cut_tracks(observations, max_track_seconds)
     return Recording(
@@ -70,7 +70,7 @@ def read_tracks_folder(
         accelerometer=inertial.accelerometer,
         calibration=calibration,
         ground_truth=truth,
-        notes=rig.notes + track_notes + inertial.notes + truth_notes,
+        notes=calibration_notes + track_notes + inertial.notes + truth_notes,
     )
 
 

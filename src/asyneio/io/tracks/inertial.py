@@ -8,8 +8,8 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.csv_table import CsvTable, has_columns, read_csv
-from asyneio.io.parsing.stamps import check_rate, drop_equal_stamps, sort_in_time
-from asyneio.io.recording.inertial_text import read_inertial_file, read_sensor_file
+from asyneio.io.parsing.stamp_checks import check_rate, drop_equal_stamps, sort_in_time
+from asyneio.io.recording.inertial_reader import read_inertial_file, read_sensor_file
 from asyneio.io.recording.inertial_units import STANDARD_GRAVITY as STANDARD_GRAVITY
 from asyneio.io.recording.inertial_units import InertialStreams as InertialStreams
 from asyneio.io.recording.inertial_units import check_units as check_units
@@ -19,7 +19,7 @@ _GYROSCOPE = ("gx", "gy", "gz")
 _ACCELEROMETER = ("ax", "ay", "az")
 
 
-def read_inertial(folder: Path, declared_hz: float | None = None) -> InertialStreams:
+def read_inertial_folder(folder: Path, declared_hz: float | None = None) -> InertialStreams:
     """Read `imu.csv` of a folder, or `gyroscope.csv` and `accelerometer.csv` where it is absent.
 
     Raises:

@@ -11,15 +11,15 @@ from typing import Protocol
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import find_calibration
 from asyneio.io.prophesee.dat import CD_KINDS, RECORD_BYTES, VERSION, DatDecoder
 from asyneio.io.prophesee.evt2 import Evt2Decoder
 from asyneio.io.prophesee.evt3 import Evt3Decoder
 from asyneio.io.prophesee.evt21 import Evt21Decoder
 from asyneio.io.prophesee.header import Header, read_header, size_of
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.sidecar import samples_beside, truth_beside
-from asyneio.io.recording.source import SAMPLE_DTYPE
+from asyneio.io.recording.event_source import SAMPLE_DTYPE
+from asyneio.io.recording.sidecar import find_ground_truth, find_samples
 from asyneio.types import RecordArray
 
 #: Small enough for the allocator to hand out the same memory again.
@@ -109,14 +109,14 @@ def read_prophesee(path: Path, options: ReadOptions) -> Contents:
     header = read_header(path)
     encoding, start = _dat(path, header) if header.is_dat else (_raw(path, header), header.data_start)
     size, notes = size_of(header.fields)
-    truth, truth_notes = truth_beside(path.parent)
+    truth, truth_notes = find_ground_truth(path.parent)
     return Contents(
         path.resolve().stem,
         partial(PropheseeEvents, path, start, encoding, header.big_endian),
         size,
-        find_rig(path.parent, options.calibration, options.imu),
-        samples_beside(path.parent, options),
-        truth=truth,
+        find_calibration(path.parent, options.calibration, options.imu),
+        find_samples(path.parent, options),
+        ground_truth=truth,
         notes=notes + truth_notes,
     )
 

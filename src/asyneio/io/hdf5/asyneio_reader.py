@@ -18,7 +18,14 @@ import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE, find_rig, parse_calibration, rig_of
+from asyneio.io.calibration import (
+    CAMCHAIN_FILE,
+    IMU_FILE,
+    CalibrationSources,
+    find_calibration,
+    parse_calibration,
+    sources_of,
+)
 from asyneio.io.hdf5.columns import ColumnEvents, ColumnLayout, event_columns
 from asyneio.io.parsing.safe_hdf5 import (
     check_columns,
@@ -29,7 +36,7 @@ from asyneio.io.parsing.safe_hdf5 import (
     text_attribute,
     whole_attribute,
 )
-from asyneio.io.recording.contents import Contents, ReadOptions, Rig, Samples
+from asyneio.io.recording.contents import Contents, ReadOptions, Samples
 from asyneio.types import INERTIAL_DTYPE, PoseTrajectory, RecordArray
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -67,25 +74,25 @@ def read_events_hdf5(path: Path, options: ReadOptions) -> Contents:
             raise RecordingError(f"{path}: the unit of /events/t is {unit!r}; expected 'ns'")
         name = text_attribute(file, "name", path) if "name" in file.attrs else path.resolve().stem
         given = options.calibration is not None or options.imu is not None
-        rig = None if given else _rig(file, path)
+        calibration = None if given else _calibration(file, path)
         samples = _samples(file, path)
         truth = _truth(file, path)
-    if rig is None:
-        rig = find_rig(path.parent, options.calibration, options.imu)
-    return Contents(name, lambda: ColumnEvents(path, _EVENTS), size, rig, samples, truth=truth)
+    if calibration is None:
+        calibration = find_calibration(path.parent, options.calibration, options.imu)
+    return Contents(name, lambda: ColumnEvents(path, _EVENTS), size, calibration, samples, ground_truth=truth)
 
 
-def _rig(file: h5py.File, path: Path) -> Rig:
+def _calibration(file: h5py.File, path: Path) -> CalibrationSources:
     """The calibration inside the file, or beside it where there is none inside."""
     if not holds(file, "calibration"):
-        return find_rig(path.parent, None, None)
+        return find_calibration(path.parent, None, None)
     section = group(file, "calibration", path)
     files = [
         parse_calibration(text_attribute(section, name, path), path / "calibration" / file)
         for name, file in (("camchain", CAMCHAIN_FILE), ("imu", IMU_FILE))
         if name == "camchain" or name in section.attrs
     ]
-    return rig_of(files[0], files[1] if len(files) > 1 else None)
+    return sources_of(files[0], files[1] if len(files) > 1 else None)
 
 
 def _samples(file: h5py.File, path: Path) -> Samples:

@@ -7,20 +7,20 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import find_calibration
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.ros.bag import Bag, Topic
-from asyneio.io.ros.camera_info import lens_of
+from asyneio.io.ros.camera_info import intrinsics_of_camera_info
 from asyneio.io.ros.event_packets import ENCODINGS, TRIGGER, unwrap_first_times
-from asyneio.io.ros.events import RosEvents
-from asyneio.io.ros.ground_truth import truth_of_bag
-from asyneio.io.ros.parts import open_parts
+from asyneio.io.ros.event_topic import RosEvents
+from asyneio.io.ros.ground_truth import ground_truth_of_bag
+from asyneio.io.ros.imu_topics import samples_of_bag
 from asyneio.io.ros.rosbag1 import Rosbag1
 from asyneio.io.ros.rosbag2 import open_rosbag2
-from asyneio.io.ros.samples import samples_of_bag
 from asyneio.io.ros.sensor_clock import SensorClock, fit_clock
+from asyneio.io.ros.split_bags import open_parts
 from asyneio.io.ros.survey import EventTopic, survey
-from asyneio.io.ros.topics import choose_topic, listed_topics
+from asyneio.io.ros.topic_choice import choose_topic, listed_topics
 
 #: Steps of an event's time, where it is one number: ns, us, ms, s.
 _UNITS_NS = (1, 1000, 1_000_000, 1_000_000_000)
@@ -66,9 +66,9 @@ def read_bag(bag: Bag, name: str, options: ReadOptions) -> Contents:
     )
     unit_ns, clock = _clock(known, topic)
     samples, sample_notes = samples_of_bag(found, options, bag.path)
-    truth, truth_notes = truth_of_bag(found, bag.path.parent)
+    truth, truth_notes = ground_truth_of_bag(found, bag.path.parent)
     size = known.size if min(known.size) > 0 else None
-    lens, lens_notes = lens_of(found, topic, size)
+    intrinsics, intrinsics_notes = intrinsics_of_camera_info(found, topic, size)
     broken = found.broken + sum(table.broken for table in (*found.imus.values(), *found.poses.values()))
     if broken:
         notes += (f"{bag.path.name}: left out {broken} message(s) that are damaged",)
@@ -76,12 +76,12 @@ def read_bag(bag: Bag, name: str, options: ReadOptions) -> Contents:
         name=name,
         decode=lambda: RosEvents(bag, topic, known, unit_ns, clock),
         size=size,
-        rig=find_rig(bag.path.parent, options.calibration, options.imu),
+        calibration=find_calibration(bag.path.parent, options.calibration, options.imu),
         samples=samples,
-        lens=None if lens is None else lambda width, height: lens,
-        truth=truth,
+        intrinsics=None if intrinsics is None else lambda width, height: intrinsics,
+        ground_truth=truth,
         variant=f"{topic.name}{bag.identity}",
-        notes=(*notes, *clock.notes, *sample_notes, *lens_notes, *truth_notes, *found.notes),
+        notes=(*notes, *clock.notes, *sample_notes, *intrinsics_notes, *truth_notes, *found.notes),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 _GRAVITY = (9.76, 9.84)
 
 
-def unapplied_notes(section: dict[str, Any], path: Path) -> tuple[str, ...]:
+def ignored_key_notes(section: dict[str, Any], path: Path) -> tuple[str, ...]:
     """A sentence for each key that matters and is not applied."""
     return tuple(
         f"{path.name}: {key} is not applied: {consequence}"

@@ -22,17 +22,17 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from asyneio.errors import RecordingError
-from asyneio.io.recording.source import Progress
+from asyneio.io.recording.event_source import Progress
 from asyneio.types import NS_PER_S, CameraIntrinsics, Distortion, EventRecording, RecordArray
 
-EVENTS_TOPIC, IMU_TOPIC, TRUTH_TOPIC, LENS_TOPIC = (
+EVENTS_TOPIC, IMU_TOPIC, GROUND_TRUTH_TOPIC, CAMERA_INFO_TOPIC = (
     "/dvs/events", "/dvs/imu", "/optitrack/davis", "/dvs/camera_info",
 )  # fmt: skip
 TYPES = {
     EVENTS_TOPIC: "dvs_msgs/msg/EventArray",
     IMU_TOPIC: "sensor_msgs/msg/Imu",
-    TRUTH_TOPIC: "geometry_msgs/msg/PoseStamped",
-    LENS_TOPIC: "sensor_msgs/msg/CameraInfo",
+    GROUND_TRUTH_TOPIC: "geometry_msgs/msg/PoseStamped",
+    CAMERA_INFO_TOPIC: "sensor_msgs/msg/CameraInfo",
 }
 
 #: A message holds at most so many events, of at most so long.
@@ -53,8 +53,8 @@ class Encoding(Protocol):
     def events(self, events: RecordArray) -> bytes:
         """The count of events (EVENT_DTYPE), and the events, after a header and two 32-bit numbers."""
 
-    def lens(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
-        """Model, coefficients and matrices of a lens, after a header and two 32-bit numbers."""
+    def intrinsics(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
+        """Model, coefficients and matrices of a intrinsics, after a header and two 32-bit numbers."""
 
 
 def typestore(store: Stores, time: str) -> Typestore:
@@ -90,7 +90,7 @@ def records_of(
         _events(recording, encoding, progress),
         _samples(recording, encoding),
         _truth(recording, encoding),
-        _lens(recording, encoding),
+        _camera_info(recording, encoding),
         key=lambda record: record[0],
     )
 
@@ -141,20 +141,20 @@ def _truth(recording: EventRecording, encoding: Encoding) -> Iterator[Record]:
         return
     values = np.hstack([truth.position, truth.quaternion]).tolist()
     for number, (t_ns, row) in enumerate(zip(truth.t_ns.tolist(), values, strict=True)):
-        yield t_ns, TRUTH_TOPIC, encoding.header(number, t_ns, _WORLD) + struct.pack("<7d", *row)
+        yield t_ns, GROUND_TRUTH_TOPIC, encoding.header(number, t_ns, _WORLD) + struct.pack("<7d", *row)
 
 
-def _lens(recording: EventRecording, encoding: Encoding) -> Iterator[Record]:
+def _camera_info(recording: EventRecording, encoding: Encoding) -> Iterator[Record]:
     camera = recording.camera
     if camera is None or not recording.events.size:
         return
     first_ns, last_ns = recording.events["t_ns"][[0, -1]].tolist()
-    content = struct.pack("<II", camera.height, camera.width) + _lens_body(camera, encoding)
+    content = struct.pack("<II", camera.height, camera.width) + _camera_info_body(camera, encoding)
     for number, t_ns in enumerate(range(first_ns, last_ns + 1, NS_PER_S)):
-        yield t_ns, LENS_TOPIC, encoding.header(number, t_ns, _SENSOR) + content
+        yield t_ns, CAMERA_INFO_TOPIC, encoding.header(number, t_ns, _SENSOR) + content
 
 
-def _lens_body(camera: CameraIntrinsics, encoding: Encoding) -> bytes:
+def _camera_info_body(camera: CameraIntrinsics, encoding: Encoding) -> bytes:
     equidistant = camera.distortion is Distortion.EQUIDISTANT
     # ROS names radtan with OpenCV's further coefficients by another name.
     count = 4 if equidistant else max(5, len(camera.coefficients))
@@ -163,6 +163,6 @@ def _lens_body(camera: CameraIntrinsics, encoding: Encoding) -> bytes:
     k = (camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0)
     r = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     p = (*k[0:3], 0.0, *k[3:6], 0.0, *k[6:9], 0.0)
-    body = encoding.lens(model, d, (*k, *r, *p))
+    body = encoding.intrinsics(model, d, (*k, *r, *p))
     # No binning, and no region: the whole image.
     return body + bytes(4 + 4 + 4 * 4 + 1)

@@ -10,7 +10,7 @@ from asyneio.errors import RecordingError
 _DECIMAL_COMMA = re.compile(r"(^|[;\s])[+-]?\d+,\d+\s*(;|\s|$)")
 
 
-def refuse_decimal_commas(path: object, number: int, line: str) -> None:
+def reject_decimal_commas(path: object, number: int, line: str) -> None:
     """Refuse a line whose numbers have decimal commas, quoting it.
 
     Args:

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.io.recording.contents import ReadOptions, Samples, no_samples
-from asyneio.io.recording.sidecar import samples_beside
+from asyneio.io.recording.sidecar import find_samples
 from asyneio.io.ros.bag import Topic
 from asyneio.io.ros.survey import Survey
-from asyneio.io.ros.topics import choose_topic, listed_topics
+from asyneio.io.ros.topic_choice import choose_topic, listed_topics
 from asyneio.types import INERTIAL_DTYPE, FloatArray, RecordArray
 
 Notes = tuple[str, ...]
@@ -44,7 +44,7 @@ def samples_of_bag(found: Survey, options: ReadOptions, path: Path) -> tuple[Sam
     wanted = options.samples
     filled = [topic for topic in found.imus if found.counts[topic]]
     if (wanted is not None and Path(wanted).is_file()) or not filled:
-        return samples_beside(path.parent, options), ()
+        return find_samples(path.parent, options), ()
     if wanted is None:
         topics = filled
     else:

@@ -21,9 +21,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.column_names import POSITION, QUATERNION, find_axes, find_bare_axes
 from asyneio.io.parsing.csv_table import bad_lines_note
-from asyneio.io.parsing.stamps import drop_equal_stamps
-from asyneio.io.parsing.text_names import POSITION, QUATERNION, find_axes, find_bare_axes
+from asyneio.io.parsing.stamp_checks import drop_equal_stamps
 from asyneio.io.parsing.text_rows import TextRows, read_text_rows
 from asyneio.io.parsing.zip_member import ZipMember
 from asyneio.io.recording.tum import MAX_NORM_ERROR, POSE_DTYPE, poses_of

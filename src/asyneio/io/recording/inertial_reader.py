@@ -21,13 +21,13 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.column_names import ACCELEROMETER, GYROSCOPE, find_axes, find_bare_axes
 from asyneio.io.parsing.csv_table import bad_lines_note
-from asyneio.io.parsing.text_names import ACCELEROMETER, GYROSCOPE, find_axes, find_bare_axes
 from asyneio.io.parsing.text_rows import TextRows, read_text_rows
 from asyneio.io.parsing.zip_member import ZipMember
 from asyneio.io.recording.contents import Samples, split_samples
+from asyneio.io.recording.event_source import SAMPLE_DTYPE
 from asyneio.io.recording.inertial_units import STANDARD_GRAVITY, factor_of
-from asyneio.io.recording.source import SAMPLE_DTYPE
 from asyneio.types import INERTIAL_DTYPE, FloatArray, RecordArray
 
 #: Rates of inertial units, for the unit of time where no header tells it.
