@@ -1,4 +1,4 @@
-"""The surroundings of a command: variables of the environment, and streams that nobody reads any more."""
+"""The process environment of a command: environment variables, and output streams that may be closed early."""
 
 from __future__ import annotations
 
@@ -7,39 +7,39 @@ import os
 import sys
 from typing import Any, TextIO
 
-#: Compiled code is what makes the estimator usable; its kernels do not even run without being compiled.
+#: Disables numba's compilation. Some kernels do not run without it, and the estimator is unusably slow.
 _NO_COMPILATION = "NUMBA_DISABLE_JIT"
 
 
 def prepare_environment() -> None:
-    """Settings that must come before numpy and numba are imported; what cannot be obeyed is said.
+    """Set what must be set before numpy and numba are imported; print a note on what is overridden.
 
-    One thread for linear algebra, unless the user has chosen otherwise: the window's matrices are small, so a
-    second one gains little on an idle machine, waits for its share of a busy one (measured: fifty times
-    slower), and makes results depend on the number of cores.
+    Linear algebra uses one thread, unless the user has set another number. The matrices of the window are
+    small: a second thread gains little on an idle machine, is up to fifty times slower on a busy one
+    (measured), and makes results depend on the number of cores.
     """
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
         os.environ.setdefault(variable, "1")
     if os.environ.pop(_NO_COMPILATION, "0") not in ("", "0"):
-        print(f"note: {_NO_COMPILATION} is ignored: asyneio runs compiled code only", file=sys.stderr)
+        print(f"note: {_NO_COMPILATION} is ignored: asyneio requires compiled code", file=sys.stderr)
 
 
 def prepare_streams() -> None:
-    """Standard output and error that never fail.
+    """Replace standard output and error by streams that never fail.
 
-    Who reads them may stop reading (`asyneio doctor RECORDING | head`): the command goes on, writes its files
-    and ends with its own status. Characters that the terminal cannot show are escaped.
+    If the reader closes the pipe (`asyneio doctor RECORDING | head`), the command continues, writes its files
+    and exits with its own status. Characters that the terminal cannot display are escaped.
     """
-    sys.stdout, sys.stderr = _steady(sys.stdout), _steady(sys.stderr)
+    sys.stdout, sys.stderr = _tolerant(sys.stdout), _tolerant(sys.stderr)
 
 
-def _steady(stream: TextIO) -> TextIO:
+def _tolerant(stream: TextIO) -> TextIO:
     try:
         file_number = stream.fileno()
     except (OSError, ValueError, AttributeError):
-        # Somebody has put a stream of his own in place of it, or there is none.
+        # The stream is not a file: it was replaced, for example by a test, or there is none.
         return stream
-    raw = _Unread(file_number)
+    raw = _PipeWriter(file_number)
     return io.TextIOWrapper(
         io.BufferedWriter(raw),
         encoding=stream.encoding,
@@ -48,8 +48,8 @@ def _steady(stream: TextIO) -> TextIO:
     )
 
 
-class _Unread(io.RawIOBase):
-    """An open file to write to; once nobody reads it any more, what is written is thrown away."""
+class _PipeWriter(io.RawIOBase):
+    """An open file for writing. After the reader has closed the pipe, output is discarded."""
 
     def __init__(self, file_number: int) -> None:
         self._file_number = file_number
@@ -67,7 +67,7 @@ class _Unread(io.RawIOBase):
         try:
             return os.write(self._file_number, data)
         except BrokenPipeError:
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, self._file_number)
-            os.close(nowhere)
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, self._file_number)
+            os.close(null)
             return len(memoryview(data).cast("B"))

@@ -46,7 +46,7 @@ app.command(epilog="Example: asyneio simulate moderate -o recordings/simulated -
 )
 app.command(epilog="Example: asyneio track recordings/slider_depth -o results/slider --animation")(track)
 app.command(epilog="Example: asyneio doctor recordings/desk")(doctor)
-app.command(epilog="Example: asyneio convert recordings/desk.bag recordings/desk.h5 --resume")(convert)
+app.command(epilog="Example: asyneio convert recordings/desk.bag recordings/desk.h5")(convert)
 app.command(epilog="Example: asyneio demo -o results/demo")(demo)
 app.add_typer(config, name="config")
 app.add_typer(bench, name="bench")

@@ -144,11 +144,6 @@ def read_aedat2(path: Path, options: ReadOptions) -> Contents:
     return Contents(path.resolve().stem, lambda: Aedat2Events(path), (WIDTH, HEIGHT), calibration)
 
 
-def inertial_address(code: IntArray, value: IntArray) -> IntArray:
-    """Addresses of inertial words: codes (7,) and signed 16-bit values (N,7)."""
-    return 1 << 31 | code << 28 | (value & 0xFFFF) << 12 | 0xC00
-
-
 @njit(cache=True)
 def _decode_words(
     words: np.ndarray,

@@ -26,7 +26,7 @@ from asyneio.io.recording.sidecar import GROUND_TRUTH_FILES, find_samples, read_
 from asyneio.io.text.reader import TextEvents
 from asyneio.types import CameraIntrinsics, Distortion
 
-EVENTS_FILE, SAMPLES_FILE, TRUTH_FILE, INTRINSICS_FILE = (
+EVENTS_FILE, SAMPLES_FILE, GROUND_TRUTH_FILE, INTRINSICS_FILE = (
     "events.txt",
     "imu.txt",
     "groundtruth.txt",
@@ -84,7 +84,7 @@ def uzh_contents(
         variant: tells apart recordings in one archive.
     """
     truth, truth_notes = read_ground_truth(
-        [file(name) for name in dict.fromkeys((TRUTH_FILE, *GROUND_TRUTH_FILES))]
+        [file(name) for name in dict.fromkeys((GROUND_TRUTH_FILE, *GROUND_TRUTH_FILES))]
     )
     intrinsics = file(INTRINSICS_FILE)
     return Contents(

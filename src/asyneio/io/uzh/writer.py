@@ -15,7 +15,7 @@ from asyneio.io.parsing.atomic import atomic_file, write_text
 from asyneio.io.parsing.decimal_seconds import format_seconds
 from asyneio.io.recording.event_source import pieces_of
 from asyneio.io.recording.tum import tum_text
-from asyneio.io.uzh.folder_reader import EVENTS_FILE, INTRINSICS_FILE, SAMPLES_FILE, TRUTH_FILE
+from asyneio.io.uzh.folder_reader import EVENTS_FILE, INTRINSICS_FILE, SAMPLES_FILE, GROUND_TRUTH_FILE
 from asyneio.types import NS_PER_S, CameraIntrinsics, Distortion, EventRecording, IntArray, RecordArray
 
 _PIECE = 2**15
@@ -69,7 +69,7 @@ def sidecar_texts(recording: EventRecording) -> dict[str, str | None]:
         INTRINSICS_FILE: _calib_text(recording.camera) if recording.camera else None,
         CAMCHAIN_FILE: _camchain_text(recording),
         IMU_FILE: imu_noise_text(recording.calibration.noise) if recording.calibration else None,
-        TRUTH_FILE: tum_text(truth, header="") if truth is not None else None,
+        GROUND_TRUTH_FILE: tum_text(truth, header="") if truth is not None else None,
     }
 
 
