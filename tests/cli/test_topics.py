@@ -10,7 +10,7 @@ import pytest
 
 from tests.cli.conftest import Asyneio
 from tests.io.event_recordings import make_event_recording
-from tests.io.ros_bags import recording_records, write_bag
+from tests.io.ros.bags import recording_records, write_bag
 
 
 @pytest.mark.parametrize("command", ["run", "track"])

@@ -8,15 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from asyneio.errors import AsyneioError, RecordingError
+from asyneio.errors import RecordingError
 from asyneio.io import ReadOptions, open_recording, write_events_hdf5, write_tracks_folder, write_uzh_folder
 from asyneio.types import EventRecording, Recording
+from tests.io.aedat.test_aedat2 import event, write
 from tests.io.event_recordings import assert_same, make_event_recording
 from tests.io.recordings import make_recording
-from tests.io.test_aedat import event, write
 
 
 def test_tracks_folder(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -134,19 +132,13 @@ def test_track_length_of_events(tmp_path: Path, rng: np.random.Generator) -> Non
         open_recording(tmp_path, max_track_seconds=1.0)
 
 
-@given(
-    st.sampled_from([b"", b"#!AER-DAT2.0\n", b"\x89HDF\r\n\x1a\n", b"1.0 2 3 1\n"]), st.binary(max_size=200)
-)
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_garbage(tmp_path: Path, head: bytes, data: bytes) -> None:
-    path = tmp_path / "garbage"
-    path.write_bytes(head + data)
-    try:
-        open_recording(path)
-    except AsyneioError:
-        return
-
-
 def test_a_path_may_be_text(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="does not exist"):
         open_recording(str(tmp_path / "absent"))
+
+
+def test_a_path_that_is_not_there_and_a_pipe(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"does not exist; \S+ is there"):
+        open_recording(tmp_path / "no" / "such")
+    with pytest.raises(RecordingError, match="is a pipe or a device"):
+        open_recording("/dev/null")

@@ -116,7 +116,7 @@ def find_format(path: Path) -> tuple[Path, Format]:
 
 
 def _refuse_part(path: Path) -> NoReturn:
-    raise RecordingError(f"{path} is an unfinished conversion: run `asyneio convert` again with --resume")
+    raise RecordingError(f"{path} is an unfinished conversion: run `asyneio convert` again")
 
 
 def _only_event_file(folder: Path) -> tuple[Path, Format]:

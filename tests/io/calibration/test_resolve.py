@@ -87,7 +87,7 @@ def test_incomplete_calibration_names_what_is_missing(tmp_path: Path) -> None:
     assert isinstance(found, IncompleteCalibration)
     assert found.reason == notes[-1]
     assert "no intrinsics and no extrinsics" in found.reason
-    with pytest.raises(CalibrationError, match="no complete calibration: .*no intrinsics and no extrinsics"):
+    with pytest.raises(CalibrationError, match=r"no complete calibration: .*no intrinsics and no extrinsics"):
         require_calibration(found, tmp_path)
 
 
