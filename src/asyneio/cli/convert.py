@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 
 def convert(
-    recording: Annotated[Path, typer.Argument(help="Recording of events: folder or file, any supported format.")],
+    recording: Annotated[
+        Path, typer.Argument(help="Recording of events: folder or file, any supported format.")
+    ],
     output: Annotated[Path, typer.Argument(help="File to write, or folder for uzh and rosbag2.")],
     to: Annotated[
         str | None,

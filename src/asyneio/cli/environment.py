@@ -1,4 +1,5 @@
-"""The process environment of a command: environment variables, and output streams that may be closed early."""
+"""The process environment of a command: environment variables, and output streams that may be closed
+early."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files in and out: tracks folders, event recordings, Kalibr calibrations, TUM trajectories, estimates."""
+"""Readers and writers: event recordings, tracks folders, calibrations, trajectories, estimates."""
 
 from asyneio.io.calibration import read_calibration
 from asyneio.io.calibration.kalibr_writer import write_camchain, write_imu_noise

@@ -1,8 +1,9 @@
-"""Basalt's `calibration.json`, as TUM-VI, TUM-VIE and others have it: `value0`, cameras by their number.
+"""Basalt's `calibration.json`, used by TUM-VI, TUM-VIE and others: everything below `value0`.
 
-By Basalt's headers (`calibration.hpp`): `T_imu_cam` maps camera to IMU coordinates; noise and walks are of
-continuous time, and Basalt itself multiplies by the root of the rate; its estimator adds `cam_time_offset_ns`
-to the camera's stamps, so that `t_imu = t_cam + cam_time_offset_ns`. `kb4` is the equidistant model.
+According to Basalt's headers (`calibration.hpp`), `T_imu_cam` maps camera to IMU coordinates. Noise and
+random walks are continuous-time densities; Basalt itself multiplies them by the square root of the rate. Its
+estimator adds `cam_time_offset_ns` to camera stamps: `t_imu = t_cam + cam_time_offset_ns`. `kb4` is the
+equidistant model.
 """
 
 from __future__ import annotations
@@ -33,12 +34,12 @@ _NOISE_KEYS = {
     "accelerometer_walk": "accel_bias_std",
 }
 _UNDERSTOOD = "pinhole, kb4 (equidistant), pinhole-radtan8"
-#: The first three numbers are biases, which the estimator finds; the rest is scale and misalignment.
+#: The first three numbers are biases, which the estimator determines; the others scale and misalignment.
 _BIAS_KEYS = ("calib_accel_bias", "calib_gyro_bias")
 
 
 def is_basalt(content: dict[str, Any]) -> bool:
-    """True where everything stands below `value0`, with cameras."""
+    """True for a file with cameras below `value0`."""
     value = content.get("value0")
     return isinstance(value, dict) and "intrinsics" in value
 
@@ -74,8 +75,8 @@ def _read_camera(section: dict[str, Any], index: int, path: Path) -> CameraReadi
         return CameraReading(intrinsics, None, shift, notes)
     poses = _at(section, "T_imu_cam", index, path)
     T_b_c, repaired = read_quaternion_pose(poses, f"T_imu_cam of cam{index}", path)
-    said = f"{path.name}: extrinsics of cam{index} read from T_imu_cam (camera to IMU)"
-    return CameraReading(intrinsics, T_b_c, shift, (*repaired, said, *notes))
+    note = f"{path.name}: extrinsics of cam{index} read from T_imu_cam (camera to IMU)"
+    return CameraReading(intrinsics, T_b_c, shift, (*repaired, note, *notes))
 
 
 def _read_intrinsics(section: dict[str, Any], index: int, path: Path) -> CameraIntrinsics:
@@ -93,7 +94,7 @@ def _read_intrinsics(section: dict[str, Any], index: int, path: Path) -> CameraI
         radtan = without_zeros([number(values, key, path) for key in keys])
         return make_intrinsics(focal, size, Distortion.RADTAN if radtan else Distortion.NONE, radtan, path)
     raise CalibrationError(
-        f"{path}: camera_type of cam{index} is {shown(kind)}; understood are {_UNDERSTOOD}: "
+        f"{path}: camera_type of cam{index} is {shown(kind)}; supported: {_UNDERSTOOD}; "
         "calibrate with one of these"
     )
 
@@ -106,24 +107,24 @@ def _corrections(section: dict[str, Any], path: Path) -> tuple[str, ...]:
     if largest == 0.0:
         return ()
     return (
-        f"{path.name}: {' and '.join(_BIAS_KEYS)} correct scale and misalignment of the IMU by up to "
-        f"{largest:.2g}; they are not applied: use samples that are calibrated already",
+        f"{path.name}: {' and '.join(_BIAS_KEYS)} correct IMU scale and misalignment by up to "
+        f"{largest:.2g}; they are not applied: provide calibrated samples",
     )
 
 
 def _read_noise(section: dict[str, Any], path: Path) -> NoiseReading:
-    figures: dict[str, Any] = {"imu_update_rate": section.get("imu_update_rate")}
+    values: dict[str, Any] = {"imu_update_rate": section.get("imu_update_rate")}
     for key in _NOISE_KEYS.values():
-        # One figure for the sensor, or one an axis, of which the largest is safe.
+        # One value for the sensor, or one per axis; the largest is the safe choice.
         value = section.get(key)
-        figures[key] = max(numbers(section, key, 3, path)) if isinstance(value, list) else value
-    return NoiseReading(read_noise(figures, _NOISE_KEYS, "imu_update_rate", path))
+        values[key] = max(numbers(section, key, 3, path)) if isinstance(value, list) else value
+    return NoiseReading(read_noise(values, _NOISE_KEYS, "imu_update_rate", path))
 
 
 def _item(section: dict[str, Any], key: str, index: int, path: Path) -> Any:
     items = sequence(section, key, path)
     if index >= len(items):
-        raise CalibrationError(f"{path}: {key} has {len(items)} entries; expected one for each camera")
+        raise CalibrationError(f"{path}: {key} has {len(items)} entries; expected one per camera")
     return items[index]
 
 

@@ -1,4 +1,4 @@
-"""What a calibration file holds, whatever its kind: cameras to choose from, and the noise of an IMU."""
+"""Content of a calibration file of any format: cameras to select from, and the noise of an IMU."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from asyneio.io.calibration.intrinsics import MAX_PIXELS
 from asyneio.io.calibration.values import number
 from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, ImuNoise
 
-#: Sensor noise above this (SI, per sqrt(Hz)) is a wrong unit, not a bad sensor.
+#: Larger sensor noise (SI, per sqrt(Hz)) indicates a wrong unit, not a bad sensor.
 _MAX_NOISE = 10.0
-#: Clocks that one computer reads are milliseconds apart, separate ones some tenths of a second [s].
+#: Clocks read by one computer differ by milliseconds, separate clocks by some tenths of a second [s].
 _MAX_SHIFT_S = 1.0
-#: What a shift usually is less than [s], and units it is written in by mistake.
+#: Usual bound on the shift [s], and units that are used by mistake.
 _USUAL_SHIFT_S = 0.2
 _SMALLER_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-#: Names and topics are a few words; a longer one is cut in messages.
+#: Longer names and topics are cut in messages.
 _MAX_NAME = 60
 
 
 @dataclass(frozen=True)
 class CameraReading:
-    """One camera as its file has it.
+    """One camera as stored in its file.
 
-    `T_b_c` (4,4) maps camera to body coordinates, `t_imu = t_cam + timeshift_ns`; None where the file says
-    nothing of them. `notes` tell which convention was read and what is in doubt.
+    `T_b_c` (4,4) maps camera to body coordinates, `t_imu = t_cam + timeshift_ns`; None if the file does not
+    contain them. `notes` say which convention was read and what is doubtful.
     """
 
     intrinsics: CameraIntrinsics
@@ -39,7 +39,7 @@ class CameraReading:
 
 @dataclass(frozen=True)
 class CameraEntry:
-    """A camera that may be chosen by name, topic or size [px]; `read` raises CalibrationError."""
+    """A camera that can be selected by name, topic or size [px]; `read` raises CalibrationError."""
 
     name: str
     read: Callable[[], CameraReading]
@@ -54,9 +54,9 @@ class CameraEntry:
 
 @dataclass(frozen=True)
 class NoiseReading:
-    """Noise of an IMU as its file has it.
+    """Noise of an IMU as stored in its file.
 
-    `assumed_rate_hz`: the file holds figures of a sample and not its rate; the densities hold if it is this.
+    `assumed_rate_hz`: set if the file contains per-sample values but no rate; the densities assume this one.
     """
 
     noise: ImuNoise
@@ -66,9 +66,9 @@ class NoiseReading:
 
 @dataclass(frozen=True)
 class CalibrationFile:
-    """A file of a kind that is understood. `read_noise` is None where it says nothing of the IMU.
+    """A file of a supported format. `read_noise` is None if it contains no IMU noise.
 
-    `others` are files that this one names and that belong to it.
+    `others` are files that this one refers to and that belong to it.
     """
 
     kind: str
@@ -79,17 +79,17 @@ class CalibrationFile:
 
 
 def declared_size(width: Any, height: Any) -> tuple[int, int] | None:
-    """Width and height to choose a camera by, where both are whole numbers that a size may have."""
+    """Width and height for selecting a camera; None unless both are integers in the valid range."""
     if all(type(length) is int and 0 < length <= MAX_PIXELS for length in (width, height)):
         return width, height
     return None
 
 
 def shift_ns(section: dict[str, Any], key: str, path: Path, sign: int = 1) -> int | None:
-    """A time shift [s] in nanoseconds; None where it is not there.
+    """A time shift [s] in nanoseconds; None if it is missing.
 
     Raises:
-        CalibrationError: it is no number of seconds.
+        CalibrationError: not a plausible number of seconds.
     """
     if section.get(key) is None:
         return None
@@ -100,25 +100,25 @@ def shift_ns(section: dict[str, Any], key: str, path: Path, sign: int = 1) -> in
 
 
 def check_shift_ns(shift: int, key: str, unit: str, path: Path) -> int:
-    """A time shift [ns] that is plausible; `unit` is that of the file. Raises CalibrationError: it is not."""
+    """Check a time shift [ns]; `unit` is that of the file. Raises CalibrationError: implausible."""
     if abs(shift) > _MAX_SHIFT_S * NS_PER_S:
         raise CalibrationError(
-            f"{path}: {key} shifts the clocks by {shift / NS_PER_S:g} s; expected {unit}, and less than "
-            f"{_MAX_SHIFT_S:g} s: check its unit"
+            f"{path}: {key} shifts the clocks by {shift / NS_PER_S:g} s; expected {unit}, less than "
+            f"{_MAX_SHIFT_S:g} s: check the unit"
         )
     return shift
 
 
 def _implausible(seconds: float) -> str:
-    """What a shift in seconds that is none may mean, and what to write."""
+    """What an implausible shift may mean, and what to write instead."""
     unit, factor = next(
         ((unit, factor) for unit, factor in _SMALLER_UNITS.items() if abs(seconds) * factor < _USUAL_SHIFT_S),
         ("ns", 1e-9),
     )
     return (
-        f"; expected seconds, and less than {_MAX_SHIFT_S:g}. If {seconds:g} {unit} are meant, write "
-        f"{seconds * factor:.9g}; if the clocks are that far apart, set the stamps of one right and "
-        "write the rest"
+        f"; expected seconds, less than {_MAX_SHIFT_S:g}. If {seconds:g} {unit} are meant, write "
+        f"{seconds * factor:.9g}; if the clocks really differ that much, correct the stamps of one sensor "
+        "and write the remaining shift"
     )
 
 
@@ -128,22 +128,22 @@ def read_noise(
     rate_key: str,
     path: Path,
 ) -> ImuNoise:
-    """Densities, walks and rate of an IMU.
+    """Noise densities, random walks and rate of an IMU.
 
     Args:
-        section: what the file says of the IMU.
-        keys: the key in it for each field of ImuNoise but the rate.
-        rate_key: of the sample rate [Hz], which may be absent.
+        section: the part of the file for the IMU.
+        keys: the key in it for each field of ImuNoise except the rate.
+        rate_key: of the sample rate [Hz], which may be missing.
         path: for messages.
 
     Raises:
-        CalibrationError: a figure is absent or impossible.
+        CalibrationError: a value is missing or impossible.
     """
     values = {field: number(section, key, path) for field, key in keys.items()}
     for field, value in values.items():
         if not 0.0 < value <= _MAX_NOISE:
             raise CalibrationError(
-                f"{path}: {keys[field]} is {value:g}; expected a positive figure in SI units "
+                f"{path}: {keys[field]} is {value:g}; expected a positive value in SI units "
                 f"per sqrt(Hz), at most {_MAX_NOISE:g}"
             )
     rate_hz = number(section, rate_key, path) if section.get(rate_key) is not None else None

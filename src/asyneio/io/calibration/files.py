@@ -1,4 +1,4 @@
-"""Calibration files of every supported format, detected by their keys, and the search for them in a folder."""
+"""Calibration files of every supported format, detected by their keys, and the search in a folder."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def sources_of(
     """
     if not camera.cameras:
         raise CalibrationError(
-            f"{camera.path} is a {camera.kind} without a camera; expected a file with intrinsics and extrinsics"
+            f"{camera.path} is a {camera.kind} without a camera; expected intrinsics and extrinsics"
         )
     noise = _noise_of(imu) if imu else _own_noise(camera)
     return CalibrationSources(camera, noise, found_by_content=found_by_content)

@@ -1,4 +1,4 @@
-"""Keys of calibration files that would change a result and are not applied: each gets a sentence."""
+"""Keys of calibration files that would change a result but are not applied: each gets a note."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-#: Gravity where people live [m/s^2].
+#: Range of gravity on the surface of the Earth [m/s^2].
 _GRAVITY = (9.76, 9.84)
 
 
 def ignored_key_notes(section: dict[str, Any], path: Path) -> tuple[str, ...]:
-    """A sentence for each key that matters and is not applied."""
+    """A note for each key with an effect that is not applied."""
     return tuple(
         f"{path.name}: {key} is not applied: {consequence}"
         for key, (neutral, consequence) in _KEYS.items()
@@ -39,12 +39,12 @@ def _usual_gravity(value: Any) -> bool:
     return isinstance(value, int | float) and _GRAVITY[0] <= abs(value) <= _GRAVITY[1]
 
 
-_OTHER_GRAVITY = "gravity is taken to be 9.80665 m/s^2"
+_OTHER_GRAVITY = "gravity is 9.80665 m/s^2"
 _SHUTTER = "events have no rolling shutter"
 
 _KEYS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "T_i_b": (_identity, "this IMU is taken for the body; give the extrinsics to it"),
-    "time_offset": (_zero, "this IMU's clock is taken for that of the body; the time shift must be to it"),
+    "T_i_b": (_identity, "this IMU is the body frame; the extrinsics must refer to it"),
+    "time_offset": (_zero, "the clock of this IMU is the reference; the time shift must refer to it"),
     "g_norm": (_usual_gravity, _OTHER_GRAVITY),
     "gravity_mag": (_usual_gravity, _OTHER_GRAVITY),
     "g": (_usual_gravity, _OTHER_GRAVITY),

@@ -116,7 +116,7 @@ def read_intrinsics(
 
 
 def distortion_named(name: Any, path: Path, key: str) -> Distortion:
-    """The distortion model with this name; None means no distortion. Raises CalibrationError: unknown name."""
+    """The distortion model with this name, None meaning none. Raises CalibrationError: unknown name."""
     if name is None:
         return Distortion.NONE
     if not isinstance(name, str) or name.lower() not in DISTORTION_NAMES:
@@ -143,9 +143,10 @@ def check_distortion(intrinsics: CameraIntrinsics, path: Path) -> tuple[str, ...
     share = lost / _PROBES**2
     if share > _MAX_LOST[intrinsics.distortion]:
         raise CalibrationError(
-            f"{path}: the distortion ({intrinsics.distortion}, {', '.join(f'{c:g}' for c in intrinsics.coefficients)}) "
-            f"folds inside the image: {share:.0%} of its pixels have no viewing direction. Check the model's name "
-            "(coefficients of radtan and equidistant are often exchanged), their order and the resolution"
+            f"{path}: the distortion ({intrinsics.distortion}, "
+            f"{', '.join(f'{c:g}' for c in intrinsics.coefficients)}) folds inside the image: {share:.0%} "
+            "of its pixels have no viewing direction. Check the model's name (coefficients of radtan and "
+            "equidistant are often exchanged), their order and the resolution"
         )
     notes: tuple[str, ...] = ()
     if lost:

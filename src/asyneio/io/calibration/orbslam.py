@@ -1,8 +1,8 @@
-"""The settings of ORB-SLAM3 (`File.version: "1.0"`, `Camera1.fx`) and of older versions (`Camera.fx`, `Tbc`).
+"""Settings files of ORB-SLAM3 (`File.version: "1.0"`, `Camera1.fx`) and of older versions (`Camera.fx`,
+`Tbc`).
 
-`IMU.T_b_c1` and `Tbc` map camera to body coordinates (`Settings::readIMU`). Noise is in densities of
-continuous time: `Tracking` itself multiplies and divides by the root of `IMU.Frequency`. There is no
-time shift in it.
+`IMU.T_b_c1` and `Tbc` map camera to body coordinates (`Settings::readIMU`). Noise values are continuous-time
+densities: `Tracking` converts them with the square root of `IMU.Frequency`. There is no time shift.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _UNDERSTOOD = "PinHole, Rectified and KannalaBrandt8"
 
 
 def is_orbslam(content: dict[str, Any]) -> bool:
-    """True for keys with the name of a camera or the IMU and a dot."""
+    """True for keys such as `Camera1.fx` or `IMU.NoiseGyro`."""
     return any(key in content for key in ("Camera1.fx", "Camera.fx", "IMU.NoiseGyro"))
 
 
 def parse_orbslam(content: dict[str, Any], path: Path) -> CalibrationFile:
-    """The first camera, in the clock and the place of which the rest is, and the noise."""
+    """The first camera, to which extrinsics refer, and the noise."""
     cameras: tuple[CameraEntry, ...] = ()
     prefix = "Camera1" if "Camera1.fx" in content else "Camera"
     if f"{prefix}.fx" in content:
@@ -79,7 +79,7 @@ def _read_intrinsics(content: dict[str, Any], prefix: str, path: Path) -> Camera
         radtan = without_zeros(given)
         return make_intrinsics(values, sides, Distortion.RADTAN if radtan else Distortion.NONE, radtan, path)
     raise CalibrationError(
-        f"{path}: Camera.type is {shown(kind)}; understood are {_UNDERSTOOD}: calibrate with one of these"
+        f"{path}: Camera.type is {shown(kind)}; supported: {_UNDERSTOOD}; calibrate with one of these"
     )
 
 

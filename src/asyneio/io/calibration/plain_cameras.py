@@ -1,8 +1,8 @@
-"""Cameras that come without a rig: DSEC's `cam_to_cam.yaml`, ROS' camera file, EuRoC's `sensor.yaml`.
+"""Camera files without an IMU: `cam_to_cam.yaml` of DSEC, camera files of ROS, `sensor.yaml` of EuRoC.
 
-DSEC (its page on the data format): `intrinsics` of cam0 and cam3, the event cameras, of the frame cameras
-between them, and of all as rectified (camRectN); events are stored as the sensor had them. `T_BS` of EuRoC
-maps sensor to body coordinates, and the body is the IMU (its `sensor.yaml` says so by the identity).
+DSEC (its page on the data format): `intrinsics` of the event cameras cam0 and cam3, of the frame cameras
+between them, and of all rectified cameras (camRectN); events are stored unrectified. `T_BS` of EuRoC maps
+sensor to body coordinates; the body is the IMU (`T_BS` in its `sensor.yaml` is the identity).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def is_dsec(content: dict[str, Any]) -> bool:
 
 
 def parse_dsec(content: dict[str, Any], path: Path) -> CalibrationFile:
-    """The cameras as they are; the rectified ones are images that events have not."""
+    """The unrectified cameras, as events are stored unrectified."""
     cameras = mapping(content, "intrinsics", path)
     entries = tuple(
         CameraEntry(name, partial(_read_dsec, cameras, name, path), size=_dsec_size(cameras[name]))
@@ -53,7 +53,7 @@ def parse_euroc_camera(content: dict[str, Any], path: Path) -> CalibrationFile:
 
 
 def is_camera_info(content: dict[str, Any]) -> bool:
-    """True for the file that ROS' calibrator writes."""
+    """True for a file of the ROS camera calibrator."""
     return isinstance(content.get("camera_matrix"), dict) and "image_width" in content
 
 
@@ -80,8 +80,8 @@ def _read_dsec(cameras: dict[str, Any], name: str, path: Path) -> CameraReading:
 def _read_euroc(content: dict[str, Any], path: Path) -> CameraReading:
     _require_pinhole(content, "the camera", path)
     T_b_c, notes = read_rigid(content, "T_BS", path)
-    said = f"{path.name}: extrinsics read from T_BS (sensor to body)"
-    return CameraReading(read_intrinsics(content, path, names=_EUROC), T_b_c, None, (*notes, said))
+    note = f"{path.name}: extrinsics read from T_BS (sensor to body)"
+    return CameraReading(read_intrinsics(content, path, names=_EUROC), T_b_c, None, (*notes, note))
 
 
 def _read_camera_info(content: dict[str, Any], path: Path) -> CameraReading:

@@ -196,7 +196,7 @@ class _Parts:
 def select_camera(
     cameras: tuple[CameraEntry, ...], size: tuple[int, int] | None, name: str | None
 ) -> CameraEntry:
-    """The camera with this name or topic (or part of a topic); without a name the only one that fits the size.
+    """The camera with this name, topic or part of a topic; without a name, the only one that fits the size.
 
     Raises:
         CalibrationError: none matches, or several; the message lists all cameras.

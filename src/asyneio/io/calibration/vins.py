@@ -1,11 +1,11 @@
-"""The configuration of VINS-Mono and VINS-Fusion, OpenCV's dialect, with the intrinsics in it or in `cam0_calib`.
+"""The configuration of VINS-Mono and VINS-Fusion (OpenCV YAML); intrinsics are in it or in `cam0_calib`.
 
-`body_T_cam0`, or `extrinsicRotation` and `extrinsicTranslation` (imu^R_cam, imu^T_cam by their comments), map
-camera to body coordinates; the image's clock plus `td` is the IMU's (comment of `td`).
+`body_T_cam0`, or `extrinsicRotation` and `extrinsicTranslation` (imu^R_cam, imu^T_cam in their comments), map
+camera to body coordinates. The camera stamp plus `td` is the IMU time (comment of `td`).
 
-`acc_n`, `gyr_n`, `acc_w`, `gyr_w` are figures of one sample: VINS' `integration_base.h` adds their squares,
-times dt^2, in every step. A step of continuous noise of density s adds s^2 dt instead, so that the density is
-the figure over the root of the rate. The rate stands nowhere in these files.
+`acc_n`, `gyr_n`, `acc_w`, `gyr_w` are per-sample values: `integration_base.h` of VINS adds their squares
+times dt^2 in every step. Continuous noise of density s adds s^2 dt instead, so the density is the value
+divided by the square root of the rate. These files do not contain the rate.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from asyneio.io.calibration.values import image_size, mapping, matrix, number, s
 from asyneio.io.calibration.yaml_json import load_sibling
 from asyneio.types import CameraIntrinsics, Distortion, ImuNoise
 
-#: Taken for the rate of the IMU until its samples tell it.
+#: Assumed IMU rate until it is measured from the samples.
 ASSUMED_RATE_HZ = 200.0
 
 _NOISE_KEYS = {
@@ -42,18 +42,18 @@ _NOISE_KEYS = {
     "accelerometer_walk": "acc_w",
 }
 _MAX_CAMERAS = 8
-#: estimate_extrinsic of VINS-Mono: what stands in the file is no guess even.
+#: estimate_extrinsic of VINS-Mono: the extrinsics in the file are not even an initial guess.
 _UNKNOWN_EXTRINSICS = 2
 
 
 def is_vins(content: dict[str, Any]) -> bool:
-    """True for a configuration, or for the file of a intrinsics that one names."""
+    """True for a configuration, or for the intrinsics file that one refers to."""
     keys = ("body_T_cam0", "extrinsicRotation", "cam0_calib", "projection_parameters", "acc_n")
     return any(key in content for key in keys)
 
 
 def parse_vins(content: dict[str, Any], path: Path) -> CalibrationFile:
-    """Cameras and noise. Raises CalibrationError where the file of a intrinsics cannot be read."""
+    """Cameras and noise. Raises CalibrationError: an intrinsics file cannot be read."""
     cameras: list[CameraEntry] = []
     others: list[Path] = []
     for index in range(_MAX_CAMERAS):
@@ -98,12 +98,12 @@ def _read_intrinsics(intrinsics: dict[str, Any], path: Path) -> CameraIntrinsics
         distortion = Distortion.RADTAN if any(coefficients) else Distortion.NONE
         return make_intrinsics(values, size, distortion, coefficients if any(coefficients) else (), path)
     if model == "KANNALA_BRANDT":
-        # camodocal counts from the linear term: its k2 is the first coefficient of others.
+        # camodocal counts from the linear term: its k2 is the first coefficient of other tools.
         values = [number(projection, key, path) for key in ("mu", "mv", "u0", "v0")]
         coefficients = [number(projection, key, path) for key in ("k2", "k3", "k4", "k5")]
         return make_intrinsics(values, size, Distortion.EQUIDISTANT, coefficients, path)
     raise CalibrationError(
-        f"{path}: model_type is {shown(model)}; understood are PINHOLE and KANNALA_BRANDT: calibrate with "
+        f"{path}: model_type is {shown(model)}; supported: PINHOLE and KANNALA_BRANDT; calibrate with "
         "one of these"
     )
 
@@ -112,8 +112,7 @@ def _extrinsics(content: dict[str, Any], index: int, path: Path) -> Checked | No
     key = f"body_T_cam{index}"
     if content.get("estimate_extrinsic") == _UNKNOWN_EXTRINSICS:
         raise CalibrationError(
-            f"{path}: estimate_extrinsic is 2: the extrinsics are not known; calibrate camera and IMU "
-            "together"
+            f"{path}: estimate_extrinsic is 2: the extrinsics are unknown; calibrate camera and IMU together"
         )
     if key in content:
         T_b_c, notes = read_rigid(content, key, path)
@@ -122,22 +121,22 @@ def _extrinsics(content: dict[str, Any], index: int, path: Path) -> Checked | No
         R = matrix(content, "extrinsicRotation", (3, 3), path)
         t = matrix(content, "extrinsicTranslation", (3, 1), path)[:, 0]
         T_b_c, notes = check_rigid(R, t, "extrinsicRotation, extrinsicTranslation", path)
-        said = f"{path.name}: extrinsics read from extrinsicRotation, extrinsicTranslation (camera to body)"
-        return T_b_c, (*notes, said)
+        note = f"{path.name}: extrinsics read from extrinsicRotation, extrinsicTranslation (camera to body)"
+        return T_b_c, (*notes, note)
     return None
 
 
 def _read_noise(content: dict[str, Any], path: Path) -> NoiseReading:
-    of_a_sample = read_noise(content, _NOISE_KEYS, "imu_rate", path)
-    rate_hz = of_a_sample.rate_hz or ASSUMED_RATE_HZ
+    per_sample = read_noise(content, _NOISE_KEYS, "imu_rate", path)
+    rate_hz = per_sample.rate_hz or ASSUMED_RATE_HZ
     root = math.sqrt(rate_hz)
     noise = ImuNoise(
-        of_a_sample.gyroscope_density / root,
-        of_a_sample.accelerometer_density / root,
-        of_a_sample.gyroscope_walk / root,
-        of_a_sample.accelerometer_walk / root,
-        of_a_sample.rate_hz,
+        per_sample.gyroscope_density / root,
+        per_sample.accelerometer_density / root,
+        per_sample.gyroscope_walk / root,
+        per_sample.accelerometer_walk / root,
+        per_sample.rate_hz,
     )
-    said = f"{path.name}: acc_n, gyr_n, acc_w, gyr_w are figures of a sample: divided by the root of the rate"
-    notes = (said, *ignored_key_notes(content, path))
-    return NoiseReading(noise, None if of_a_sample.rate_hz else ASSUMED_RATE_HZ, notes)
+    note = f"{path.name}: acc_n, gyr_n, acc_w, gyr_w are per-sample values: divided by the root of the rate"
+    notes = (note, *ignored_key_notes(content, path))
+    return NoiseReading(noise, None if per_sample.rate_hz else ASSUMED_RATE_HZ, notes)

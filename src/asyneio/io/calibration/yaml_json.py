@@ -1,8 +1,8 @@
-"""Calibration files from strangers, as plain mappings: YAML, OpenCV's dialect of it, JSON.
+"""Calibration files as plain mappings: YAML, OpenCV's dialect of YAML, JSON.
 
-Nothing in them can run: a safe loader, with caps on size, aliases and brackets. OpenCV begins its files with
-`%YAML:1.0`, which YAML does not allow, and marks matrices with `!!opencv-matrix`; both are taken, and a
-matrix becomes the mapping of rows, cols and data that it is.
+Files are untrusted: the loader executes nothing and limits size, aliases and brackets. OpenCV starts its
+files with `%YAML:1.0`, which YAML does not allow, and tags matrices with `!!opencv-matrix`; both are
+accepted, and a matrix becomes a mapping of rows, cols and data.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ import yaml
 from asyneio.errors import CalibrationError
 from asyneio.io.calibration.rejected_files import reject_known_text
 
-#: Calibration files in YAML hold a few kilobytes.
+#: Calibration files in YAML have a few kilobytes.
 MAX_BYTES = 64 * 1024
-#: Those in JSON may hold a vignette as well; the parser takes linear time.
+#: Files in JSON may contain a vignette; the JSON parser takes linear time.
 MAX_JSON_BYTES = 1024 * 1024
-#: A handful of aliases is style; many nested ones expand without bound.
+#: Many nested aliases expand without bound; a calibration needs a handful at most.
 MAX_ALIASES = 32
-#: YAML's parser takes quadratic time on nested brackets; a calibration needs a few dozen.
+#: PyYAML takes quadratic time for nested brackets; a calibration needs a few dozen.
 MAX_BRACKETS = 1000
 
 _OPENCV_HEADER = "%YAML:1.0"
 
 
 class _Loader(yaml.SafeLoader):
-    """The safe loader, with OpenCV's matrices as plain mappings."""
+    """The safe loader; OpenCV matrices become plain mappings."""
 
 
 def _opencv_matrix(loader: yaml.SafeLoader, node: yaml.Node) -> dict[Any, Any]:
     if not isinstance(node, yaml.MappingNode):
-        raise yaml.YAMLError("!!opencv-matrix stands before something that is no mapping")
+        raise yaml.YAMLError("!!opencv-matrix is not followed by a mapping")
     return loader.construct_mapping(node, deep=True)
 
 
@@ -45,39 +45,37 @@ def load_mapping(path: Path) -> dict[str, Any]:
     """Read a file whose top level is a mapping.
 
     Raises:
-        CalibrationError: unreadable, too large, too many aliases, neither YAML nor JSON, or not a mapping.
+        CalibrationError: unreadable, too large, too many aliases, neither YAML nor JSON, or no mapping.
     """
     return parse_mapping(_read_capped(path), path)
 
 
 def parse_mapping(text: str, path: Path) -> dict[str, Any]:
-    """As `load_mapping`, from text that was found at `path`."""
+    """Like `load_mapping`, for text that was read from `path`."""
     text = text.removeprefix("\ufeff")
     reject_known_text(text, path)
     if not text.strip(" \t\r\n\0-"):
-        raise CalibrationError(f"{path} is empty; expected a calibration: write it again, or remove the file")
+        raise CalibrationError(f"{path} is empty; expected a calibration: write it again or remove the file")
     content = _parse_json(text, path) if text.lstrip().startswith("{") else _parse_yaml(text, path)
     if content is None:
-        raise CalibrationError(f"{path} holds no keys but comments; expected a calibration")
+        raise CalibrationError(f"{path} contains only comments; expected a calibration")
     if not isinstance(content, dict):
         raise CalibrationError(
-            f"{path} holds a {type(content).__name__}; expected a mapping of keys to values"
+            f"{path} contains a {type(content).__name__}; expected a mapping of keys to values"
         )
     return {str(key): value for key, value in content.items()}
 
 
 def load_sibling(path: Path, name: Any) -> tuple[Path, dict[str, Any]]:
-    """Another file that the one at `path` names, in the same folder or below it, and its content.
+    """Path and content of another file that the one at `path` refers to, in the same folder or below it.
 
     Raises:
-        CalibrationError: the name is none, leads elsewhere, or the file is as `load_mapping` refuses it.
+        CalibrationError: no file name, a path outside the folder, or an error of `load_mapping`.
     """
     if not isinstance(name, str) or not name or len(name) > 255 or "\0" in name:
-        raise CalibrationError(f"{path} names no file where it should name one of its own folder")
+        raise CalibrationError(f"{path} does not name a file of its own folder where it should")
     if Path(name).is_absolute() or ".." in Path(name).parts:
-        raise CalibrationError(
-            f"{path} names {name}, which is not in its folder; put the two files side by side"
-        )
+        raise CalibrationError(f"{path} refers to {name}, outside its folder; put both files into one folder")
     sibling = path.parent / name
     return sibling, load_mapping(sibling)
 
@@ -89,7 +87,7 @@ def _parse_json(text: str, path: Path) -> Any:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
         if len(text) <= MAX_BYTES:
-            # What begins with a brace may be YAML in flow style.
+            # Text in braces may be YAML in flow style.
             return _parse_yaml(text, path)
         raise _invalid(path, "JSON", error) from error
 
@@ -98,18 +96,18 @@ def _parse_yaml(text: str, path: Path) -> Any:
     if len(text) > MAX_BYTES:
         raise _too_large(path, MAX_BYTES)
     if text.startswith(_OPENCV_HEADER):
-        # The first line goes, its end stays: line numbers in messages remain right.
+        # Remove the first line but keep its line feed: line numbers in messages stay correct.
         text = text[text.find("\n") :] if "\n" in text else ""
     if text.count("[") + text.count("{") > MAX_BRACKETS:
         raise CalibrationError(
-            f"{path} holds more than {MAX_BRACKETS} brackets; that is not a calibration file"
+            f"{path} contains more than {MAX_BRACKETS} brackets; it is not a calibration file"
         )
     try:
         aliases = sum(isinstance(token, yaml.AliasToken) for token in yaml.scan(text))
         content = yaml.load(text, _Loader) if aliases <= MAX_ALIASES else None
     except Exception as error:
-        # PyYAML's scalar constructors let IndexError, KeyError, AttributeError, ValueError and
-        # RecursionError out on malformed tags and deep nesting; all mean the same to the user.
+        # PyYAML raises IndexError, KeyError, AttributeError, ValueError or RecursionError for malformed tags
+        # and deep nesting; for the user all of them mean invalid YAML.
         raise _invalid(path, "YAML", error) from error
     if aliases > MAX_ALIASES:
         raise CalibrationError(f"{path} uses more than {MAX_ALIASES} YAML aliases; write the values out")
@@ -122,7 +120,7 @@ def _invalid(path: Path, language: str, error: Exception) -> CalibrationError:
 
 
 def _too_large(path: Path, limit: int) -> CalibrationError:
-    return CalibrationError(f"{path} is larger than {limit // 1024} KiB; that is not a calibration file")
+    return CalibrationError(f"{path} is larger than {limit // 1024} KiB; it is not a calibration file")
 
 
 def _read_capped(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Event recordings in HDF5, our own layout.
+"""Event recordings in asyneio's own HDF5 layout.
 
 | path | content |
 |---|---|
@@ -47,19 +47,19 @@ _EVENTS = ColumnLayout("events", unit_ns=1)
 
 
 def is_asyneio_hdf5(path: Path) -> bool:
-    """True when a file of HDF5 says that it has our layout."""
+    """True if an HDF5 file declares asyneio's layout."""
     with open_hdf5(path) as file:
         return "format" in file.attrs and text_attribute(file, "format", path) == FORMAT
 
 
 def read_events_hdf5(path: Path, options: ReadOptions) -> Contents:
-    """A file of our own layout.
+    """A file in asyneio's own layout.
 
-    Without given paths the calibration is the one in the file. Links, external storage, virtual data sets
-    and objects are refused: each can make a reader hand out, or run, what is not in the file.
+    The calibration is that of the file, unless paths are given. Links, external storage, virtual data sets
+    and objects are rejected: they can make a reader return, or execute, what is not in the file.
 
     Raises:
-        RecordingError: unreadable, another layout, hostile, or contradicting itself.
+        RecordingError: unreadable, another layout, hostile, or inconsistent.
         CalibrationError: the calibration is malformed or impossible.
     """
     with open_hdf5(path) as file:
@@ -83,7 +83,7 @@ def read_events_hdf5(path: Path, options: ReadOptions) -> Contents:
 
 
 def _calibration(file: h5py.File, path: Path) -> CalibrationSources:
-    """The calibration inside the file, or beside it where there is none inside."""
+    """The calibration in the file, else from sidecar files."""
     if not holds(file, "calibration"):
         return find_calibration(path.parent, None, None)
     section = group(file, "calibration", path)
@@ -119,7 +119,7 @@ def _truth(file: h5py.File, path: Path) -> PoseTrajectory | None:
     truth = PoseTrajectory(t[:].astype(np.int64), position[:], quaternion[:])
     norms_fit = np.abs(np.linalg.norm(truth.quaternion, axis=1) - 1.0) <= 1e-2
     if truth.position.shape[1:] != (3,) or truth.quaternion.shape[1:] != (4,) or not norms_fit.all():
-        raise RecordingError(f"{path}: /ground_truth must hold positions (K,3) and unit quaternions (K,4)")
+        raise RecordingError(f"{path}: /ground_truth must contain positions (K,3) and unit quaternions (K,4)")
     if (np.diff(truth.t_ns) <= 0).any() or not np.isfinite(truth.position).all():
         raise RecordingError(f"{path}: /ground_truth must have ascending times and finite positions")
     return truth

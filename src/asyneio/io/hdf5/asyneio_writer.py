@@ -1,4 +1,4 @@
-"""Write an event recording in our HDF5 layout (see `event_hdf5`), whole or not at all."""
+"""Write an event recording in asyneio's HDF5 layout (see `asyneio_reader`), complete or not at all."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _COLUMNS = {"t": "t_ns", "x": "x", "y": "y", "p": "p"}
 def write_events_hdf5(
     recording: EventRecording, path: Path, events: Iterable[RecordArray] | None = None
 ) -> None:
-    """Write a recording; reading it back gives the identical numbers.
+    """Write a recording; reading it back gives identical numbers.
 
     Args:
         recording: what to write.
-        path: the file; replaced if it is there.
-        events: pieces (EVENT_DTYPE) that follow each other in time, written in place of `recording.events`.
+        path: the file; replaced if it exists.
+        events: consecutive pieces (EVENT_DTYPE), written instead of `recording.events`.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -37,7 +37,7 @@ def write_events_hdf5(
 
 
 def fill_hdf5(recording: EventRecording, path: Path, events: Iterable[RecordArray]) -> None:
-    """As `write_events_hdf5`, into the very file: where writing is interrupted, half a file remains.
+    """Like `write_events_hdf5`, directly to the file: an interruption leaves an incomplete file.
 
     Raises:
         OSError: the file cannot be written.

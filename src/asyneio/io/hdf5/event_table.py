@@ -1,6 +1,6 @@
-"""Events in HDF5 as one data set of four columns, (N,4): v2e's `events` and its kin.
+"""Events in HDF5 as one data set of four columns, (N,4), such as `events` of v2e.
 
-v2e writes t [us], x, y, p as unsigned numbers of 32 bits; a polarity of -1 then stands as 4 294 967 295.
+v2e writes t [us], x, y, p as unsigned 32-bit numbers; a polarity of -1 becomes 4 294 967 295.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ _SAMPLE = 4096
 _EXPECTED = (
     "events/x, y, t, p (or xs, ys, ts, ps) as data sets, or one data set of four columns with t, x, y, p"
 )
-_MOST_LISTED = 12
+_MAX_LISTED = 12
 
 
 @dataclass(frozen=True)
 class _Table:
-    """Where the columns are and what they mean."""
+    """Name of the data set, and the meaning of its columns."""
 
     name: str
     meaning: Meaning
@@ -59,25 +59,25 @@ class TableEvents:
                 yield pack_events(nanoseconds(t, meaning.unit_ns), pixels(x), pixels(y), p == 1), share
 
     def samples(self) -> RecordArray:
-        """None: inertial samples are read apart from the events."""
+        """Empty: inertial samples are read separately."""
         return np.empty(0, dtype=SAMPLE_DTYPE)
 
     def notes(self) -> tuple[str, ...]:
-        """How the columns were read."""
+        """A note on how the columns were read."""
         return (self._table.meaning.sentence(self.path.name),)
 
 
 def is_event_table(path: Path) -> bool:
-    """True when a file of HDF5 has one data set of four columns that fit events."""
+    """True if an HDF5 file has a data set of four columns that can be events."""
     with open_hdf5(path) as file:
         return _find(file, path) is not None
 
 
 def read_event_table(path: Path, options: ReadOptions) -> Contents:
-    """A file with one data set of four columns, with the inertial samples and poses beside it.
+    """A file with one data set of four columns, with samples and ground truth from sidecar files.
 
     Raises:
-        RecordingError: unreadable, hostile, or no events.
+        RecordingError: unreadable, hostile, or without events.
         CalibrationError: a calibration file is malformed or impossible.
     """
     with open_hdf5(path) as file:
@@ -97,20 +97,20 @@ def read_event_table(path: Path, options: ReadOptions) -> Contents:
 
 
 def contents_of(path: Path) -> str:
-    """What a file of HDF5 holds and what is expected, for a refusal."""
+    """The data sets of an HDF5 file and what is expected, for error messages."""
     listed: list[str] = []
 
     def note(name: str, member: object) -> bool | None:
         if isinstance(member, h5py.Dataset):
             listed.append(f"{name} {member.shape} {member.dtype}")
-        return True if len(listed) >= _MOST_LISTED else None
+        return True if len(listed) >= _MAX_LISTED else None
 
     try:
         with open_hdf5(path) as file:
             file.visititems(note)
     except RecordingError:
         listed.append("nothing readable")
-    return f"holds {', '.join(listed) or 'no data set'}; expected {_EXPECTED}"
+    return f"contains {', '.join(listed) or 'no data set'}; expected {_EXPECTED}"
 
 
 def _find(file: h5py.File, path: Path) -> _Table | None:
@@ -126,9 +126,9 @@ def _find(file: h5py.File, path: Path) -> _Table | None:
         data = dataset(file, name, path, "iuf", 2)
         check_columns([data], path)
         rows = np.asarray(data[:_SAMPLE]).astype(np.float64)
-        place = columns_by_values(rows)
-        if place is not None:
-            unit, told_by = unit_of_time(rows[:, place["t"]], "us", "v2e")
-            columns = (place["t"], place["x"], place["y"], place["p"])
-            return _Table(name, Meaning(columns, 4, unit, told_by))
+        position = columns_by_values(rows)
+        if position is not None:
+            unit, unit_source = unit_of_time(rows[:, position["t"]], "us", "v2e")
+            columns = (position["t"], position["x"], position["y"], position["p"])
+            return _Table(name, Meaning(columns, 4, unit, unit_source))
     return None

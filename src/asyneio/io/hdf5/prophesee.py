@@ -1,6 +1,6 @@
 """Prophesee's HDF5: `/CD/events`, a table with the fields x, y, p and t [us].
 
-Metavision compresses it with a codec of its own (ECF), which HDF5 loads as a plugin where it is installed.
+Metavision compresses it with its own codec (ECF), which HDF5 loads as a plugin if it is installed.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ _LAYOUT = ColumnLayout("CD", unit_ns=1000, table="events")
 
 
 def is_prophesee_hdf5(path: Path) -> bool:
-    """True when a file of HDF5 has events where Metavision puts them."""
+    """True if an HDF5 file has events where Metavision writes them."""
     with open_hdf5(path) as file:
         return holds(file, "CD") and holds(group(file, "CD", path), "events")
 
 
 def read_prophesee_hdf5(path: Path, options: ReadOptions) -> Contents:
-    """A file of Metavision.
+    """An HDF5 file of Metavision.
 
     Raises:
-        RecordingError: unreadable, hostile, or compressed by a codec that is not installed.
+        RecordingError: unreadable, hostile, or compressed with a codec that is not installed.
         CalibrationError: a calibration file is malformed or impossible.
     """
     with open_hdf5(path) as file:

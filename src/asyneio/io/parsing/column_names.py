@@ -1,4 +1,4 @@
-"""Names of columns, as strangers write them: which quantity, which axis, which unit.
+"""Names of columns in files of any tool: quantity, axis, unit.
 
 `gyro_x [deg/s]`, `field.angular_velocity.x`, `w_RS_S_x [rad s^-1]` and `gyroX` name the x axis of one sensor.
 """
@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-#: Stems of the names of axes, written without blanks, dots and underscores.
+#: Stems of axis names, without blanks, dots and underscores.
 GYROSCOPE = frozenset(
     [
         "g",
@@ -42,7 +42,7 @@ ACCELEROMETER = frozenset(
 POSITION = frozenset(["p", "t", "pos", "position", "translation", "prsr", "prss", "posemsgposition"])
 QUATERNION = frozenset(["q", "quat", "quaternion", "orientation", "rotation", "rot", "qrs"])
 
-#: Words in the names of what is no reading: b_w_RS_S_x is a bias.
+#: Words in names of columns that are not measurements: b_w_RS_S_x is a bias.
 _OTHER = frozenset(["b", "bias", "cov", "covariance", "std", "sigma", "mag", "var", "variance"])
 _UNITS_OF_TIME = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s",
@@ -50,7 +50,7 @@ _UNITS_OF_TIME = {
     "us": "us", "usec": "us", "µs": "us", "μs": "us", "micros": "us", "microseconds": "us",
     "ns": "ns", "nsec": "ns", "nsecs": "ns", "nanosec": "ns", "nanosecs": "ns", "nanoseconds": "ns",
 }  # fmt: skip
-#: Units that are written as the last words of a name.
+#: Units written as the last words of a name.
 _UNIT_WORDS = {
     "dps": "deg/s", "degs": "deg/s", "degps": "deg/s", "rads": "rad/s", "radps": "rad/s",
     "ms2": "m/s^2", "mps2": "m/s^2", "mss": "m/s^2", "g": "g", "mg": "mg",
@@ -64,19 +64,19 @@ _WORD = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])|[0-9]+")
 
 @dataclass(frozen=True)
 class Column:
-    """A column as a header names it: the words of its name in lower case, and its unit ("" where untold)."""
+    """A column of a header: the words of its name in lower case, and its unit ("" if not given)."""
 
     words: tuple[str, ...]
     unit: str = ""
 
     @property
     def axis(self) -> str:
-        """The last letter where it names an axis, else ""."""
+        """The last letter if it names an axis, else ""."""
         last = self.words[-1] if self.words else ""
         return last[-1] if last[-1:] in ("x", "y", "z", "w") else ""
 
     def stems(self) -> set[str]:
-        """What stands before the axis, with and without the words that lead there."""
+        """The name before the axis, with and without its first words."""
         if not self.axis or _OTHER.intersection(self.words):
             return set()
         words = (*self.words[:-1], self.words[-1][:-1])
@@ -85,7 +85,8 @@ class Column:
 
 @dataclass(frozen=True)
 class TimeColumn:
-    """Where time stands, its unit ("" where untold), and where whole nanoseconds stand beside seconds."""
+    """The column of the time, its unit ("" if not given), and a column of nanoseconds to add to whole
+    seconds."""
 
     index: int
     unit: str = ""
@@ -106,7 +107,7 @@ def parse_column(text: str) -> Column:
 
 
 def find_axes(columns: Sequence[Column], stems: frozenset[str], axes: str = "xyz") -> tuple[int, ...] | None:
-    """Positions of the axes of a quantity; None where a header does not name all, or names one twice."""
+    """Positions of the axes of a quantity; None if the header lacks one, or names one twice."""
     found: dict[str, int] = {}
     for index, column in enumerate(columns):
         if column.axis in axes and column.axis and stems.intersection(column.stems()):
@@ -117,7 +118,7 @@ def find_axes(columns: Sequence[Column], stems: frozenset[str], axes: str = "xyz
 
 
 def find_bare_axes(columns: Sequence[Column]) -> tuple[int, ...] | None:
-    """Positions of columns that are named x, y and z and nothing else."""
+    """Positions of the columns named exactly x, y and z."""
     names = [column.words for column in columns]
     if all(names.count((axis,)) == 1 for axis in "xyz"):
         return tuple(names.index((axis,)) for axis in "xyz")
@@ -125,7 +126,8 @@ def find_bare_axes(columns: Sequence[Column]) -> tuple[int, ...] | None:
 
 
 def find_time(columns: Sequence[Column]) -> TimeColumn | None:
-    """Where time stands: the stamp in a header of ROS goes before the time of recording; None without one."""
+    """The column of the time; a ROS header stamp takes precedence over the recording time. None without
+    one."""
     best: TimeColumn | None = None
     rank = 0
     for index, column in enumerate(columns):
@@ -148,7 +150,7 @@ def find_time(columns: Sequence[Column]) -> TimeColumn | None:
 
 
 def _partner(columns: Sequence[Column], seconds: Column) -> int | None:
-    """The column of nanoseconds beside one of whole seconds: the same name but for the last word."""
+    """The column of nanoseconds for one of whole seconds: the same name except for the last word."""
     for index, column in enumerate(columns):
         same = column.words[:-1] == seconds.words[:-1] and column is not seconds
         if same and column.words and _UNITS_OF_TIME.get(column.words[-1]) == "ns":

@@ -1,4 +1,4 @@
-"""What a refused line of text seems to hold, and what to type so that it is read."""
+"""Detection of decimal commas between semicolons, with the command that fixes the file."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ _DECIMAL_COMMA = re.compile(r"(^|[;\s])[+-]?\d+,\d+\s*(;|\s|$)")
 
 
 def reject_decimal_commas(path: object, number: int, line: str) -> None:
-    """Refuse a line whose numbers have decimal commas, quoting it.
+    """Reject a line whose numbers have decimal commas.
 
     Args:
         path: the file, for the message.
         number: of the line.
-        line: as it stands.
+        line: its text.
 
     Raises:
-        RecordingError: it has semicolons between its numbers and commas in them.
+        RecordingError: the line has semicolons between its numbers and commas in them.
     """
     if ";" in line and _DECIMAL_COMMA.search(line):
         name = Path(str(path)).name
         raise RecordingError(
-            f"{path}: line {number} has decimal commas, between semicolons: {line.strip()[:80]!r}; expected "
+            f"{path}: line {number} has decimal commas between semicolons: {line.strip()[:80]!r}; expected "
             f"decimal points. Type: sed -i 's/,/./g; s/;/ /g' {name}"
         )

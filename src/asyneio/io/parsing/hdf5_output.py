@@ -1,8 +1,8 @@
-"""A file that HDF5 can always close, though its disk be full.
+"""HDF5 output to a file that can always be closed, even if the disk is full.
 
-HDF5 keeps what it could not write, tries again when it closes, and again when the program ends, which then
-dies in compiled code. So writing goes through Python: the first failure is kept, what comes after it is
-thrown away, and HDF5 never learns of it.
+HDF5 retries failed writes when the file is closed and again at exit, where the process then crashes.
+Therefore writing goes through a Python file object that stores the first error, discards everything after it,
+and never reports an error to HDF5.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import Any
 import h5py
 
 
-class _SteadyFile(io.RawIOBase):
-    """A file for reading and writing, whose first failure is `failure`."""
+class _FailSafeFile(io.RawIOBase):
+    """A file for reading and writing that stores its first error in `failure` instead of raising it."""
 
     def __init__(self, path: Path) -> None:
         self._stream = path.open("w+b", buffering=0)
@@ -41,7 +41,7 @@ class _SteadyFile(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         view = memoryview(buffer).cast("B")
         count = self._stream.readinto(view) or 0
-        # Bytes that were thrown away.
+        # Discarded bytes read as zeros.
         view[count:] = bytes(len(view) - count)
         return len(view)
 
@@ -70,12 +70,12 @@ class _SteadyFile(io.RawIOBase):
 
 @contextmanager
 def new_hdf5(path: Path) -> Iterator[h5py.File]:
-    """A new HDF5 file to be filled.
+    """Create an HDF5 file.
 
     Raises:
-        OSError: the file cannot be written; half a file remains then.
+        OSError: the file cannot be written; an incomplete file remains.
     """
-    with _SteadyFile(path) as stream:
+    with _FailSafeFile(path) as stream:
         with h5py.File(stream, "w") as file:
             yield file
         if stream.failure is not None:

@@ -86,9 +86,9 @@ class Evt21Decoder(WordDecoder):
         unknown = int(self._state[0]["unknown"])
         if unknown > _MAX_UNKNOWN * self._words:
             raise RecordingError(
-                f"{unknown} of {self._words} words are of a type unknown in EVT 2.1, in either order of their "
-                "halves: another encoding, or damaged? Record in EVT 3.0, or convert the file with Metavision "
-                "(metavision_file_to_dat)"
+                f"{unknown} of {self._words} words are of a type unknown in EVT 2.1, in either order of "
+                "their halves: another encoding, or damaged? Record in EVT 3.0, or convert the file with "
+                "Metavision (metavision_file_to_dat)"
             )
 
 

@@ -13,9 +13,9 @@ The four high bits are the type of a word, the twelve low ones its content:
 | 7, 14, 15 | CONTINUED_4, OTHERS, CONTINUED_12 | other data and its continuation, skipped |
 | 9 | | padding of some cameras (0x9999 of a Lucid Triton2 EVS), skipped and counted |
 
-The time has 24 bits and wraps every 16.777 s. Some cameras now and then send a high time with a wrong bit, and
-some step back a little without a wrap. A high time that neither stays nor advances by one is therefore accepted
-only if the next one does not return to where time was before.
+The time has 24 bits and wraps every 16.777 s. Some cameras now and then send a high time with a wrong bit,
+and some step back a little without a wrap. A high time that neither stays nor advances by one is therefore
+accepted only if the next one does not return to where time was before.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ _MASK = 0xFFF
 
 
 class Evt3Decoder(WordDecoder):
-    """See WordDecoder; words are uint16. Times are in nanoseconds since the high time was 0 for the first time."""
+    """See WordDecoder; words are uint16. Times are in nanoseconds since the high time was 0 for the first
+    time."""
 
     counters = {  # noqa: RUF012
         "triggers": "external trigger(s)",
@@ -94,7 +95,7 @@ def _count_events(words: np.ndarray) -> int:
         code = word >> 12
         if code == EVT_ADDR_X:
             count += 1
-        elif code == VECT_12 or code == VECT_8:
+        elif code == VECT_12 or code == VECT_8:  # noqa: SIM109
             count += _ones(np.int64(word) & (0xFFF if code == VECT_12 else 0xFF))
     return count
 
@@ -151,7 +152,7 @@ def _decode_words(
                 high = step if high < 0 else max(high + step, 0)
                 low = 0 if low >= 0 else low
                 time = (high << 12) * 1000 if low >= 0 else np.int64(-1)
-        elif code == VECT_12 or code == VECT_8:
+        elif code == VECT_12 or code == VECT_8:  # noqa: SIM109
             width = 12 if code == VECT_12 else 8
             for bit in range(width):
                 if word >> bit & 1:
@@ -181,8 +182,8 @@ def _decode_words(
 def _check_high(words: np.ndarray, k: int, high: int, last: bool) -> tuple[int, int, bool]:
     """Check the high time at `k` against the next one.
 
-    Returns the step of the high time (from zero if `high` is -1: not known), 1 if the word is wrong, and False
-    if the next high time is not among the words yet.
+    Returns the step of the high time (from zero if `high` is -1: not known), 1 if the word is wrong, and
+    False if the next high time is not among the words yet.
     """
     here, after = int(words[k]) & _MASK, -1
     for i in range(k + 1, min(words.size, k + _SEARCH_WORDS)):

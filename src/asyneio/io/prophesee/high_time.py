@@ -62,10 +62,10 @@ def _next_high(words: np.ndarray, k: int, code_bit: int, value_bit: int) -> int:
     """The next high time after word `k`, -1 if there is none within SEARCH_WORDS."""
     for i in range(k + 1, min(words.size, k + SEARCH_WORDS)):
         if np.uint64(words[i]) >> np.uint64(code_bit) == EVT_TIME_HIGH:
-            return _bits(words[i], value_bit)
+            return int(_bits(words[i], value_bit))
     return -1
 
 
 @njit(cache=True)
 def _bits(word: int, value_bit: int) -> int:
-    return np.int64(np.uint64(word) >> np.uint64(value_bit)) & _MASK
+    return int(np.int64(np.uint64(word) >> np.uint64(value_bit)) & _MASK)

@@ -1,4 +1,4 @@
-"""Prophesee's files: RAW in the encodings EVT 2.0, 2.1 and 3.0, and DAT. They hold events alone."""
+"""Prophesee files: RAW in the encodings EVT 2.0, 2.1 and 3.0, and DAT. They contain events only."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from asyneio.io.recording.event_source import SAMPLE_DTYPE
 from asyneio.io.recording.sidecar import find_ground_truth, find_samples
 from asyneio.types import RecordArray
 
-#: Small enough for the allocator to hand out the same memory again.
+#: Small enough for the allocator to reuse memory.
 CHUNK_BYTES = 2**20
 
 
 class Decoder(Protocol):
-    """Words to events, piece by piece."""
+    """Decodes words to events, piece by piece."""
 
     def feed(self, words: np.ndarray, last: bool = False) -> RecordArray:
         """Events of the next words."""
 
     def notes(self, name: str) -> tuple[str, ...]:
-        """Sentences on what was skipped."""
+        """Notes on what was skipped."""
 
 
 @dataclass(frozen=True)
 class _Encoding:
-    """How the data of a file are cut into words: so many bytes go together."""
+    """How the data of a file are divided into words; `unit_bytes` must stay together."""
 
     decoder: Callable[[], Decoder]
     words: str
@@ -46,11 +46,11 @@ class _Encoding:
 
 
 _RAW = {"EVT2": _Encoding(Evt2Decoder, "u4", 4), "EVT3": _Encoding(Evt3Decoder, "u2", 2)}
-#: By the order of the halves of a word as the header tells it; None: the words themselves tell.
+#: By the order of the halves of a word in the header; None: detect it from the words.
 _EVT21 = {swapped: _Encoding(partial(Evt21Decoder, swapped), "u8", 8) for swapped in (None, False, True)}
 _DAT = _Encoding(DatDecoder, "u4", RECORD_BYTES)
-#: What is known of other encodings, for the refusal.
-_NOT_READ = {
+#: Descriptions of unsupported encodings.
+_UNSUPPORTED = {
     "EVT4": "EVT 4.0",
     "HISTO3D": "frames of histograms, not events",
     "DIFF3D": "frames of differences, not events",
@@ -88,22 +88,24 @@ class PropheseeEvents:
         yield end, 1.0
         self._notes = decoder.notes(self.path.name)
         if rest:
-            self._notes += (f"{self.path.name}: {len(rest)} byte(s) at the end are no whole event: cut off?",)
+            self._notes += (
+                f"{self.path.name}: {len(rest)} byte(s) at the end are not a complete event: truncated?",
+            )
 
     def samples(self) -> RecordArray:
-        """None: these files hold events alone."""
+        """Empty: these files contain events only."""
         return np.empty(0, dtype=SAMPLE_DTYPE)
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences on words that are no events, and on a file cut off."""
+        """Notes on words that are not events, and on a truncated file."""
         return self._notes
 
 
 def read_prophesee(path: Path, options: ReadOptions) -> Contents:
-    """A RAW or DAT file, with the inertial samples and poses beside it.
+    """A RAW or DAT file, with inertial samples and ground truth from sidecar files.
 
     Raises:
-        RecordingError: unreadable, or an encoding that is not read.
+        RecordingError: unreadable, or an unsupported encoding.
         CalibrationError: a calibration file is malformed or impossible.
     """
     header = read_header(path)
@@ -130,17 +132,17 @@ def _raw(path: Path, header: Header) -> _Encoding:
     if not name:
         found = ", ".join(header.fields)[:200] or "none"
         raise RecordingError(
-            f"{path} has a Prophesee header that names no encoding (keywords: {found}); expected a line "
+            f"{path} has a Prophesee header without an encoding (keywords: {found}); expected a line "
             "'% evt 2.0', '% evt 3.0' or '% format EVT3;...'"
         )
     raise RecordingError(
-        f"{path} is a Prophesee RAW file in {_NOT_READ.get(name, name[:40])}, which is not read; convert it "
-        "with Metavision (metavision_file_to_dat) or record in EVT 2.0, 2.1 or 3.0"
+        f"{path} is a Prophesee RAW file in {_UNSUPPORTED.get(name, name[:40])}, which is not supported; "
+        "convert it with Metavision (metavision_file_to_dat) or record in EVT 2.0, 2.1 or 3.0"
     )
 
 
 def _dat(path: Path, header: Header) -> tuple[_Encoding, int]:
-    """Encoding of a DAT file and where its records begin."""
+    """Encoding of a DAT file, and the position of its first record."""
     version = header.fields["version"]
     if version != str(VERSION):
         raise RecordingError(f"{path} is DAT of version {version[:40]}; expected version {VERSION}")
@@ -151,10 +153,10 @@ def _dat(path: Path, header: Header) -> tuple[_Encoding, int]:
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     if len(kind) < 2:
-        raise RecordingError(f"{path} holds nothing but a header")
+        raise RecordingError(f"{path} contains only a header")
     if kind[0] not in CD_KINDS or kind[1] != RECORD_BYTES:
         raise RecordingError(
-            f"{path} holds events of kind {kind[0]:#04x} with {kind[1]} bytes each; expected changes of "
-            f"brightness (kind 0x00 or 0x0c) with {RECORD_BYTES}"
+            f"{path} contains events of type {kind[0]:#04x} with {kind[1]} bytes each; expected changes of "
+            f"brightness (type 0x00 or 0x0c) with {RECORD_BYTES}"
         )
     return _DAT, header.data_start + 2

@@ -1,4 +1,5 @@
-"""What the decoders of EVT 2.0, 2.1 and 3.0 have in common: words in pieces, a state, counters for the notes."""
+"""What the decoders of EVT 2.0, 2.1 and 3.0 have in common: words in pieces, a state, counters for the
+notes."""
 
 from __future__ import annotations
 

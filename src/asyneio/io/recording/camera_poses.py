@@ -1,4 +1,4 @@
-"""Ground truth that is given as camera poses, as in data sets whose ground truth comes from lidar or video."""
+"""Ground truth given as camera poses, as in data sets with lidar or visual ground truth."""
 
 from __future__ import annotations
 

@@ -1,17 +1,17 @@
-"""Inertial samples from text, whoever wrote it: columns by their names, else by gravity.
+"""Inertial samples from text files of any tool: columns by their names, else by gravity.
 
-| known as | line |
+| source | line |
 |---|---|
 | EuRoC `imu0/data.csv` | `timestamp [ns],w_RS_S_x ...,a_RS_S_x ...`: gyroscope first |
 | UZH `imu.txt` | `t ax ay az gx gy gz`, seconds, no header: accelerometer first |
 | TUM-VIE `imu_data.txt` | `t gx gy gz ax ay az temperature`, microseconds with decimals |
-| VECtor `*.imu.txt` | seconds, gyroscope first; more columns follow |
+| VECtor `*.imu.txt` | seconds, gyroscope first, followed by other columns |
 | `rostopic echo -p`, bagpy | `field.header.stamp` or `header.stamp.secs` and `.nsecs`, `angular_velocity.x` |
 | DV | `timestamp` in microseconds, `accelX` [g], `gyroX` [deg/s] |
-| ours | `t_ns,gx,gy,gz,ax,ay,az` |
+| asyneio | `t_ns,gx,gy,gz,ax,ay,az` |
 
-A header names the columns and their units, or the halves are told apart by gravity, which only an
-accelerometer reads; where neither does, the file is refused.
+A header names the columns and their units; without one, the accelerometer is found by gravity. A file with
+neither is rejected.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from asyneio.io.recording.event_source import SAMPLE_DTYPE
 from asyneio.io.recording.inertial_units import STANDARD_GRAVITY, factor_of
 from asyneio.types import INERTIAL_DTYPE, FloatArray, RecordArray
 
-#: Rates of inertial units, for the unit of time where no header tells it.
+#: Plausible IMU rates, to determine the time unit without a header.
 _RATES_HZ = (20.0, 16_000.0)
-#: Bounds on a median norm that gravity explains, in m/s^2 and in g.
+#: Bounds on the median norm of an accelerometer, in m/s^2 and in g.
 _GRAVITY = ((8.8, 10.8), (0.9, 1.1))
 _EXPECTED = (
-    "samples of an IMU: time, three axes of the gyroscope and three of the accelerometer, as in "
+    "IMU samples: time, three axes of the gyroscope and three of the accelerometer, as in "
     "t_ns,gx,gy,gz,ax,ay,az"
 )
 _EXPECTED_SENSOR = "samples of one sensor: time and three axes, as in t_ns,gx,gy,gz"
@@ -44,16 +44,16 @@ _Sensors = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 def read_inertial_file(path: Path | ZipMember, accelerometer_first: bool = False) -> Samples:
-    """Samples as they stand in the file; its notes say which columns and which units were read.
+    """Read samples as stored in the file; notes say which columns and units were read.
 
-    Units that a header names are converted to rad/s and m/s^2.
+    Units named in a header are converted to rad/s and m/s^2.
 
     Args:
         path: the file.
-        accelerometer_first: the layout has no header and this order, which holds where gravity tells nothing.
+        accelerometer_first: use this order if neither a header nor gravity determines the columns.
 
     Raises:
-        RecordingError: unreadable, no samples, or columns or a unit of time that nothing tells.
+        RecordingError: unreadable, no samples, or columns or time unit cannot be determined.
     """
     rows = read_text_rows(path, 7, _EXPECTED)
     named = _by_name(rows)
@@ -61,48 +61,53 @@ def read_inertial_file(path: Path | ZipMember, accelerometer_first: bool = False
     t_ns, unit = rows.stamps(_RATES_HZ)
     samples = np.empty(t_ns.size, dtype=SAMPLE_DTYPE)
     samples["t_ns"] = t_ns
-    samples["gyroscope"], said_gyroscope = _in_si(rows, gyroscope, "gyroscope")
-    samples["accelerometer"], said_accelerometer = _in_si(rows, accelerometer, "accelerometer")
-    notes = (*rows.notes, *bad_lines_note(path, rows.bad), *said_gyroscope, *said_accelerometer)
+    samples["gyroscope"], gyroscope_notes = _in_si(rows, gyroscope, "gyroscope")
+    samples["accelerometer"], accelerometer_notes = _in_si(rows, accelerometer, "accelerometer")
+    notes = (*rows.notes, *bad_lines_note(path, rows.bad), *gyroscope_notes, *accelerometer_notes)
     order = "gyroscope" if gyroscope < accelerometer else "accelerometer"
-    said = f"{path.name}: {order} first, as {'the header' if named else 'gravity'} says; time in {unit}"
+    source = "the header" if named else "gravity"
+    note = f"{path.name}: {order} first (from {source}), time in {unit}"
     if rows.values.shape[1] > 7:
-        said += f"; {rows.values.shape[1] - 7} further column(s) left out"
+        note += f"; {rows.values.shape[1] - 7} further column(s) ignored"
     usual = accelerometer_first and not named and order == "accelerometer" and unit == "s"
-    return split_samples(samples, path.name, notes if usual else (said, *notes))
+    return split_samples(samples, path.name, notes if usual else (note, *notes))
 
 
 def read_sensor_file(path: Path, sensor: str) -> tuple[RecordArray, tuple[str, ...]]:
-    """Samples of one sensor, `gyroscope` or `accelerometer`: INERTIAL_DTYPE as in the file, and notes.
+    """Read samples of one sensor, `gyroscope` or `accelerometer`: INERTIAL_DTYPE in file order, and notes.
 
     Raises:
-        RecordingError: as `read_inertial_file`.
+        RecordingError: like `read_inertial_file`.
     """
     rows = read_text_rows(path, 4, _EXPECTED_SENSOR)
     stems = GYROSCOPE if sensor == "gyroscope" else ACCELEROMETER
     named = find_axes(rows.columns, stems) or find_bare_axes(rows.columns)
     if named is None and (rows.columns or rows.values.shape[1] != 4):
         raise RecordingError(
-            f"{path}: nothing tells which of {rows.values.shape[1]} columns are the {sensor}'s; the "
-            "first line "
-            f"is {rows.first[:60]!r}; expected {_EXPECTED_SENSOR}"
+            f"{path}: cannot determine which of {rows.values.shape[1]} columns are the {sensor}; the first "
+            f"line is {rows.first[:60]!r}; expected {_EXPECTED_SENSOR}"
         )
     columns = named or (1, 2, 3)
     stream = np.empty(len(rows.times), dtype=INERTIAL_DTYPE)
     stream["t_ns"], unit = rows.stamps(_RATES_HZ)
-    stream["xyz"], said = _in_si(rows, columns, sensor)
-    notes = (f"{path.name}: {sensor}, time in {unit}", *rows.notes, *bad_lines_note(path, rows.bad), *said)
+    stream["xyz"], unit_notes = _in_si(rows, columns, sensor)
+    notes = (
+        f"{path.name}: {sensor}, time in {unit}",
+        *rows.notes,
+        *bad_lines_note(path, rows.bad),
+        *unit_notes,
+    )
     return stream, notes
 
 
 def _by_name(rows: TextRows) -> _Sensors | None:
-    """Columns of both sensors from a header; None where it does not name all."""
+    """Columns of both sensors from the header; None if it does not name all of them."""
     gyroscope, accelerometer = (find_axes(rows.columns, stems) for stems in (GYROSCOPE, ACCELEROMETER))
     return (gyroscope, accelerometer) if gyroscope and accelerometer else None
 
 
 def _by_gravity(rows: TextRows, accelerometer_first: bool) -> _Sensors:
-    """Time first, then two halves, of which one reads gravity. Raises RecordingError where not one does."""
+    """Columns after the time, of which one half measures gravity. Raises RecordingError: not exactly one."""
     halves = ((1, 2, 3), (4, 5, 6))
     with np.errstate(over="ignore", invalid="ignore"):
         norms = [_median_norm(rows.values[:, half]) for half in halves]
@@ -113,10 +118,9 @@ def _by_gravity(rows: TextRows, accelerometer_first: bool) -> _Sensors:
     if accelerometer_first:
         return halves[1], halves[0]
     raise RecordingError(
-        f"{rows.path}: nothing tells which columns are the accelerometer's: the first line is "
-        f"{rows.first[:80]!r}, and the medians of both halves are {norms[0]:.3g} and {norms[1]:.3g}, "
-        "expected "
-        f"{STANDARD_GRAVITY:.2f} m/s^2 (or 1 g) in one. Give it a header line: t_ns,gx,gy,gz,ax,ay,az"
+        f"{rows.path}: cannot determine which columns are the accelerometer: the first line is "
+        f"{rows.first[:80]!r}, and the median norms of both halves are {norms[0]:.3g} and {norms[1]:.3g}, "
+        f"expected {STANDARD_GRAVITY:.2f} m/s^2 (or 1 g) in one. Add a header line: t_ns,gx,gy,gz,ax,ay,az"
     )
 
 
@@ -127,10 +131,10 @@ def _median_norm(values: FloatArray) -> float:
 
 
 def _in_si(rows: TextRows, columns: tuple[int, ...], sensor: str) -> tuple[FloatArray, tuple[str, ...]]:
-    """Values in the SI unit, and a sentence where the header names another.
+    """Values in SI units, and a note if the header names another unit.
 
     Raises:
-        RecordingError: the header names a unit that is not known, or several.
+        RecordingError: the header names an unknown unit, or several.
     """
     values = rows.values[:, columns]
     units = {rows.columns[column].unit for column in columns} if rows.columns else {""}
@@ -138,11 +142,10 @@ def _in_si(rows: TextRows, columns: tuple[int, ...], sensor: str) -> tuple[Float
     factor = None if units else factor_of(sensor, unit)
     if factor is None:
         raise RecordingError(
-            f"{rows.path}: the header names {unit!r} for the {sensor}; understood are rad/s and deg/s, "
-            "m/s^2, g "
-            "and mg: write the samples in one of these"
+            f"{rows.path}: the header names the unit {unit!r} for the {sensor}; supported: rad/s, deg/s, "
+            "m/s^2, g and mg"
         )
     if factor == 1.0:
         return values, ()
     si = "rad/s" if sensor == "gyroscope" else "m/s^2"
-    return values * factor, (f"{rows.path.name}: {sensor} in {unit}, as the header says: converted to {si}",)
+    return values * factor, (f"{rows.path.name}: {sensor} in {unit} (from the header): converted to {si}",)

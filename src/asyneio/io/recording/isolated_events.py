@@ -1,7 +1,11 @@
-"""Isolated events with a wrong stamp: a few that jump away from their neighbours, which go on undisturbed.
+"""Isolated events with a wrong stamp: a few events jump, and the stream continues where it was.
 
-At the start, in the middle or at the end of a stream; they are dropped and counted before anything else looks
-at the times. Many such events are no accident: then nothing more is dropped, and the checks of order refuse.
+They may be at the start, in the middle or at the end; they are dropped and counted before all other checks.
+If there are many of them, none is dropped any more, and the checks of the order reject the file.
+
+`parsing/isolated_stamps.py` does the same for rows of samples and poses. There are two implementations
+because events arrive in pieces and in millions: decisions here are made from a bounded window in a compiled
+loop. Samples are few and complete, so the other one compares all runs of a file with each other.
 """
 
 from __future__ import annotations
@@ -13,18 +17,18 @@ from asyneio.io.parsing.stamp_checks import MAX_DISORDER_NS
 from asyneio.io.recording.event_source import join_events, share_text
 from asyneio.types import EVENT_DTYPE, NS_PER_S, IntArray, RecordArray
 
-#: At most so many events in a row are isolated.
+#: A longer run of wrong stamps is not isolated.
 MAX_RUN = 5
-#: At the start and at the end a pause may be real: only a longer one parts wrong stamps from right ones.
+#: At the start and at the end a pause may be real: only a longer one indicates wrong stamps.
 LONG_JUMP_NS = 10 * NS_PER_S
-#: So many events after the first ones tell which stamps are right.
-_WITNESSES = 100
-#: More than this share of the events, and more than so many, are not isolated.
-_MOST_SHARE, _MOST = 1e-4, 20
+#: Number of events after the first ones that show which stamps are right.
+_REFERENCE_EVENTS = 100
+#: More than this share of the events, plus this number, are not isolated.
+_MAX_SHARE, _MAX_COUNT = 1e-4, 20
 
 
 class IsolatedEventFilter:
-    """Takes events in the order of the file and gives them back without the isolated ones, a little later."""
+    """Removes isolated events from events in file order, with a short delay."""
 
     def __init__(self, what: str) -> None:
         self._what = what
@@ -36,40 +40,40 @@ class IsolatedEventFilter:
         self._off = False
 
     def feed(self, events: RecordArray) -> RecordArray:
-        """The events that are known to be right; some wait for the next call."""
+        """The events with confirmed stamps; some wait for the next call."""
         if self._waiting.size:
             events = join_events([self._waiting, events])
             self._waiting = events[:0]
         if not self._begun:
-            if events.size < MAX_RUN + _WITNESSES:
+            if events.size < MAX_RUN + _REFERENCE_EVENTS:
                 self._waiting = events
                 return events[:0]
             events = self._without_first(events)
         return self._checked(events, last=False)
 
     def finish(self) -> RecordArray:
-        """What waited, after the last piece; isolated events at the end are dropped."""
+        """The remaining events, after the last piece; isolated ones at the end are dropped."""
         events, self._waiting = self._waiting, np.empty(0, dtype=EVENT_DTYPE)
-        if not self._begun and events.size >= MAX_RUN + _WITNESSES:
+        if not self._begun and events.size >= MAX_RUN + _REFERENCE_EVENTS:
             events = self._without_first(events)
         return self._checked(events, last=True)
 
     def notes(self) -> tuple[str, ...]:
-        """A sentence on what was dropped; complete after `finish`."""
+        """A note on dropped events; complete after `finish`."""
         if not self._dropped:
             return ()
         share = share_text(self._dropped, self._taken)
         return (f"{self._what}: dropped {self._dropped} isolated event(s) with a wrong time stamp ({share})",)
 
     def _without_first(self, events: RecordArray) -> RecordArray:
-        """Without the first few events, where the others begin at quite another time."""
+        """Without the first few events, if all others are at another time."""
         self._begun = True
         t_ns = events["t_ns"]
-        steps = np.diff(t_ns[: MAX_RUN + _WITNESSES])
+        steps = np.diff(t_ns[: MAX_RUN + _REFERENCE_EVENTS])
         far = np.flatnonzero((steps > LONG_JUMP_NS) | (steps < -MAX_DISORDER_NS))
         if far.size == 0 or far[-1] >= MAX_RUN or t_ns.size < far[-1] + 1 + 2 * MAX_RUN:
             return events
-        # One that returns to the first is for the general rule.
+        # If time returns to the first event, the general rule applies.
         if abs(int(t_ns[far[-1] + 1]) - int(t_ns[0])) <= MAX_DISORDER_NS:
             return events
         self._dropped += int(far[-1]) + 1
@@ -77,7 +81,7 @@ class IsolatedEventFilter:
         return events[far[-1] + 1 :]
 
     def _checked(self, events: RecordArray, last: bool) -> RecordArray:
-        """Without isolated events; where the end of the piece hides what comes after, it waits."""
+        """Without isolated events; events whose successors are not known yet wait."""
         if events.size == 0:
             return events
         keep = np.ones(events.size, dtype=np.bool_)
@@ -85,7 +89,7 @@ class IsolatedEventFilter:
         if self._off:
             stop, dropped = events.size, 0
         else:
-            limit = int(_MOST + _MOST_SHARE * (self._taken + events.size)) - self._dropped
+            limit = int(_MAX_COUNT + _MAX_SHARE * (self._taken + events.size)) - self._dropped
             stop, dropped = map(int, _find(events["t_ns"], before, keep, last, limit, self._taken))
         if dropped < 0:
             self._off = True
@@ -102,9 +106,9 @@ class IsolatedEventFilter:
 
 @njit(cache=True)
 def _find(
-    t_ns: IntArray, before: int, keep: np.ndarray, last: bool, limit: int, judged: int
+    t_ns: IntArray, before: int, keep: np.ndarray, last: bool, limit: int, checked: int
 ) -> tuple[int, int]:
-    """Marks isolated events; returns how many events are judged, and how many are isolated (-1: too many)."""
+    """Mark isolated events in `keep`; returns the number of events checked and isolated (-1: too many)."""
     dropped, k, size = 0, 0, t_ns.size
     while k < size:
         step = t_ns[np.uint64(k)] - before
@@ -124,7 +128,7 @@ def _find(
             if run == 0 and k + MAX_RUN >= size:
                 if not last:
                     return k, dropped
-                if judged + k >= _WITNESSES and (step > LONG_JUMP_NS or step < -LONG_JUMP_NS):
+                if checked + k >= _REFERENCE_EVENTS and (step > LONG_JUMP_NS or step < -LONG_JUMP_NS):
                     run = size - k
         for m in range(run):
             keep[k + m] = False

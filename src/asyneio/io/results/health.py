@@ -1,4 +1,4 @@
-"""`health.csv`: the estimator's state at each step. `attitude.csv`: attitudes while there is no pose."""
+"""`health.csv`: health of the estimator at each step. `attitude.csv`: attitudes while there is no pose."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ATTITUDE_COLUMNS = ("t[s]", "qx", "qy", "qz", "qw", "tilt_sigma[deg]")
 
 
 def write_health(path: Path, reports: Iterable[StepReport]) -> None:
-    """State, segment and reason at every step, whole or not at all.
+    """Write health, segment and reason of every step, complete or not at all.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -29,7 +29,7 @@ def write_health(path: Path, reports: Iterable[StepReport]) -> None:
 
 
 def write_attitudes(path: Path, attitudes: Iterable[Attitude]) -> None:
-    """Gravity-aligned attitudes body to world as quaternions, with the sigma of roll and pitch.
+    """Write gravity-aligned attitudes, body to world, as quaternions with the sigma of roll and pitch.
 
     Raises:
         RecordingError: the file cannot be written.

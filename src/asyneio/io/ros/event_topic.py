@@ -1,4 +1,4 @@
-"""The events of one topic of a bag as an EventSource."""
+"""EventSource for one topic of a bag."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from asyneio.io.ros.sensor_clock import SensorClock
 from asyneio.io.ros.survey import EventTopic
 from asyneio.types import RecordArray
 
-#: Messages are joined to about so many events: each piece is checked at some cost.
+#: Messages are joined to pieces of about this size, as every piece has a fixed cost.
 _PIECE_EVENTS = 2**16
 
 
 class RosEvents:
-    """An EventSource on one topic.
+    """An EventSource for one topic.
 
     Args:
         bag: the messages.
-        topic: which of them.
-        known: what the survey found of the topic.
-        unit_ns: what one step of the events' time is.
-        clock: from their time to that of the host.
+        topic: the topic with the events.
+        known: result of the survey for this topic.
+        unit_ns: unit of event times.
+        clock: from sensor time to host time.
     """
 
     def __init__(self, bag: Bag, topic: Topic, known: EventTopic, unit_ns: int, clock: SensorClock) -> None:
@@ -36,8 +36,8 @@ class RosEvents:
         self._bag, self._topic, self._known = bag, topic, known
         self._unit_ns, self._clock = unit_ns, clock
         self._packets = PacketDecoder()
-        #: Whole turns of the EVT3 clock between the survey's count and the decoder's; None: not met yet.
-        self._turns_ns: int | None = None if "evt3" in known.encodings else 0
+        #: Wraps of the EVT3 clock between survey and decoder [ns]; None: not determined yet.
+        self._wraps_ns: int | None = None if "evt3" in known.encodings else 0
         self._decoded = self._broken = 0
         self._reason = ""
 
@@ -45,7 +45,7 @@ class RosEvents:
         """See EventSource. Raises RecordingError: unreadable, or no message can be decoded."""
         waiting: list[RecordArray] = []
         count = 0
-        # What is damaged was said by the survey.
+        # The survey has already reported damage.
         for message, fraction in self._bag.messages([]):
             if message.topic != self._topic:
                 continue
@@ -68,14 +68,14 @@ class RosEvents:
         yield self._joined(waiting), 1.0
 
     def samples(self) -> RecordArray:
-        """None: inertial samples are read by the survey."""
+        """Empty: inertial samples are read by the survey."""
         return np.empty(0, dtype=SAMPLE_DTYPE)
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences on messages that could not be decoded and packets lost."""
+        """Notes on messages that could not be decoded, and on lost packets."""
         notes = self._packets.notes(self._topic.name)
         if self._broken:
-            notes += (f"{self._topic.name}: left out {self._broken} damaged message(s): {self._reason}",)
+            notes += (f"{self._topic.name}: skipped {self._broken} damaged message(s): {self._reason}",)
         return notes
 
     def _decode(self, message: Message) -> RecordArray:
@@ -84,18 +84,18 @@ class RosEvents:
         return self._packets.decode(self._known.packet(message))
 
     def _joined(self, pieces: list[RecordArray]) -> RecordArray:
-        """Pieces in one, their times those of the host."""
+        """Pieces joined into one, with host times."""
         events = join_events(pieces)
         if not events.size:
             return events
-        if self._turns_ns is None:
+        if self._wraps_ns is None:
             behind = self._clock.origin_ns - int(events["t_ns"][0])
-            self._turns_ns = round(behind / TURN_NS) * TURN_NS
+            self._wraps_ns = round(behind / TURN_NS) * TURN_NS
         limit = 2**62 // self._unit_ns
         if self._unit_ns > 1:
             if events["t_ns"].max() > limit or events["t_ns"].min() < -limit:
-                raise RecordingError(f"{self._topic.name}: a stamp lies beyond any range")
+                raise RecordingError(f"{self._topic.name}: a time stamp is out of range")
             events["t_ns"] *= self._unit_ns
-        if self._turns_ns or self._clock.offset_ns or self._clock.drift:
-            events["t_ns"] = self._clock.to_host(events["t_ns"] + self._turns_ns)
+        if self._wraps_ns or self._clock.offset_ns or self._clock.drift:
+            events["t_ns"] = self._clock.to_host(events["t_ns"] + self._wraps_ns)
         return events

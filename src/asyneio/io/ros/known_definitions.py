@@ -1,4 +1,4 @@
-"""Definitions of messages for bags that hold none, by the type's name: SQLite bags before ROS 2 Iron, IDL."""
+"""Message definitions for bags without them (SQLite before ROS 2 Iron, IDL), by type name."""
 
 from __future__ import annotations
 
@@ -55,10 +55,10 @@ DEFINITIONS = {
 
 
 def schema_of(topic: Topic) -> Schema | None:
-    """The definition of a topic's messages: the bag's own, else one known by name; None where there is none.
+    """The definition of the messages of a topic: from the bag, else by type name; None if unknown.
 
     Raises:
-        RecordingError: the bag's definition holds what is no field.
+        RecordingError: the definition in the bag is malformed.
     """
     definition = topic.definition or DEFINITIONS.get(plain_name(topic.type), "")
     return parse_schema(topic.type, definition) if definition else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.io.ros.bag import Message
-from asyneio.io.ros.field_offsets import Located, locate
+from asyneio.io.ros.field_offsets import MessageLayout, find_layout
 from asyneio.io.ros.schema import Schema
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
@@ -15,13 +15,13 @@ _BATCH = 1000
 
 
 class NumberTable:
-    """Collects the stamp and some numbers of each message.
+    """Collects the stamp and selected numbers of each message.
 
-    Messages of one length differ in the values of numbers only, unless a text in them is split otherwise; so
-    a batch is cut into columns at the places of its first message.
+    Messages of equal length have the same layout, unless their texts differ in length; so a batch is cut into
+    columns by the layout of its first message.
 
     Attributes:
-        broken: count of messages that end early.
+        broken: number of messages that are too short.
     """
 
     def __init__(self, schema: Schema, cdr: bool, names: tuple[str, ...]) -> None:
@@ -32,7 +32,7 @@ class NumberTable:
         self.broken = 0
 
     def add(self, message: Message) -> None:
-        """Take a message."""
+        """Add a message."""
         data = bytes(message.data)
         if self._batch and (len(data) != len(self._batch[0]) or len(self._batch) == _BATCH):
             self._flush()
@@ -40,7 +40,7 @@ class NumberTable:
         self._batch_logged.append(message.logged_ns)
 
     def columns(self) -> tuple[IntArray, IntArray, FloatArray]:
-        """Stamps [ns] (N,), when the messages were recorded [ns] (N,), and the numbers (N, names)."""
+        """Stamps [ns] (N,), recording times [ns] (N,), and the numbers (N, names)."""
         self._flush()
         empty = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, len(self._names))))
         stamps, logged, values = zip(empty, *self._parts, strict=True)
@@ -58,11 +58,11 @@ class NumberTable:
         while left.size:
             first = self._batch[left[0]]
             try:
-                located = locate(self._schema, first, self._cdr)
-                same = left[_same_form(table[left], located, self._cdr)]
-                stamps[same] = _stamps(table[same], located)
+                layout = find_layout(self._schema, first, self._cdr)
+                same = left[_same_form(table[left], layout, self._cdr)]
+                stamps[same] = _stamps(table[same], layout)
                 for column, name in enumerate(self._names):
-                    values[same, column] = _column(table[same], located, name)
+                    values[same, column] = _column(table[same], layout, name)
                 kept[same] = True
             except ValueError:
                 same = left[:1]
@@ -72,31 +72,31 @@ class NumberTable:
         self._batch, self._batch_logged = [], []
 
 
-def stamp_of(located: Located, data: bytes | memoryview) -> int:
-    """The stamp in a message's header [ns]; 0 where it has none."""
-    if f"{STAMP}.sec" not in located.places:
+def stamp_of(layout: MessageLayout, data: bytes | memoryview) -> int:
+    """The stamp in the header of a message [ns]; 0 if it has none."""
+    if f"{STAMP}.sec" not in layout.fields:
         return 0
-    seconds = located.number(data, f"{STAMP}.sec")
-    return seconds * NS_PER_S + located.number(data, f"{STAMP}.nanosec")
+    seconds = layout.number(data, f"{STAMP}.sec")
+    return seconds * NS_PER_S + layout.number(data, f"{STAMP}.nanosec")
 
 
-def _same_form(table: np.ndarray, located: Located, cdr: bool) -> np.ndarray:
-    """Which rows of bytes have the length words of the first, and its order of bytes."""
-    fixed = [offset + byte for offset in located.lengths for byte in range(4)] + ([0, 1] if cdr else [])
+def _same_form(table: np.ndarray, layout: MessageLayout, cdr: bool) -> np.ndarray:
+    """Which rows of bytes have the length words and the byte order of the first row."""
+    fixed = [offset + byte for offset in layout.lengths for byte in range(4)] + ([0, 1] if cdr else [])
     return np.asarray((table[:, fixed] == table[0, fixed]).all(axis=1))
 
 
-def _column(table: np.ndarray, located: Located, name: str) -> np.ndarray:
-    place = located.place(name)
-    if not place.count:
+def _column(table: np.ndarray, layout: MessageLayout, name: str) -> np.ndarray:
+    field = layout.field(name)
+    if not field.count:
         raise ValueError(f"the field {name} is empty")
-    width = int(place.dtype[1])
-    content = np.ascontiguousarray(table[:, place.offset : place.offset + width])
-    return content.view(located.order + place.dtype)[:, 0]
+    width = int(field.dtype[1])
+    content = np.ascontiguousarray(table[:, field.offset : field.offset + width])
+    return content.view(layout.order + field.dtype)[:, 0]
 
 
-def _stamps(table: np.ndarray, located: Located) -> IntArray:
+def _stamps(table: np.ndarray, layout: MessageLayout) -> IntArray:
     seconds, rest = (
-        _column(table, located, f"{STAMP}.{part}").astype(np.int64) for part in ("sec", "nanosec")
+        _column(table, layout, f"{STAMP}.{part}").astype(np.int64) for part in ("sec", "nanosec")
     )
     return seconds * NS_PER_S + rest

@@ -1,4 +1,4 @@
-"""Recordings of ROS 1 and ROS 2: what of a bag is taken, and how it was told."""
+"""Contents of ROS 1 and ROS 2 bags: selection of topics, clocks, calibration, ground truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from asyneio.io.ros.split_bags import open_parts
 from asyneio.io.ros.survey import EventTopic, survey
 from asyneio.io.ros.topic_choice import choose_topic, listed_topics
 
-#: Steps of an event's time, where it is one number: ns, us, ms, s.
+#: Units of event times that are one number: ns, us, ms, s.
 _UNITS_NS = (1, 1000, 1_000_000, 1_000_000_000)
 
 
@@ -42,21 +42,22 @@ def read_bag_parts(path: Path, options: ReadOptions) -> Contents:
 
 
 def read_bag(bag: Bag, name: str, options: ReadOptions) -> Contents:
-    """What a bag holds.
+    """Find the contents of a bag.
 
-    Events and inertial samples are taken from the only topic that has them, or the one that `options` name.
+    Events and inertial samples come from the only topic that contains them, or from the one that `options`
+    selects.
 
     Raises:
-        RecordingError: unreadable, no topic of events, several to choose from, or clocks that jump.
+        RecordingError: unreadable, no topic of events, several without a selection, or clocks that jump.
         CalibrationError: a calibration file is malformed or impossible.
     """
     found = survey(bag)
     topic = choose_topic(found, list(found.events), options.events, "events", bag.path)
     if topic is None:
         raise RecordingError(
-            f"{bag.path} holds no topic of events; it holds {listed_topics(found, list(found.counts))}; "
-            "expected "
-            "dvs_msgs/EventArray, event_camera_msgs/EventPacket, or messages with the fields of one of them"
+            f"{bag.path} contains no topic of events; it contains "
+            f"{listed_topics(found, list(found.counts))}; expected dvs_msgs/EventArray, "
+            "event_camera_msgs/EventPacket, or messages with the same fields"
             + "".join(f"; {note}" for note in found.notes)
         )
     known = found.events[topic]
@@ -71,7 +72,7 @@ def read_bag(bag: Bag, name: str, options: ReadOptions) -> Contents:
     intrinsics, intrinsics_notes = intrinsics_of_camera_info(found, topic, size)
     broken = found.broken + sum(table.broken for table in (*found.imus.values(), *found.poses.values()))
     if broken:
-        notes += (f"{bag.path.name}: left out {broken} message(s) that are damaged",)
+        notes += (f"{bag.path.name}: skipped {broken} damaged message(s)",)
     return Contents(
         name=name,
         decode=lambda: RosEvents(bag, topic, known, unit_ns, clock),
@@ -92,17 +93,17 @@ def _check_encoding(known: EventTopic, topic: Topic) -> None:
     if len(encodings) != 1 or encodings[0] not in ENCODINGS:
         found = [repr(encoding[:20]) for encoding in list(known.encodings)[:8]]
         raise RecordingError(
-            f"{topic.name} has packets encoded as {', '.join(found) or 'nothing readable'}; "
+            f"{topic.name} has packets with the encoding {', '.join(found) or 'unknown'}; "
             f"expected one of {', '.join(ENCODINGS)}"
         )
     if known.big_endian:
         raise RecordingError(
-            f"{topic.name} was recorded by a big-endian machine; only little-endian packets are understood"
+            f"{topic.name} was recorded on a big-endian machine; only little-endian packets are supported"
         )
 
 
 def _clock(known: EventTopic, topic: Topic) -> tuple[int, SensorClock]:
-    """What a step of the events' time is [ns], and the clock that maps it to the host's."""
+    """The unit of event times [ns], and the clock that maps sensor time to host time."""
     host_ns, steps = (np.array(times, dtype=np.int64) for times in (known.host_ns, known.sensor_ns))
     if known.decoder is None:
         sensor_ns = unwrap_first_times(steps, host_ns) if "evt3" in known.encodings else steps

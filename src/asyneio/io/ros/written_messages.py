@@ -1,13 +1,13 @@
-"""A recording as messages in the order of their times, with the topics of the UZH event camera data set.
+"""A recording as messages sorted by time, with the topics of the UZH event camera data set.
 
 | topic | type |
 |---|---|
 | `/dvs/events` | dvs_msgs/EventArray: camera clock |
 | `/dvs/imu` | sensor_msgs/Imu: IMU clock, no orientation |
-| `/optitrack/davis` | geometry_msgs/PoseStamped: the true poses, IMU clock |
-| `/dvs/camera_info` | sensor_msgs/CameraInfo, once a second |
+| `/optitrack/davis` | geometry_msgs/PoseStamped: ground truth, IMU clock |
+| `/dvs/camera_info` | sensor_msgs/CameraInfo, once per second |
 
-Extrinsics, time shift and IMU noise have no message; they go into Kalibr's files beside the bag.
+No message contains extrinsics, time shift and IMU noise; they are stored in Kalibr's files next to the bag.
 """
 
 from __future__ import annotations
@@ -35,30 +35,30 @@ TYPES = {
     CAMERA_INFO_TOPIC: "sensor_msgs/msg/CameraInfo",
 }
 
-#: A message holds at most so many events, of at most so long.
+#: Upper bounds on the number of events in a message, and on its duration.
 _MESSAGE_EVENTS, _MESSAGE_NS = 2**16, NS_PER_S // 100
-#: Names of frames have three letters: with them a header ends where CDR may go on with any number.
+#: Frame names have three letters, so that a header ends at an aligned position in CDR.
 _SENSOR, _WORLD = b"dvs", b"map"
 
-#: When a message was recorded [ns], its topic, its bytes.
+#: Recording time of a message [ns], topic, bytes.
 Record = tuple[int, str, bytes]
 
 
 class Encoding(Protocol):
-    """How messages become bytes."""
+    """Serialization of messages."""
 
     def header(self, number: int, t_ns: int, frame: bytes) -> bytes:
-        """A header with what comes before it; `frame` has three letters."""
+        """A header with everything before it; `frame` has three letters."""
 
     def events(self, events: RecordArray) -> bytes:
-        """The count of events (EVENT_DTYPE), and the events, after a header and two 32-bit numbers."""
+        """The number of events (EVENT_DTYPE) and the events, after a header and two 32-bit numbers."""
 
     def intrinsics(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
-        """Model, coefficients and matrices of a intrinsics, after a header and two 32-bit numbers."""
+        """Distortion model, coefficients and matrices, after a header and two 32-bit numbers."""
 
 
 def typestore(store: Stores, time: str) -> Typestore:
-    """The types of a version of ROS with those of dvs_msgs; `time` is the type of an event's time."""
+    """The types of a ROS version and of dvs_msgs; `time` is the type of event times."""
     found = get_typestore(store)
     event = f"uint16 x\nuint16 y\n{time} ts\nbool polarity\n"
     array = "std_msgs/Header header\nuint32 height\nuint32 width\ndvs_msgs/Event[] events\n"
@@ -70,20 +70,20 @@ def typestore(store: Stores, time: str) -> Typestore:
 def records_of(
     recording: EventRecording, encoding: Encoding, last_s: int, progress: Progress | None
 ) -> Iterator[Record]:
-    """All messages of a recording by time; events are read in pieces.
+    """All messages of a recording, sorted by time; events are read in pieces.
 
     Args:
         recording: what to write.
-        encoding: how.
-        last_s: the last second that a stamp can hold.
-        progress: is told the fraction of the events given out.
+        encoding: of the messages.
+        last_s: end of the range of stamps [s].
+        progress: called with the fraction of the events processed.
 
     Raises:
         RecordingError: gyroscope and accelerometer have different times, or a time does not fit.
     """
     if not np.array_equal(recording.gyroscope["t_ns"], recording.accelerometer["t_ns"]):
         raise RecordingError(
-            "a message of the IMU holds both sensors at one time, but their times differ; write HDF5 instead"
+            "an IMU message stores both sensors at the same time, but their times differ; write HDF5 instead"
         )
     _check_times(recording, last_s)
     return heapq.merge(
@@ -103,7 +103,7 @@ def _check_times(recording: EventRecording, last_s: int) -> None:
         if t_ns.size and not (t_ns.min() >= 0 and t_ns.max() < last_s * NS_PER_S):
             raise RecordingError(
                 f"times of {recording.name} go from {t_ns.min() / NS_PER_S:.3f} to "
-                f"{t_ns.max() / NS_PER_S:.3f} s; a bag holds 0 to {last_s} s"
+                f"{t_ns.max() / NS_PER_S:.3f} s; a bag stores 0 to {last_s} s"
             )
 
 
@@ -130,7 +130,7 @@ def _samples(recording: EventRecording, encoding: Encoding) -> Iterator[Record]:
         strict=True,
     )
     for number, (t_ns, rate, force) in enumerate(rows):
-        # A covariance that begins with -1 says that there is no orientation.
+        # A covariance that begins with -1 means that there is no orientation.
         values = (0.0, 0.0, 0.0, 1.0, *unknown, *rate, *(0.0,) * 9, *force, *(0.0,) * 9)
         yield t_ns, IMU_TOPIC, encoding.header(number, t_ns, _SENSOR) + struct.pack("<37d", *values)
 
@@ -156,7 +156,7 @@ def _camera_info(recording: EventRecording, encoding: Encoding) -> Iterator[Reco
 
 def _camera_info_body(camera: CameraIntrinsics, encoding: Encoding) -> bytes:
     equidistant = camera.distortion is Distortion.EQUIDISTANT
-    # ROS names radtan with OpenCV's further coefficients by another name.
+    # ROS has another name for radtan with OpenCV's additional coefficients.
     count = 4 if equidistant else max(5, len(camera.coefficients))
     model = b"equidistant" if equidistant else b"plumb_bob" if count == 5 else b"rational_polynomial"
     d = (*camera.coefficients, *(0.0,) * 5)[:count]
@@ -164,5 +164,5 @@ def _camera_info_body(camera: CameraIntrinsics, encoding: Encoding) -> bytes:
     r = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     p = (*k[0:3], 0.0, *k[3:6], 0.0, *k[6:9], 0.0)
     body = encoding.intrinsics(model, d, (*k, *r, *p))
-    # No binning, and no region: the whole image.
+    # No binning and no region of interest: the whole image.
     return body + bytes(4 + 4 + 4 * 4 + 1)

@@ -1,6 +1,6 @@
-"""Events as text, usually `t[s] x y p` a line, decoded exactly: decimal seconds never pass through a float.
+"""Event text, usually `t[s] x y p` per line, decoded exactly: decimal seconds are never converted to float.
 
-A compiled loop takes the lines as they are usually printed; any other line is looked at in Python.
+A compiled loop parses lines in the usual notation; other lines are parsed in Python.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from asyneio.io.text.kernels import COLUMN, POLARITY, ROW, TIME, parse_columns, 
 from asyneio.io.text.layout import HEAD_BYTES, USUAL, split, text_meaning, without_bom
 from asyneio.types import EVENT_DTYPE, RecordArray
 
-#: Small enough for the allocator to hand out the same memory again: fresh pages cost more than parsing.
+#: Small enough for the allocator to reuse memory: new pages cost more than parsing.
 CHUNK_BYTES = 2**20
 
 #: The shortest line, `0 0 0 0` and a line feed.
 _SHORTEST_LINE = 8
-#: No number of an event needs more than this; a longer line is garbage.
+#: No event needs a longer line.
 _LONGEST_LINE = 200
-#: Decimals between a unit of time and a nanosecond.
+#: Decimals from a time unit to a nanosecond.
 _DECIMALS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 _POLARITY = {"-1": -1, "0": 0, "1": 1, "+1": 1, "true": 1, "false": 0}
 
@@ -41,7 +41,7 @@ class TextEvents:
 
     Args:
         path: the file, or an archive.
-        member: the file in the archive, or what is packed in the file.
+        member: the file in the archive, or the content of a compressed file.
     """
 
     def __init__(self, path: Path, member: ZipMember | GzipFile | None = None) -> None:
@@ -52,7 +52,7 @@ class TextEvents:
         self._bad: list[int] = []
         self._line = 0
         self._cut = False
-        #: Whether polarity 0, and polarity -1, were met: both in one file are a third kind of value.
+        #: Whether polarities 0 and -1 occurred: a file must not contain both.
         self._met = np.zeros(2, dtype=np.bool_)
 
     def chunks(self) -> Iterator[tuple[RecordArray, float]]:
@@ -68,7 +68,7 @@ class TextEvents:
                     end = text.rfind(b"\n") + 1
                     rest = text[end:]
                     if len(rest) > CHUNK_BYTES:
-                        raise RecordingError(f"{self._file} has a line of {len(rest)} bytes; that is no text")
+                        raise RecordingError(f"{self._file} has a line of {len(rest)} bytes; not a text file")
                     yield self._parse(text, end), stream.tell() / size
                 self._cut = bool(rest)
                 if rest:
@@ -76,22 +76,20 @@ class TextEvents:
         except OSError as error:
             raise RecordingError(f"cannot read {self._file}: {error.strerror or error}") from error
         except DAMAGE as error:
-            raise RecordingError(f"{self._file} is damaged: {error}; get the archive again") from error
+            raise RecordingError(f"{self._file} is damaged: {error}; download the archive again") from error
 
     def samples(self) -> RecordArray:
-        """None: inertial samples are in a file of their own."""
+        """Empty: inertial samples are in another file."""
         return np.empty(0, dtype=SAMPLE_DTYPE)
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences on skipped lines."""
+        """Notes on skipped lines."""
         notes: tuple[str, ...] = () if self._meaning.usual else (self._meaning.sentence(self._file.name),)
         if self._bad:
-            said = bad_lines_note(self._file, self._bad)[0]
-            notes += (f"{said} ({share_text(len(self._bad), self._line)} of the lines)",)
+            note = bad_lines_note(self._file, self._bad)[0]
+            notes += (f"{note} ({share_text(len(self._bad), self._line)} of the lines)",)
         if self._cut and self._line in self._bad:
-            notes += (
-                f"{self._file.name} ends in the middle of line {self._line}: cut off? read up to there",
-            )
+            notes += (f"{self._file.name} ends inside line {self._line}: truncated? read up to there",)
         return notes
 
     def _open(self) -> IO[bytes]:
@@ -101,13 +99,13 @@ class TextEvents:
         return self._file.stat().st_size if isinstance(self._file, Path) else self._file.size()
 
     def _understand(self, head: bytes) -> None:
-        """Find out what the columns mean."""
+        """Determine the meaning of the columns."""
         self._meaning = text_meaning(head) or USUAL
         self._roles = np.zeros(self._meaning.count, dtype=np.int64)
         self._roles[list(self._meaning.columns)] = TIME, COLUMN, ROW, POLARITY
 
     def _parse(self, text: bytes, end: int) -> RecordArray:
-        """Events of the whole lines, each with its line feed, that fill `text` up to `end`."""
+        """Events of the complete lines in `text` up to `end`."""
         data = np.frombuffer(text, dtype=np.uint8, count=end)
         events = np.zeros(data.size // _SHORTEST_LINE + 1, dtype=EVENT_DTYPE)
         t_ns, x, y, p = (events[name] for name in ("t_ns", "x", "y", "p"))
@@ -131,12 +129,12 @@ class TextEvents:
                 position = stop + 1
         if self._met.all():
             raise RecordingError(
-                f"{self._file} has the polarities -1, 0 and 1; expected two kinds, 0 and 1 or -1 and 1"
+                f"{self._file} has the polarities -1, 0 and 1; expected 0 and 1, or -1 and 1"
             )
         return events[:count]
 
     def _parse_unusual(self, line: bytes) -> tuple[int, int, int, int] | None:
-        """One line by Python's means: signs, exponents, `1.0` for 1; None where it holds no event."""
+        """Parse one line with signs, exponents, or `1.0` for 1; None if it is not an event."""
         text = line.split(b"#", 1)[0].decode("latin-1").strip()
         if not text and b"\0" not in line:
             return None
@@ -161,8 +159,8 @@ class TextEvents:
         if len(tokens) != self._meaning.count:
             return None
         time, across, down, polarity = (tokens[column] for column in self._meaning.columns)
-        t_ns, x, y = parse_seconds(time, _DECIMALS[self._meaning.unit]), _whole(across), _whole(down)
-        p = _POLARITY.get(polarity.lower(), _whole(polarity))
+        t_ns, x, y = parse_seconds(time, _DECIMALS[self._meaning.unit]), _integer(across), _integer(down)
+        p = _POLARITY.get(polarity.lower(), _integer(polarity))
         if t_ns is None or abs(t_ns) >= MAX_STAMP_NS or x is None or y is None or p not in (-1, 0, 1):
             return None
         if p != 1:
@@ -170,7 +168,7 @@ class TextEvents:
         return t_ns, _pixel(x), _pixel(y), max(p, 0)
 
 
-def _whole(text: str) -> int | None:
+def _integer(text: str) -> int | None:
     try:
         value = float(text)
     except ValueError:

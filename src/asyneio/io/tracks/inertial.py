@@ -1,4 +1,4 @@
-"""Inertial samples from CSV: one file for both sensors or one for each; units are checked by gravity."""
+"""Inertial samples of a tracks folder: one CSV file for both sensors or one for each, checked by gravity."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _ACCELEROMETER = ("ax", "ay", "az")
 
 
 def read_inertial_folder(folder: Path, declared_hz: float | None = None) -> InertialStreams:
-    """Read `imu.csv` of a folder, or `gyroscope.csv` and `accelerometer.csv` where it is absent.
+    """Read `imu.csv` of a folder, or `gyroscope.csv` and `accelerometer.csv` if it does not exist.
 
     Raises:
-        RecordingError: files missing or malformed, time or units that cannot be explained.
+        RecordingError: missing or malformed files, inconsistent times or units.
     """
     combined, gyro_path, accel_path = (
         folder / name for name in ("imu.csv", "gyroscope.csv", "accelerometer.csv")
@@ -47,7 +47,7 @@ def _read_combined(path: Path, declared_hz: float | None) -> tuple[RecordArray, 
     if has_columns(path, columns):
         rows, notes = _in_order(read_csv(path, columns), path.name, declared_hz)
         return _stream(rows, _GYROSCOPE), _stream(rows, _ACCELEROMETER), notes
-    # Of another tool: what it holds is told by names, units and gravity.
+    # A file of another tool: names, units and gravity determine its columns.
     samples = read_inertial_file(path)
     good = np.isfinite(samples.gyroscope["xyz"]).all(axis=1)
     good &= np.isfinite(samples.accelerometer["xyz"]).all(axis=1)

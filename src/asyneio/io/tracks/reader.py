@@ -1,10 +1,12 @@
-"""The tracks folder: feature tracks and inertial samples as CSV, calibration and ground truth beside them.
+"""The tracks folder: feature tracks and inertial samples as CSV, with calibration and ground truth.
 
-tracks.csv          t_ns,id,u,v            camera clock, distorted pixels
-imu.csv             t_ns,gx,gy,gz,ax,ay,az IMU clock, rad/s and m/s^2
-                    or gyroscope.csv (t_ns,gx,gy,gz) and accelerometer.csv (t_ns,ax,ay,az)
-camchain-imucam.yaml, imu.yaml             Kalibr's layout, or another calibration (io/calibration)
-groundtruth.tum                            optional, IMU clock
+| file | content |
+|---|---|
+| `tracks.csv` | `t_ns,id,u,v`: camera clock, distorted pixels |
+| `imu.csv` | `t_ns,gx,gy,gz,ax,ay,az`: IMU clock, rad/s and m/s^2 |
+| `gyroscope.csv`, `accelerometer.csv` | instead of `imu.csv`: `t_ns,gx,gy,gz` and `t_ns,ax,ay,az` |
+| `camchain-imucam.yaml`, `imu.yaml` | Kalibr's layout, or another calibration (io/calibration) |
+| `groundtruth.tum` | optional, IMU clock |
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from asyneio.io.tracks.inertial import read_inertial_folder
 from asyneio.types import OBSERVATION_DTYPE, Calibration, RecordArray, Recording
 
 _COLUMNS = ("t_ns", "id", "u", "v")
-#: Stamps beyond this (about 146 years either way) could overflow when clocks are shifted against each other.
+#: Stamps beyond this (146 years either way) could overflow when clocks are shifted against each other.
 _MAX_STAMP_NS = 2**62
 
 
@@ -35,14 +37,14 @@ def read_tracks_folder(
 
     Args:
         path: the folder.
-        options: what the user says: calibration, where it is not the one in the folder.
-        max_track_seconds: cut tracks into pieces shorter than this, with new ids; None: leave them whole.
+        options: the user's choices, such as a calibration outside the folder.
+        max_track_seconds: cut tracks into pieces shorter than this, with new ids; None: no cuts.
 
     Returns:
-        The recording in the IMU clock; its `notes` say what was repaired or assumed.
+        The recording in the IMU clock, with notes on what was repaired or assumed.
 
     Raises:
-        RecordingError: the folder or a file is missing, malformed or contradicts itself.
+        RecordingError: the folder or a file is missing, malformed or inconsistent.
         CalibrationError: a calibration file is missing, malformed or impossible.
     """
     if not path.is_dir():
@@ -77,7 +79,7 @@ def read_tracks_folder(
 def _read_tracks(path: Path, calibration: Calibration) -> tuple[RecordArray, tuple[str, ...]]:
     """Checked observations, moved from the camera clock to the IMU clock."""
     table = read_csv(path, {name: OBSERVATION_DTYPE[name].str for name in _COLUMNS})
-    # Fields that the file does not have stay zero.
+    # Fields that the file lacks stay zero.
     rows = np.zeros(table.rows.size, dtype=OBSERVATION_DTYPE)
     for name in _COLUMNS:
         rows[name] = table.rows[name]

@@ -1,11 +1,13 @@
 """The folder of the UZH event camera data set.
 
-events.txt       t x y p                        seconds, camera clock
-imu.txt          t ax ay az gx gy gz            optional; m/s^2 and rad/s, IMU clock; a header may say
-otherwise groundtruth.txt  t px py pz qx qy qz qw         optional
-calib.txt        fx fy cx cy k1 k2 p1 p2 k3     optional; radtan
-imu.csv, groundtruth.csv and others             where those are missing, as beside every file of events
-camchain-imucam.yaml, imu.yaml                  optional; Kalibr's layout: extrinsics, time shift, IMU noise
+| file | content |
+|---|---|
+| `events.txt` | `t x y p`: seconds, camera clock |
+| `imu.txt` | optional; `t ax ay az gx gy gz`: m/s^2 and rad/s, IMU clock, unless a header says otherwise |
+| `groundtruth.txt` | optional; `t px py pz qx qy qz qw` |
+| `calib.txt` | optional; `fx fy cx cy k1 k2 p1 p2 k3`: radtan |
+| `camchain-imucam.yaml`, `imu.yaml` | optional; Kalibr's layout: extrinsics, time shift, IMU noise |
+| `imu.csv`, `groundtruth.csv`, ... | instead of missing ones, as for every event file |
 """
 
 from __future__ import annotations
@@ -35,26 +37,26 @@ EVENTS_FILE, SAMPLES_FILE, GROUND_TRUTH_FILE, INTRINSICS_FILE = (
 
 
 def read_uzh_folder(path: Path, options: ReadOptions) -> Contents:
-    """A folder, or a file of events with the others beside it.
+    """A folder, or an event file with its sidecar files.
 
     Args:
-        path: the folder (its events in events.txt) or the file of events.
-        options: what the user says.
+        path: the folder (with events.txt) or the event file.
+        options: the user's choices.
 
     Raises:
-        RecordingError: a file is missing, malformed or contradicts the others.
+        RecordingError: a file is missing, malformed or inconsistent with others.
         CalibrationError: a calibration file is malformed or impossible.
     """
     events_path = path / EVENTS_FILE if path.is_dir() else path
-    return _beside_text(events_path, lambda: TextEvents(events_path), options)
+    return _with_sidecars(events_path, lambda: TextEvents(events_path), options)
 
 
 def read_gzip_text(path: Path, options: ReadOptions) -> Contents:
-    """As `read_uzh_folder`, of a file of events packed with gzip."""
-    return _beside_text(path, lambda: TextEvents(path, GzipFile(path)), options)
+    """Like `read_uzh_folder`, for an event file compressed with gzip."""
+    return _with_sidecars(path, lambda: TextEvents(path, GzipFile(path)), options)
 
 
-def _beside_text(events_path: Path, decode: Callable[[], EventSource], options: ReadOptions) -> Contents:
+def _with_sidecars(events_path: Path, decode: Callable[[], EventSource], options: ReadOptions) -> Contents:
     folder = events_path.parent
     calibration = find_calibration(folder, options.calibration, options.imu)
     usual = events_path.name.removesuffix(".gz") == EVENTS_FILE
@@ -73,15 +75,15 @@ def uzh_contents(
     samples: Samples,
     variant: str = "",
 ) -> Contents:
-    """What is in the files beside the events, wherever they are.
+    """Contents of a recording whose files are in a folder or in an archive.
 
     Args:
         name: of the recording.
-        decode: makes a decoder of its events.
-        calibration: what Kalibr's files say.
-        file: gives a file by its name.
+        decode: creates a decoder of its events.
+        calibration: from Kalibr's files.
+        file: returns a file by its name.
         samples: inertial samples.
-        variant: tells apart recordings in one archive.
+        variant: distinguishes recordings in one archive.
     """
     truth, truth_notes = read_ground_truth(
         [file(name) for name in dict.fromkeys((GROUND_TRUTH_FILE, *GROUND_TRUTH_FILES))]
@@ -103,19 +105,18 @@ def uzh_contents(
 
 
 def uzh_samples(path: Path | ZipMember) -> Samples | None:
-    """Samples of `imu.txt`: by header, by gravity, else accelerometer first; None without the file."""
+    """Samples of `imu.txt`: columns by header, by gravity, else accelerometer first; None without the
+    file."""
     return read_samples(path, accelerometer_first=True) if path.is_file() else None
 
 
 def read_intrinsics(path: TextFile, width: int, height: int) -> CameraIntrinsics:
-    """`calib.txt`, which does not tell the sensor's size. Raises CalibrationError where it is no intrinsics."""
+    """Intrinsics from `calib.txt`, which lacks the sensor size. Raises CalibrationError: malformed."""
     tokens = read_text(path).split()
     try:
         values = [float(token) for token in tokens]
     except ValueError:
         values = []
     if len(values) not in (8, 9):
-        raise CalibrationError(
-            f"{path} holds no intrinsics; expected nine numbers: fx fy cx cy k1 k2 p1 p2 k3"
-        )
+        raise CalibrationError(f"{path} is malformed; expected nine numbers: fx fy cx cy k1 k2 p1 p2 k3")
     return make_intrinsics(values[:4], (width, height), Distortion.RADTAN, values[4:], Path(str(path)))

@@ -1,4 +1,4 @@
-"""Recordings of the UZH event camera data set as they are downloaded: a zip with the files of the folder."""
+"""Zipped recordings of the UZH event camera data set, as they are downloaded."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _MAX_LISTED = 8
 
 
 def read_uzh_zip(path: Path, options: ReadOptions) -> Contents:
-    """A zip with `events.txt` in its root or in a folder; other files beside it as in a UZH folder.
+    """A zip with `events.txt` and other files of a UZH folder, in its root or in a folder.
 
     Args:
         path: the archive.
-        options: what the user says; `events` names the folder with the events, where there are several.
+        options: the user's choices; `events` names the folder with the events, if there are several.
 
     Raises:
         RecordingError: damaged, encrypted, hostile, without events or with several recordings.
@@ -47,30 +47,30 @@ def read_uzh_zip(path: Path, options: ReadOptions) -> Contents:
     return uzh_contents(name, lambda: TextEvents(path, events), calibration, file, samples, variant=member)
 
 
-def _choose(path: Path, wanted: str | None) -> str:
+def _choose(path: Path, selected: str | None) -> str:
     """The member with the events."""
     with open_zip(path) as archive:
         names = [name for name in archive.namelist() if not name.startswith("__MACOSX/")]
     found = [name for name in names if name.rsplit("/", 1)[-1] == EVENTS_FILE]
-    if wanted is not None:
-        named = [name for name in found if wanted.strip("/") in (name, name.rpartition("/")[0])]
+    if selected is not None:
+        named = [name for name in found if selected.strip("/") in (name, name.rpartition("/")[0])]
         if not named:
-            raise RecordingError(f"{path} has no events in {wanted}; it has {_listed(found)}")
+            raise RecordingError(f"{path} has no events in {selected}; available: {_listed(found)}")
         return named[0]
     if not found:
         raise RecordingError(
-            f"{path} is a zip without {EVENTS_FILE}; it holds {_listed(names)}; of archives, those of the "
-            "UZH data set (text) are read where they are; unpack others"
+            f"{path} is a zip without {EVENTS_FILE}; it contains {_listed(names)}; only archives of the UZH "
+            "data set (text) are read directly: unpack this one"
         )
     if len(found) > 1:
         raise RecordingError(
-            f"{path} holds {len(found)} recordings: {_listed(found)}; choose one with --events FOLDER"
+            f"{path} contains {len(found)} recordings: {_listed(found)}; select one with --events FOLDER"
         )
     return found[0]
 
 
 def _calibration_inside(camchain: ZipMember, imu: ZipMember) -> CalibrationSources | None:
-    """Kalibr's files in the archive, where it has any."""
+    """Kalibr's files in the archive, if it has any."""
     if not camchain.is_file():
         return None
     files = [
