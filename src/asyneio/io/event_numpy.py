@@ -59,7 +59,7 @@ class NumpyEvents:
 
     def notes(self) -> tuple[str, ...]:
         """A note on how the columns were read."""
-        return (self._meaning.sentence(self.path.name),) if self._meaning else ()
+        return (self._meaning.note(self.path.name),) if self._meaning else ()
 
 
 def is_npz(path: Path) -> bool:
@@ -126,15 +126,15 @@ def read_columns(path: Path) -> tuple[list[np.ndarray], Meaning]:
             _reject(path, arrays)
         fields = [table[table.dtype.names[found[0][letter]]] for letter in "txyp"]
         return _with_unit(path, fields, found[1])
-    place = columns_by_values(np.asarray(table[:_SAMPLE], dtype=np.float64))
-    if place is None:
+    position = columns_by_values(np.asarray(table[:_SAMPLE], dtype=np.float64))
+    if position is None:
         _reject(path, arrays)
-    columns = [table[:, place[letter]] for letter in "txyp"]
-    return _with_unit(path, columns, "", (place["t"], place["x"], place["y"], place["p"]))
+    columns = [table[:, position[letter]] for letter in "txyp"]
+    return _with_unit(path, columns, "", (position["t"], position["x"], position["y"], position["p"]))
 
 
 def _with_unit(
-    path: Path, columns: list[np.ndarray], unit: str, places: tuple[int, int, int, int] | None = None
+    path: Path, columns: list[np.ndarray], unit: str, positions: tuple[int, int, int, int] | None = None
 ) -> tuple[list[np.ndarray], Meaning]:
     if len({column.shape for column in columns}) != 1:
         raise RecordingError(f"{path}: columns of different lengths: {[c.shape[0] for c in columns]}")
@@ -142,7 +142,7 @@ def _with_unit(
     if not unit:
         ends = np.concatenate([columns[0][:_SAMPLE], columns[0][-_SAMPLE:]])
         unit, unit_source = unit_of_time(np.asarray(ends, dtype=np.float64), "us", "camera exports")
-    return columns, Meaning(places or (0, 1, 2, 3), 4, unit, unit_source, places is None)
+    return columns, Meaning(positions or (0, 1, 2, 3), 4, unit, unit_source, positions is None)
 
 
 def _load(path: Path) -> dict[str, np.ndarray]:

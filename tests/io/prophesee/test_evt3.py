@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from asyneio.io.prophesee.evt3 import HIGH_NS, TURN_NS, Evt3Decoder
+from asyneio.io.prophesee.evt3 import HIGH_NS, WRAP_NS, Evt3Decoder
 
 ROW, EVENT, BASE, TWELVE, EIGHT, LOW, HIGH, TRIGGER = 0, 2, 3, 4, 5, 6, 8, 10
 
@@ -106,9 +106,9 @@ def test_pauses_and_steps_back() -> None:
     assert high_times(at(100, times=1) + at(160, times=1) + at(260)) == [100, 160, 260]
     decoder = Evt3Decoder()
     first = decoder.feed(np.array(at(100), dtype=np.uint16))
-    decoder.pass_time(3 * TURN_NS + 50 * HIGH_NS)
+    decoder.pass_time(3 * WRAP_NS + 50 * HIGH_NS)
     second = decoder.feed(np.array(at(145), dtype=np.uint16))
-    assert second["t_ns"][0] - first["t_ns"][0] == 3 * TURN_NS + 45 * HIGH_NS
+    assert second["t_ns"][0] - first["t_ns"][0] == 3 * WRAP_NS + 45 * HIGH_NS
 
 
 def test_what_is_no_event() -> None:

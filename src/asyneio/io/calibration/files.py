@@ -19,7 +19,7 @@ from asyneio.types import Calibration, ImuNoise
 CAMCHAIN_FILE, IMU_FILE = "camchain-imucam.yaml", "imu.yaml"
 
 _SUFFIXES = (".yaml", ".yml", ".json")
-#: A folder with more YAML and JSON files is no recording folder and is not searched.
+#: A folder with more YAML and JSON files is not a recording folder and is not searched.
 _MAX_CANDIDATES = 64
 
 

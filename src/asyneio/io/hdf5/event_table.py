@@ -64,7 +64,7 @@ class TableEvents:
 
     def notes(self) -> tuple[str, ...]:
         """A note on how the columns were read."""
-        return (self._table.meaning.sentence(self.path.name),)
+        return (self._table.meaning.note(self.path.name),)
 
 
 def is_event_table(path: Path) -> bool:

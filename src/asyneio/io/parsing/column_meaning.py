@@ -72,7 +72,7 @@ class Meaning:
         """True for the layout of UZH: t x y p in seconds."""
         return self.columns == (0, 1, 2, 3) and self.count == 4 and self.unit == "s"
 
-    def sentence(self, name: str) -> str:
+    def note(self, name: str) -> str:
         """A note on how the columns were read."""
         by = " (by their names)" if self.named else ""
         return f"{name}: columns {self.order}{by}, time in {UNIT_WORDS[self.unit]} ({self.unit_source})"
@@ -113,13 +113,13 @@ def columns_by_values(rows: FloatArray) -> dict[str, int] | None:
         return None
     fitting = []
     for preference, order in enumerate(_ORDERS):
-        place = {letter: order.index(letter) for letter in "txyp"}
-        if not is_polarity(rows[:, place["p"]]) or not all(
-            _are_pixels(rows[:, place[axis]]) for axis in "xy"
+        position = {letter: order.index(letter) for letter in "txyp"}
+        if not is_polarity(rows[:, position["p"]]) or not all(
+            _are_pixels(rows[:, position[axis]]) for axis in "xy"
         ):
             continue
-        back = float(np.mean(np.diff(rows[:, place["t"]]) < 0.0)) if rows.shape[0] > 1 else 0.0
-        fitting.append((back > _BACK_SHARE, preference, place))
+        back = float(np.mean(np.diff(rows[:, position["t"]]) < 0.0)) if rows.shape[0] > 1 else 0.0
+        fitting.append((back > _BACK_SHARE, preference, position))
     return min(fitting, key=lambda one: one[:2])[2] if fitting else None
 
 

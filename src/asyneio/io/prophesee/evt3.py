@@ -28,7 +28,7 @@ from asyneio.types import IntArray, RecordArray
 
 #: One step of the high time, and its wrap [ns].
 HIGH_NS = 4096 * 1000
-TURN_NS = 4096 * HIGH_NS
+WRAP_NS = 4096 * HIGH_NS
 
 #: Types of words, as Prophesee names them.
 EVT_ADDR_Y, EVT_ADDR_X, VECT_BASE_X, VECT_12, VECT_8 = 0, 2, 3, 4, 5

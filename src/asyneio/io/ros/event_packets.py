@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from asyneio.io.prophesee.evt3 import EVT_TIME_HIGH, EVT_TIME_LOW, TURN_NS, Evt3Decoder
+from asyneio.io.prophesee.evt3 import EVT_TIME_HIGH, EVT_TIME_LOW, WRAP_NS, Evt3Decoder
 from asyneio.io.recording.event_source import FAR_OUTSIDE, pack_events
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
@@ -145,7 +145,7 @@ def unwrap_first_times(sensor_ns: IntArray, host_ns: IntArray) -> IntArray:
     if sensor_ns.size == 0:
         return sensor_ns
     steps = np.diff(sensor_ns)
-    steps += np.rint((np.diff(host_ns) - steps) / TURN_NS).astype(np.int64) * TURN_NS
+    steps += np.rint((np.diff(host_ns) - steps) / WRAP_NS).astype(np.int64) * WRAP_NS
     return sensor_ns[0] + np.concatenate([[0], np.cumsum(steps)])
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.prophesee.evt3 import TURN_NS
+from asyneio.io.prophesee.evt3 import WRAP_NS
 from asyneio.io.recording.event_source import SAMPLE_DTYPE, join_events
 from asyneio.io.ros.bag import Bag, Message, Topic
 from asyneio.io.ros.event_packets import PacketDecoder
@@ -90,7 +90,7 @@ class RosEvents:
             return events
         if self._wraps_ns is None:
             behind = self._clock.origin_ns - int(events["t_ns"][0])
-            self._wraps_ns = round(behind / TURN_NS) * TURN_NS
+            self._wraps_ns = round(behind / WRAP_NS) * WRAP_NS
         limit = 2**62 // self._unit_ns
         if self._unit_ns > 1:
             if events["t_ns"].max() > limit or events["t_ns"].min() < -limit:

@@ -66,7 +66,7 @@ def write_rosbag2(recording: EventRecording, folder: Path, progress: Progress | 
         progress: called with the fraction of the events written.
 
     Raises:
-        RecordingError: the folder holds other files or cannot be written, gyroscope and accelerometer have
+        RecordingError: the folder contains other files or cannot be written, gyroscope and accelerometer have
             different times, or a time does not fit ROS 2 (before 1970 or after 2038).
     """
     earlier = list(folder.iterdir()) if folder.is_dir() else [folder] if folder.exists() else []

@@ -84,7 +84,7 @@ class TextEvents:
 
     def notes(self) -> tuple[str, ...]:
         """Notes on skipped lines."""
-        notes: tuple[str, ...] = () if self._meaning.usual else (self._meaning.sentence(self._file.name),)
+        notes: tuple[str, ...] = () if self._meaning.usual else (self._meaning.note(self._file.name),)
         if self._bad:
             note = bad_lines_note(self._file, self._bad)[0]
             notes += (f"{note} ({share_text(len(self._bad), self._line)} of the lines)",)
