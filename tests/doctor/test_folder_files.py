@@ -34,7 +34,11 @@ def test_files_used_and_not_used(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("rec.raw", b"% evt 4.0\n% geometry 240x180\n% end\n" + bytes(800), "in EVT 4.0, which is not supported"),
+        (
+            "rec.raw",
+            b"% evt 4.0\n% geometry 240x180\n% end\n" + bytes(800),
+            "in EVT 4.0, which is not supported",
+        ),
         ("events.csv", b"a,b\n1,2\n", "events.csv is of an unknown format"),
         ("rec.aedat", b"#!AER-DAT3.1\r\n", "AEDAT of another version"),
         ("rec.h5", b"\x89HDF\r\n\x1a\n" + bytes(100), "rec.h5"),

@@ -49,6 +49,6 @@ def test_numpy(
 def test_numpy_without_events_lists_what_it_holds(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", depth=np.zeros((3, 4, 5)), index=np.array([{}], dtype=object))
     with pytest.raises(
-        RecordingError, match=r"holds depth \(3, 4, 5\) of float64; expected arrays named t, x"
+        RecordingError, match=r"contains depth \(3, 4, 5\) of float64; expected arrays named t, x"
     ):
         open_recording(tmp_path / "a.npz")

@@ -85,12 +85,12 @@ def test_calibration_from_elsewhere(tmp_path: Path, rng: np.random.Generator) ->
     ("content", "message"),
     [
         (b"", "is empty"),
-        (b"#ROSBAG V1.2\n", "a ROS bag of another version than 2.0, which is not read"),
-        (b"SQLite format 3\0", "a SQLite file, but no ROS 2 bag"),
-        (b"\x28\xb5\x2f\xfd", "packed with zstd .unpack it: zstd -d FILE., which is not read"),
+        (b"#ROSBAG V1.2\n", "a ROS bag of another version than 2.0, which is not supported"),
+        (b"SQLite format 3\0", "a SQLite file, but not a ROS 2 bag"),
+        (b"\x28\xb5\x2f\xfd", "compressed with zstd .decompress it: zstd -d FILE., which is not supported"),
         (b"#!AER-DAT3.1\r\n", "another version"),
-        (b"t x y p\nnone\n", "of no known format"),
-        (b"1.0 2 3 4 5 6 7\n", "of no known format"),
+        (b"t x y p\nnone\n", "of an unknown format"),
+        (b"1.0 2 3 4 5 6 7\n", "of an unknown format"),
     ],
 )
 def test_not_understood(tmp_path: Path, content: bytes, message: str) -> None:
@@ -107,8 +107,8 @@ def test_not_understood(tmp_path: Path, content: bytes, message: str) -> None:
     ("content", "message"),
     [
         (b"#ROSBAG V2.0\n", "no topic of events; it holds no message"),
-        (b"\x89MCAP0\r\n", "no topic of events; it holds no message.*cut off"),
-        (b"SQLite format 3\0 serialization_format", "no readable SQLite file"),
+        (b"\x89MCAP0\r\n", "no topic of events; it contains no messages.*truncated"),
+        (b"SQLite format 3\0 serialization_format", "not a readable SQLite file"),
         (b"PK\x03\x04", "damaged zip"),
     ],
 )
@@ -120,7 +120,7 @@ def test_containers_without_content(tmp_path: Path, content: bytes, message: str
 
 
 def test_nothing(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="holds no file"):
+    with pytest.raises(RecordingError, match="contains no files"):
         open_recording(tmp_path)
     with pytest.raises(RecordingError, match="does not exist"):
         open_recording(tmp_path / "absent")
@@ -138,7 +138,7 @@ def test_a_path_may_be_text(tmp_path: Path) -> None:
 
 
 def test_a_path_that_is_not_there_and_a_pipe(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"does not exist; \S+ is there"):
+    with pytest.raises(RecordingError, match=r"does not exist; \S+ does"):
         open_recording(tmp_path / "no" / "such")
     with pytest.raises(RecordingError, match="is a pipe or a device"):
         open_recording("/dev/null")

@@ -97,7 +97,7 @@ def test_other_words_are_counted(tmp_path: Path) -> None:
     found = open_recording(write(tmp_path, event(1), frame, frame, signal, half, event(9), b"\1\2\3"))
     assert found.events["t_ns"].tolist() == [1000, 9000]
     notes = " ".join(found.notes)
-    for text in ("2 word(s) of frames", "1 external signal", "3 inertial word(s)", "3 byte(s) at the end"):
+    for text in ("2 frame word(s)", "1 external signal", "3 inertial word(s)", "3 byte(s) at the end"):
         assert text in notes
 
 
@@ -130,7 +130,7 @@ def test_pieces_do_not_matter(tmp_path: Path, kinds: list[int], length: int) -> 
     [
         (b"#!AER-DAT3.1\r\n", "another version than 2.0 and 4"),
         (b"#!AER-DAT2.0\r\n# AEChip: ch.unizh.ini.jaer.chip.retina.DVS128\r\n", "DVS128; only the DAVIS240"),
-        (b"#!AER-DAT2.0\r\n# and so on", "nothing but a header"),
+        (b"#!AER-DAT2.0\r\n# and so on", "contains only a header"),
     ],
 )
 def test_other_headers(tmp_path: Path, header: bytes, message: str) -> None:
@@ -140,4 +140,4 @@ def test_other_headers(tmp_path: Path, header: bytes, message: str) -> None:
 
 def test_unnamed_camera(tmp_path: Path) -> None:
     found = open_recording(write(tmp_path, event(1), header=b"#!AER-DAT2.0\n"))
-    assert any("taken to be a DAVIS240" in note for note in found.notes)
+    assert any("assumed to be a DAVIS240" in note for note in found.notes)

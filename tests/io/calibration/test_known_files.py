@@ -93,10 +93,10 @@ def test_inivation(tmp_path: Path, listed: bool) -> None:
         (
             "results-imucam.txt",
             "Calibration results\n====\nT_ci: [[1]]\n",
-            "Kalibr's report in text; .*give camchain-imu",
+            "text report of Kalibr; .*use camchain-imu",
         ),
-        ("report.pdf", "%PDF-1.4\n", "a report in PDF; .*give camchain-imucam"),
-        ("ost.txt", "# oST version 5.0 parameters\n", "give ost.yaml"),
+        ("report.pdf", "%PDF-1.4\n", "a PDF report; .*use camchain-imucam"),
+        ("ost.txt", "# oST version 5.0 parameters\n", "use ost.yaml"),
         (
             "target.yaml",
             "target_type: 'aprilgrid'\ntagCols: 6\n",
@@ -106,11 +106,11 @@ def test_inivation(tmp_path: Path, listed: bool) -> None:
         (
             "imu_param.yaml",
             IMU_UTILS,
-            "imu_utils: .*gyroscope_noise_density: 0.015 .* root of the IMU's rate",
+            "imu_utils: .*gyroscope_noise_density: 0.015 .* root of the IMU rate",
         ),
         ("empty.yaml", "", "empty.yaml is empty"),
         ("blank.yaml", "---\n\n", "blank.yaml is empty"),
-        ("comment.yaml", "# nothing\n", "no keys but comments"),
+        ("comment.yaml", "# nothing\n", "contains only comments"),
     ],
 )
 def test_what_is_no_calibration(tmp_path: Path, name: str, text: str, said: str) -> None:
@@ -160,7 +160,7 @@ def test_a_time_shift_in_another_unit(tmp_path: Path, written: str, meant: str, 
     ("kind", "line", "said"),
     [
         ("kalibr", "time_offset: 0.01\n", "time_offset is not applied"),
-        ("vins-mono", "g_norm: 9.7\n", "g_norm is not applied: gravity is taken to be 9.80665"),
+        ("vins-mono", "g_norm: 9.7\n", "g_norm is not applied: gravity is 9.80665"),
         ("vins-mono", "rolling_shutter: 1\n", "rolling_shutter is not applied"),
     ],
 )

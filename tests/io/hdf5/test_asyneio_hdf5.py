@@ -85,7 +85,7 @@ def test_polarity_of_another_kind(path: Path, recording: EventRecording) -> None
     assert_same(open_recording(path), recording)
     with h5py.File(path, "r+") as file:
         file["events/p"][0] = 0
-    with pytest.raises(RecordingError, match="polarity goes from -1 to 1"):
+    with pytest.raises(RecordingError, match="polarity values from -1 to 1"):
         open_recording(path)
 
 

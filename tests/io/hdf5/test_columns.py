@@ -41,8 +41,8 @@ def test_unknown_origin(tmp_path: Path, rng: np.random.Generator, monkeypatch: p
         assert_events(found, events, 77_000)
         assert (found.width, found.height) == (346, 260)
         notes = " ".join(found.notes)
-        assert "columns t x y p; time in microseconds (as of DSEC)" in notes
-        assert "taken to be 346 x 260" in notes
+        assert "columns t x y p, time in microseconds (like DSEC)" in notes
+        assert "assumed from the events: 346 x 260" in notes
     assert len(decoded) == 2
 
 
@@ -52,13 +52,13 @@ def test_samples_beside_unknown_origin(tmp_path: Path, rng: np.random.Generator)
     write_lines(tmp_path / "imu0" / "data.csv", "", [(",".join(map(str, row)),) for row in rows])
     found = read(tmp_path / "mine.h5")
     np.testing.assert_array_equal(found.accelerometer["xyz"][0], GRAVITY)
-    assert any("gyroscope first, as gravity says; time in ns" in note for note in found.notes)
+    assert any("gyroscope first (from gravity), time in ns" in note for note in found.notes)
     other = [(0.005 * k, *GRAVITY, 0.4, 0.5, 0.6) for k in range(400)]
     write_lines(tmp_path / "other.txt", "", other)
     for name in (str(tmp_path / "other.txt"), "other.txt"):
         named = read(tmp_path / "mine.h5", samples=name)
         np.testing.assert_array_equal(named.gyroscope["xyz"][0], [0.4, 0.5, 0.6])
-    with pytest.raises(RecordingError, match=r"no file nothing\.txt of inertial samples"):
+    with pytest.raises(RecordingError, match=r"inertial samples nothing\.txt not found"):
         read(tmp_path / "mine.h5", samples="nothing.txt")
 
 
@@ -82,7 +82,7 @@ def test_no_events(tmp_path: Path, rng: np.random.Generator) -> None:
             file[f"events/{name}"] = np.zeros(0, dtype="<u4")
     write_mvsec(tmp_path / "y.hdf5", make_events(rng, 10)[:0])
     for path in ("x.h5", "y.hdf5"):
-        with pytest.raises(RecordingError, match="holds no event"):
+        with pytest.raises(RecordingError, match="contains no events"):
             read(tmp_path / path)
 
 

@@ -32,8 +32,8 @@ def test_dsec(tmp_path: Path, rng: np.random.Generator) -> None:
         notes = " ".join(found.notes)
         assert "no inertial samples" in notes
         assert f"t_offset of {EPOCH_US} us" in notes
-    assert any("left camera of left and right" in note for note in read(root).notes)
-    with pytest.raises(RecordingError, match="no events of the camera 'top'; it has those of left and right"):
+    assert any("read from the left camera" in note for note in read(root).notes)
+    with pytest.raises(RecordingError, match="no events of the camera 'top'; available: left and right"):
         read(root, events="top")
 
 

@@ -23,7 +23,7 @@ def test_m3ed(tmp_path: Path, rng: np.random.Generator) -> None:
     found = read(tmp_path)
     assert_events(found, events)
     assert found.gyroscope.size == found.accelerometer.size == 796
-    assert any("left out 4 of 800 rows" in note for note in found.notes)
+    assert any("ignored 4 of 800 rows" in note for note in found.notes)
     assert found.camera is not None
     assert (found.camera.fx, found.camera.width, found.camera.coefficients[0]) == (1034.0, 1280, -0.09)
     assert found.calibration is None

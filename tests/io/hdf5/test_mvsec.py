@@ -35,7 +35,7 @@ def test_mvsec(tmp_path: Path, rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(found.ground_truth.position, T_w_c[:, :3, 3])
     turned = Rotation.from_quat(found.ground_truth.quaternion).as_matrix()
     np.testing.assert_allclose(turned, T_w_c[:, :3, :3], atol=1e-12)
-    assert any("those of the camera" in note for note in found.notes)
+    assert any("ground truth is the camera pose" in note for note in found.notes)
     right = read(tmp_path, events="right")
     np.testing.assert_array_equal(right.events["x"], events["x"] + 1)
     np.testing.assert_array_equal(right.gyroscope["xyz"][0], [0.1, 0.2, 1.3])

@@ -55,5 +55,5 @@ def test_hdf5_in_nanoseconds_of_the_epoch(tmp_path: Path, events: np.ndarray) ->
 def test_unknown_hdf5_is_listed(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "rec.h5", "w") as file:
         file["depth/images"] = np.zeros((2, 3))
-    with pytest.raises(RecordingError, match=r"holds depth/images \(2, 3\) float64; expected events/x, y"):
+    with pytest.raises(RecordingError, match=r"contains depth/images \(2, 3\) float64; expected events/x, y"):
         open_recording(tmp_path / "rec.h5")

@@ -29,7 +29,7 @@ def test_vector(tmp_path: Path, rng: np.random.Generator) -> None:
     assert found.ground_truth is not None
     np.testing.assert_array_equal(found.ground_truth.position[0], [1.0, 2.0, 3.0])
     write_columns(tmp_path / "robot.synced.left_event.hdf5", events, EPOCH_US)
-    with pytest.raises(RecordingError, match="2 sequences: desk_fast1, robot; name a file"):
+    with pytest.raises(RecordingError, match="2 sequences: desk_fast1, robot; name one event file"):
         read(tmp_path)
     assert read(tmp_path / "robot.synced.left_event.hdf5").gyroscope.size == 0
 

@@ -15,4 +15,4 @@ def test_dat(tmp_path: Path) -> None:
         found = read(write(tmp_path, kind, *words, b"\1\2", header=DAT))
         assert (found.width, found.height) == (640, 480)
         assert rows(found) == [(1000 * t, 639 - k, 479 - k, k % 2) for k, t in enumerate(times)]
-        assert any("2 byte(s) at the end are no whole event" in note for note in found.notes)
+        assert any("2 byte(s) at the end are not a complete event" in note for note in found.notes)

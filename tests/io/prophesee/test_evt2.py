@@ -56,8 +56,8 @@ def test_triggers_and_other_words(tmp_path: Path) -> None:
     found = read(write(tmp_path, event(3), both(1000), trigger, trigger, other, strange, event(1001), b"\1"))
     assert [row[0] for row in rows(found)] == [1_000_000, 1_001_000]
     notes = " ".join(found.notes)
-    for text in ("1 event(s) before the first time", "2 external trigger(s)", "1 word(s) of no known kind",
-                 "1 byte(s) at the end are no whole event"):  # fmt: skip
+    for text in ("1 event(s) before the first time", "2 external trigger(s)", "1 word(s) of unknown type",
+                 "1 byte(s) at the end are not a complete event"):  # fmt: skip
         assert text in notes
 
 

@@ -41,7 +41,7 @@ def test_evt21_in_both_word_orders(tmp_path: Path, events: np.ndarray, legacy: b
 def test_words_that_are_no_evt21_are_refused(tmp_path: Path, rng: np.random.Generator) -> None:
     garbage = rng.integers(0, 2**62, 5000).astype("<u8").tobytes()
     (tmp_path / "rec.raw").write_bytes(b"% evt 2.1\n% geometry 240x180\n% end\n" + garbage)
-    with pytest.raises(RecordingError, match=r"rec.raw: \d+ of 5000 words are of no kind that EVT 2.1 knows"):
+    with pytest.raises(RecordingError, match=r"rec.raw: \d+ of 5000 words are of a type unknown in EVT 2.1"):
         open_recording(tmp_path)
 
 
@@ -53,4 +53,4 @@ def test_padding_of_a_lucid_camera_is_counted(tmp_path: Path) -> None:
     assert found.events["x"].tolist() == [7, 8]
     notes = " ".join(found.notes)
     assert "skipped 2 word(s) of padding (code 9) (22% of the words)" in notes
-    assert "skipped 1 word(s) of no known kind (11% of the words): is the file damaged?" in notes
+    assert "skipped 1 word(s) of unknown type (11% of the words): is the file damaged?" in notes

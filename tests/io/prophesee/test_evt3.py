@@ -118,7 +118,7 @@ def test_what_is_no_event() -> None:
     assert notes == (
         "run: skipped 1 external trigger(s) (11% of the words)",
         "run: skipped 3 event(s) before the first time (33% of the words)",
-        "run: skipped 2 word(s) of no known kind (22% of the words): is the file damaged?",
+        "run: skipped 2 word(s) of unknown type (22% of the words): is the file damaged?",
     )
 
 

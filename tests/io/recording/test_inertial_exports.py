@@ -72,12 +72,12 @@ COMMAS = "t;gx;gy;gz;ax;ay;az\n" + rows(T_NS / 1e9, *xyz(OMEGA), *xyz(FORCE), ma
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (ROSTOPIC, "as the header says; time in ns"),
-        (BAGPY, "as the header says; time in s"),
-        (DV, "accelerometer first, as the header says; time in us"),
-        (UNITS, "gyroscope in deg/s, as the header says: converted to rad/s"),
-        (SUFFIXES, "gyroscope in deg/s, as the header says"),
-        (COMMAS, "commas were read as decimal points"),
+        (ROSTOPIC, "(from the header), time in ns"),
+        (BAGPY, "(from the header), time in s"),
+        (DV, "accelerometer first (from the header), time in us"),
+        (UNITS, "gyroscope in deg/s (from the header): converted to rad/s"),
+        (SUFFIXES, "gyroscope in deg/s (from the header)"),
+        (COMMAS, "commas read as decimal points"),
     ],
 )
 def test_exports(tmp_path: Path, text: str, said: str) -> None:
@@ -178,7 +178,9 @@ def test_what_rostopic_prints_is_named(tmp_path: Path) -> None:
 def test_an_unknown_unit_is_named(tmp_path: Path) -> None:
     path = tmp_path / "imu.csv"
     path.write_text(UNITS.replace("[deg/s]", "[rpm]"))
-    with pytest.raises(RecordingError, match="names 'rpm' for the gyroscope; understood are rad/s and deg/s"):
+    with pytest.raises(
+        RecordingError, match="names the unit 'rpm' for the gyroscope; supported: rad/s, deg/s"
+    ):
         read_inertial_file(path)
 
 

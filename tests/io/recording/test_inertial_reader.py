@@ -43,27 +43,27 @@ FPV = "# id timestamp ang_vel_x ang_vel_y ang_vel_z lin_acc_x lin_acc_y lin_acc_
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (EUROC + lines(NANOSECONDS, *BOTH, separator=","), "gyroscope first, as the header says; time in ns"),
-        (lines(SECONDS, *ACCELEROMETER, *GYROSCOPE), "accelerometer first, as gravity says; time in s"),
-        (lines(SECONDS, *BOTH), "gyroscope first, as gravity says; time in s"),
-        (TUM_VIE + lines(MICROSECONDS, *BOTH, 20.5), "first, as the header says; time in us; 1 further"),
-        (lines(MICROSECONDS, *BOTH, 20.5), "gyroscope first, as gravity says; time in us; 1 further"),
+        (EUROC + lines(NANOSECONDS, *BOTH, separator=","), "gyroscope first (from the header), time in ns"),
+        (lines(SECONDS, *ACCELEROMETER, *GYROSCOPE), "accelerometer first (from gravity), time in s"),
+        (lines(SECONDS, *BOTH), "gyroscope first (from gravity), time in s"),
+        (TUM_VIE + lines(MICROSECONDS, *BOTH, 20.5), "first (from the header), time in us; 1 further"),
+        (lines(MICROSECONDS, *BOTH, 20.5), "gyroscope first (from gravity), time in us; 1 further"),
         (VECTOR + lines(SECONDS, *BOTH, 9.81, 0.0, 0.0), "3 further column(s)"),
         (
             "t_ns,gx,gy,gz,ax,ay,az\n" + lines(NANOSECONDS, *BOTH, separator=","),
-            "as the header says; time in ns",
+            "(from the header), time in ns",
         ),
         (
             "ax,ay,az,t,gx,gy,gz\n" + "".join(f"0.0,0.0,9.81,{t},0.1,0.2,0.3\n" for t in SECONDS),
-            "accelerometer first, as the header says; time in s",
+            "accelerometer first (from the header), time in s",
         ),
         (
             FPV + "".join(f"{k} {t} 0.1 0.2 0.3 0 0 9.81\n" for k, t in enumerate(SECONDS)),
-            "as the header says; time in s",
+            "(from the header), time in s",
         ),
         (
             "\ufeff% made by hand\r\n\r\n" + lines(NANOSECONDS, *BOTH).replace("\n", "\r\n"),
-            "as gravity says; time in ns",
+            "(from gravity), time in ns",
         ),
     ],
 )
@@ -106,15 +106,15 @@ def test_real_euroc(data_dir: Path) -> None:
         ("", "no line of numbers"),
         ("# only a header\n", "no line of numbers"),
         ("1 2 3\n2 3 4\n", "2 line.s. of 3 numbers"),
-        (lines(SECONDS, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), "nothing tells which columns"),
-        (lines(SECONDS, *ACCELEROMETER, *ACCELEROMETER), "nothing tells which columns"),
+        (lines(SECONDS, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), "cannot determine which columns"),
+        (lines(SECONDS, *ACCELEROMETER, *ACCELEROMETER), "cannot determine which columns"),
         (lines([str(k * 10**7) for k in range(9)], *BOTH), ""),
         (lines(["5"] * 9, *BOTH), "time advances by 0 a line"),
         (lines([str(k * 10**12) for k in range(9)], *BOTH), "in no unit"),
-        ("t_s gx gy gz ax ay az\n" + lines(["9" * 30, "1"], *BOTH), "fits into 64 bits"),
+        ("t_s gx gy gz ax ay az\n" + lines(["9" * 30, "1"], *BOTH), "does not fit into 64 bits"),
         (lines(SECONDS[:1], *BOTH), "1 line.s. of 7"),
         (lines(SECONDS, *BOTH) + "x\n" * 30, "more than 20 unreadable"),
-        ("1" * 5000, "longer than any"),
+        ("1" * 5000, "is too long"),
     ],
 )  # fmt: skip
 def test_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -171,11 +171,11 @@ def test_truth(tmp_path: Path, text: str, w_first: bool, unit: str) -> None:
     np.testing.assert_array_equal(truth.t_ns, T_NS)
     np.testing.assert_array_equal(truth.position, [[1.0, 2.0, 3.0]] * 50)
     np.testing.assert_array_equal(truth.quaternion, [[0.1, 0.7, 0.5, 0.5]] * 50)
-    told = f"w of the quaternion {'first' if w_first else 'last'}, time in {unit}"
+    told = f"quaternion with w {'first' if w_first else 'last'}, time in {unit}"
     # The layout of TUM needs no word.
     assert notes == () if unit == "s" else told in notes[0]
 
 
 def test_truth_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"hold unit quaternions; the first line is .1403715273"):
+    with pytest.raises(RecordingError, match=r"contain unit quaternions; the first line is .1403715273"):
         read_trajectory(write(tmp_path, lines(SECONDS, *range(7))))

@@ -49,7 +49,7 @@ def text(order: str, unit: str, mark: str = " ", tail: str = "") -> str:
         (text("tpq", "ns."), "w of the quaternion last, time in ns"),
         ("# timestamp[us] px py pz qx qy qz qw\n" + text("tpq", "us"), "time in us"),
         (EUROC + "\n" + text("tpw", "ns", ","), "w of the quaternion first, time in ns"),
-        (EUROC + ", v x, v y, v z\n" + text("tpw", "ns", ",", ",0,0,0"), "3 further column(s) left out"),
+        (EUROC + ", v x, v y, v z\n" + text("tpw", "ns", ",", ",0,0,0"), "3 further column(s) ignored"),
         (text("tpw", "ns", ",", ",0.1,0.2,0.3,"), "w of the quaternion first, time in ns"),
         (text("tpw", "ns", ",", ",0" * 9), "w of the quaternion first, time in ns"),
         (OPENVINS + text("tpq", "s", " ", " 0" * 12), "w of the quaternion last, time in s"),
@@ -94,7 +94,7 @@ def test_kitti(tmp_path: Path) -> None:
     )
     np.testing.assert_array_equal(read_trajectory(path)[0].t_ns, PATH.t_ns)
     path.write_text("1 2 3 4 5 6 7 8 9 10 11 12\n" * 9)
-    with pytest.raises(RecordingError, match="not of rotations"):
+    with pytest.raises(RecordingError, match="not rigid transforms"):
         read_trajectory(path)
 
 
@@ -104,7 +104,7 @@ def test_columns_that_the_user_names(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"mine\.txt"):
         read_trajectory(path)
     assert_same(read_trajectory_file(path, "-,px,py,pz,qx,qy,qz,qw,t_ns").poses)
-    with pytest.raises(RecordingError, match=r"9 columns, but 8 names .* those that do not matter with -"):
+    with pytest.raises(RecordingError, match=r"9 columns, but 8 names .* with - for those to ignore"):
         read_trajectory_file(path, "px,py,pz,qx,qy,qz,qw,t_ns")
 
 
@@ -115,7 +115,7 @@ def test_poses_that_were_lost_and_rows_out_of_order(tmp_path: Path) -> None:
     path.write_text("\n".join(gaps[50:] + gaps[:50]) + "\n")
     found, notes = read_trajectory(path)
     np.testing.assert_array_equal(found.t_ns, PATH.t_ns[::3])
-    assert [note.split(": ")[1][:8] for note in notes] == ["left out", "sorted b"]
+    assert [note.split(": ")[1][:8] for note in notes] == ["skipped ", "sorted b"]
 
 
 def test_seconds_at_one_hertz(tmp_path: Path) -> None:
@@ -148,5 +148,5 @@ def test_places(tmp_path: Path, rng: np.random.Generator) -> None:
     truth.mkdir(parents=True)
     (truth / "data.csv").write_text(EUROC + "\n" + text("tpw", "ns", ","))
     assert_same(read_reference(tmp_path / "recording").longest)
-    with pytest.raises(RecordingError, match="holds no trajectory; expected a results folder"):
+    with pytest.raises(RecordingError, match="contains no trajectory; expected a results folder"):
         read_estimated(tmp_path / "recording")

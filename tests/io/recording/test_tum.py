@@ -59,7 +59,7 @@ def test_tum_skips_sorts_and_normalises(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.position[:, 0], [1.0, 0.0])
     np.testing.assert_allclose(np.linalg.norm(found.quaternion, axis=1), 1.0, atol=1e-15)
     starts = [note.split(": ")[1][:8] for note in notes]
-    assert starts == ["skipped ", "left out", "sorted b", "dropped "]
+    assert starts == ["skipped ", "skipped ", "sorted b", "dropped "]
 
 
 @pytest.mark.parametrize("text", ["", "# only a comment\n", "1 2 3\n" * 30])

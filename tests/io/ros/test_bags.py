@@ -136,6 +136,6 @@ def test_written_bags_are_read_by_others(tmp_path: Path, recording: EventRecordi
 def test_other_files_are_not_overwritten(tmp_path: Path, recording: EventRecording) -> None:
     (tmp_path / "thesis.tex").write_text("x")
     for path in (tmp_path, tmp_path / "thesis.tex"):
-        with pytest.raises(RecordingError, match="holds other files"):
+        with pytest.raises(RecordingError, match="contains files that are not part of a recording"):
             write_rosbag2(recording, path)
     assert [entry.name for entry in tmp_path.iterdir()] == ["thesis.tex"]

@@ -43,7 +43,7 @@ def test_cut_off(
         sizes.append(found.events.size)
         np.testing.assert_array_equal(found.events, recording.events[: sizes[-1]])
         if share < 0.9:
-            assert any("cut off at byte" in note for note in found.notes)
+            assert any("truncated at byte" in note for note in found.notes)
     assert sizes == sorted(sizes)
     assert 0 < sizes[0] < sizes[-1] == 3000
 
@@ -85,7 +85,7 @@ def test_cut_off_in_a_database(tmp_path: Path, records: list[Record]) -> None:
     data = path.read_bytes()
     cut = tmp_path / "cut.db3"
     cut.write_bytes(data[: len(data) * 2 // 3])
-    with pytest.raises(RecordingError, match=r"malformed; if it was cut off, try sqlite3 cut.db3 .recover"):
+    with pytest.raises(RecordingError, match=r"malformed; if it is truncated, try sqlite3 cut.db3 .recover"):
         open_recording(cut)
 
 
@@ -100,7 +100,7 @@ def test_split(tmp_path: Path, recording: EventRecording, records: list[Record])
     found = open_recording(first)
     np.testing.assert_array_equal(found.events, recording.events)
     (first / "second.mcap").unlink()
-    with pytest.raises(RecordingError, match=r"lists second.mcap, which is not there"):
+    with pytest.raises(RecordingError, match=r"lists second.mcap, which does not exist"):
         open_recording(first)
 
 

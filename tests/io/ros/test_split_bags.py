@@ -49,7 +49,7 @@ def test_a_packed_file_that_is_cut_off(tmp_path: Path, records: list[Record]) ->
     packed = next(folder.glob("*.zstd"))
     whole = packed.read_bytes()
     packed.write_bytes(whole[:100])
-    with pytest.raises(RecordingError, match=rf"{packed.name} is damaged or cut off: nothing"):
+    with pytest.raises(RecordingError, match=rf"{packed.name} is damaged or truncated: nothing"):
         open_recording(folder)
     # Blocks of zstd are 128 KiB unpacked: of two frames the first is whole.
     content = zstd.decompress(whole)
@@ -57,7 +57,7 @@ def test_a_packed_file_that_is_cut_off(tmp_path: Path, records: list[Record]) ->
     packed.write_bytes(half + zstd.compress(content[len(content) // 2 :])[:100])
     found = open_recording(folder)
     assert 0 < found.events.size < 4000
-    assert any(f"{packed.name} is damaged or cut off" in note for note in found.notes)
+    assert any(f"{packed.name} is damaged or truncated" in note for note in found.notes)
 
 
 def test_a_listed_file_that_is_not_there(tmp_path: Path, records: list[Record]) -> None:
@@ -65,7 +65,7 @@ def test_a_listed_file_that_is_not_there(tmp_path: Path, records: list[Record]) 
     file = next(folder.glob("*.mcap"))
     renamed = file.rename(folder / "renamed.mcap")
     with pytest.raises(
-        RecordingError, match=rf"lists {file.name}, which is not there; the folder holds renamed.mcap"
+        RecordingError, match=rf"lists {file.name}, which does not exist; the folder contains renamed.mcap"
     ):
         open_recording(folder)
     assert open_recording(renamed).events.size == 4000
@@ -97,7 +97,7 @@ def test_parts_are_joined(
     found = open_recording(tmp_path / "run")
     np.testing.assert_array_equal(found.events["t_ns"], recording.events["t_ns"])
     np.testing.assert_array_equal(found.gyroscope, recording.gyroscope)
-    assert any("follow each other and were read as one recording" in note for note in found.notes)
+    assert any("are consecutive and were read as one recording" in note for note in found.notes)
 
 
 def test_takes_are_not_joined(tmp_path: Path, records: list[Record]) -> None:
@@ -133,7 +133,7 @@ def test_two_topics_complement_each_other(
         np.testing.assert_array_equal(found.gyroscope, recording.gyroscope)
         np.testing.assert_array_equal(found.accelerometer, recording.accelerometer)
     for half in both.split(","):
-        with pytest.raises(RecordingError, match=f"give both topics: --samples {both}"):
+        with pytest.raises(RecordingError, match=f"select both topics: --samples {both}"):
             open_recording(path, ReadOptions(samples=half))
     alone = open_recording(path, ReadOptions(samples=half, samples_needed=False))
     assert alone.events.size == 4000

@@ -89,7 +89,7 @@ def test_too_many_bad_lines(tmp_path: Path) -> None:
 def test_cut_off_in_the_last_line(tmp_path: Path) -> None:
     events, notes = parse(tmp_path, "1.0 2 3 1\n1.5 2")
     assert events.size == 1
-    assert "middle of line 2" in notes[-1]
+    assert "ends inside line 2" in notes[-1]
 
 
 def test_three_polarities(tmp_path: Path) -> None:
@@ -132,5 +132,5 @@ def test_agrees_with_decimal(folder: Path, tokens: list[str]) -> None:
 
 def test_binary_without_line_feeds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(event_text, "CHUNK_BYTES", 1000)
-    with pytest.raises(RecordingError, match="no text"):
+    with pytest.raises(RecordingError, match="not a text file"):
         parse(tmp_path, b"\1" * 5000)

@@ -69,7 +69,7 @@ def test_rows_out_of_order_are_named_and_the_cure_works(tmp_path: Path, events: 
     order = np.lexsort((events[:, 1], events[:, 0] // 33_000))
     lines = (f"{t / 1e6:.6f} {x} {y} {p}\n" for t, x, y, p in events[order].tolist())
     (tmp_path / "events.txt").write_text("".join(lines))
-    with pytest.raises(RecordingError, match="not in the order of time") as caught:
+    with pytest.raises(RecordingError, match="not sorted by time") as caught:
         open_recording(tmp_path)
     command = str(caught.value).split("Sort it: ")[1]
     subprocess.run(f"{command} && mv sorted.txt events.txt", shell=True, cwd=tmp_path, check=True)

@@ -148,7 +148,7 @@ def test_an_id_twice_at_one_time_is_dropped(folder: Path, recording: Recording) 
     edit_rows(folder / "tracks.csv", lambda rows: [*rows[:12], rows[4], *rows[12:]])
     found = read_tracks_folder(folder)
     np.testing.assert_array_equal(found.observations, recording.observations)
-    assert "tracks: dropped 1 repeated observation(s) of one id at one time" in found.notes
+    assert "tracks: dropped 1 duplicate observation(s)" in found.notes
 
 
 def test_many_repeated_ids_stop(folder: Path) -> None:
@@ -175,7 +175,7 @@ def test_many_pixels_outside_stop(folder: Path) -> None:
 )
 def test_disjoint_times_print_ranges_and_likely_factor(folder: Path, divisor: int, unit: str) -> None:
     scale_stamps(folder / "tracks.csv", divisor)
-    # A real recording has distinct ids at one stamp however coarse; here only the frame's first rows stay.
+    # A real recording has distinct ids at same stamp however coarse; here only the frame's first rows stay.
     edit_rows(folder / "tracks.csv", lambda rows: list({r.split(",")[0]: r for r in rows}.values()))
     with pytest.raises(RecordingError) as caught:
         read_tracks_folder(folder)
@@ -209,7 +209,7 @@ def test_inertial_stamps_in_microseconds_stop(folder: Path) -> None:
 def test_declared_rate_is_compared(folder: Path) -> None:
     with (folder / "imu.yaml").open("a") as stream:
         stream.write("update_rate: 400.0\n")
-    assert "imu.csv: measured rate 200.0 Hz, but the calibration declares 400.0 Hz" in (
+    assert "imu.csv: measured rate 200.0 Hz, but the calibration says 400.0 Hz" in (
         read_tracks_folder(folder).notes
     )
 
@@ -226,7 +226,7 @@ def test_accelerometer_in_g_is_converted(folder: Path, recording: Recording) -> 
     np.testing.assert_allclose(found.accelerometer["xyz"], recording.accelerometer["xyz"], rtol=1e-12)
     np.testing.assert_array_equal(found.gyroscope["xyz"], recording.gyroscope["xyz"])
     assert any("it is in g" in note for note in found.notes)
-    assert any("taken to be in rad/s" in note for note in found.notes)
+    assert any("assumed to be in rad/s" in note for note in found.notes)
 
 
 def test_degrees_are_converted(folder: Path, recording: Recording) -> None:
@@ -243,7 +243,7 @@ def test_exchanged_columns_are_swapped_back(folder: Path, recording: Recording) 
     found = read_tracks_folder(folder)
     np.testing.assert_array_equal(found.accelerometer, recording.accelerometer)
     np.testing.assert_array_equal(found.gyroscope, recording.gyroscope)
-    assert any("swapped back" in note for note in found.notes)
+    assert any("were swapped" in note for note in found.notes)
 
 
 def test_slow_turn_in_degrees_is_not_taken_for_gravity(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -254,7 +254,7 @@ def test_slow_turn_in_degrees_is_not_taken_for_gravity(tmp_path: Path, rng: np.r
     found = read_tracks_folder(tmp_path)
     # Gravity does not turn as much as this would be in rad/s.
     np.testing.assert_allclose(found.gyroscope["xyz"], np.radians(recording.gyroscope["xyz"]), rtol=1e-12)
-    assert any("gravity turns as a gyroscope in deg/s says" in note for note in found.notes)
+    assert any("the rotation of gravity fits a gyroscope in deg/s" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(
@@ -281,7 +281,7 @@ def test_missing_and_empty_files_are_named(folder: Path, name: str) -> None:
 
 def test_a_header_alone_is_no_recording(folder: Path) -> None:
     (folder / "tracks.csv").write_text("t_ns,id,u,v\n# nothing\n\n")
-    with pytest.raises(RecordingError, match="holds no readable row"):
+    with pytest.raises(RecordingError, match="contains no readable row"):
         read_tracks_folder(folder)
 
 

@@ -129,7 +129,7 @@ def test_cache_that_cannot_be_written(
     write_uzh_folder(recording, tmp_path / "run")
     found = open_recording(tmp_path / "run", cache_from=0)
     assert_same(found, recording)
-    assert "was not kept" in found.notes[-1]
+    assert "is not cached" in found.notes[-1]
 
 
 def test_cache_folder(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -227,13 +227,13 @@ def test_bad_neighbours(tmp_path: Path, recording: EventRecording, name: str, te
     if name == "groundtruth.txt":
         found = open_recording(tmp_path)
         assert found.ground_truth is None
-        assert any("not used as truth" in note and name in note for note in found.notes)
+        assert any("not used as ground truth" in note and name in note for note in found.notes)
         return
     with pytest.raises(AsyneioError, match=r"imu\.txt"):
         open_recording(tmp_path)
     found = open_recording(tmp_path, ReadOptions(samples_needed=False))
     assert found.gyroscope.size == 0
-    assert any("the samples of the IMU are not used" in note and name in note for note in found.notes)
+    assert any("the inertial samples are not used" in note and name in note for note in found.notes)
 
 
 @pytest.mark.parametrize("name", ["imu.yaml", "camchain-imucam.yaml"])

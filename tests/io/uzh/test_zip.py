@@ -95,9 +95,9 @@ def test_encrypted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda data: data[: len(data) // 2], "cut off"),
+        (lambda data: data[: len(data) // 2], "truncated"),
         (lambda data: data[:200] + bytes(50) + data[250:], "damaged"),
-        (lambda data: data[:4], "cut off"),
+        (lambda data: data[:4], "truncated"),
     ],
 )
 def test_damaged(
@@ -116,5 +116,5 @@ def test_other_zip(tmp_path: Path) -> None:
     path = tmp_path / "other.zip"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("data/a.npy", b"1")
-    with pytest.raises(RecordingError, match=r"zip without events.txt; it holds data/a.npy"):
+    with pytest.raises(RecordingError, match=r"zip without events.txt; it contains data/a.npy"):
         open_recording(path)

@@ -10,9 +10,7 @@ from asyneio.errors import RecordingError
 from asyneio.io.parsing.csv_table import CsvTable, has_columns, read_csv
 from asyneio.io.parsing.stamp_checks import check_rate, drop_equal_stamps, sort_in_time
 from asyneio.io.recording.inertial_reader import read_inertial_file, read_sensor_file
-from asyneio.io.recording.inertial_units import STANDARD_GRAVITY as STANDARD_GRAVITY
-from asyneio.io.recording.inertial_units import InertialStreams as InertialStreams
-from asyneio.io.recording.inertial_units import check_units as check_units
+from asyneio.io.recording.inertial_units import InertialStreams, check_units
 from asyneio.types import INERTIAL_DTYPE, RecordArray
 
 _GYROSCOPE = ("gx", "gy", "gz")
