@@ -99,7 +99,7 @@ def test_the_convention_is_said(tmp_path: Path, kind: str, said: str) -> None:
     assert any(said in note for note in notes)
 
 
-def test_figures_of_a_sample_need_the_rate(tmp_path: Path) -> None:
+def test_per_sample_noise_needs_the_rate(tmp_path: Path) -> None:
     rig = make_rig()
     camera, _ = vins_mono(tmp_path, rig)
     guessed, notes = read_calibration(camera)
@@ -108,7 +108,7 @@ def test_figures_of_a_sample_need_the_rate(tmp_path: Path) -> None:
     )
     assert any("assumed for the noise densities: 200 Hz" in note for note in notes)
     _, notes = read_calibration(camera, rate_hz=RATE_HZ)
-    assert any("is 250 Hz" in note for note in notes)
+    assert any("measured for the noise densities: 250 Hz" in note for note in notes)
 
 
 def test_the_lens_alone(tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_cameras_are_chosen(tmp_path: Path) -> None:
         "cam1 (240 x 180)",
     ]
     for size, wanted, message in (
-        (None, None, r"2 cameras and the sensor's size is not known: cam0 \(752 x 480\); cam1"),
+        (None, None, r"2 cameras and the sensor size is unknown: cam0 \(752 x 480\); cam1"),
         ((640, 480), None, "0 of them are 640 x 480.*select one with --camera"),
         (
             SIZE,
@@ -167,7 +167,7 @@ def test_a_camera_is_chosen_by_topic(tmp_path: Path) -> None:
     camera, imu = KINDS["kalibr, second of two"](tmp_path, rig)
     for name in ("/dvs/image_raw", "dvs"):
         assert_same(read_calibration(camera, imu, CalibrationSelection(name))[0], rig)
-    with pytest.raises(CalibrationError, match="no one camera 'image_raw'"):
+    with pytest.raises(CalibrationError, match="2 cameras match 'image_raw', expected one"):
         read_calibration(camera, imu, CalibrationSelection("image_raw"))
 
 
@@ -190,7 +190,7 @@ def _replaced(path: Path, old: str, new: str) -> Path:
             "sigma_acc_c: 1400",
             "sigma_acc_c is 1400; expected a positive",
         ),
-        ("rpg", "image_width: 240", "image_width: wide", "image_width holds 'wide'; expected a number"),
+        ("rpg", "image_width: 240", "image_width: wide", "image_width contains 'wide'; expected a number"),
         ("rpg", "- camera:", "- lens:", "entry 0 of cameras contains no 'camera'"),
         ("rpg", "image_height: 180", "image_height: 0x1" + 5000 * "0", "expected a finite number"),
         ("vins-mono", "PINHOLE", "MEI", "model_type is 'MEI'; supported: PINHOLE and KANNALA_BRANDT"),
@@ -212,7 +212,7 @@ def _replaced(path: Path, old: str, new: str) -> Path:
         ("kalibr", "radtan", "equidistant\n  resolutoin: 1\n  distortion_model: fov", "expected one of none"),
     ],
 )
-def test_what_is_not_understood_is_named(tmp_path: Path, kind: str, old: str, new: str, message: str) -> None:
+def test_unsupported_content_is_named(tmp_path: Path, kind: str, old: str, new: str, message: str) -> None:
     camera, imu = KINDS[kind](tmp_path, make_rig())
     _replaced(camera, old, new)
     with pytest.raises(CalibrationError, match=message) as caught:

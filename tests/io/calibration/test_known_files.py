@@ -119,10 +119,10 @@ def test_what_is_no_calibration(tmp_path: Path, name: str, text: str, said: str)
         read_calibration(tmp_path / name)
 
 
-def test_the_cures_work(tmp_path: Path) -> None:
+def test_the_fixes_work(tmp_path: Path) -> None:
     chain, imu = kalibr(tmp_path, RIG)
     (tmp_path / "results-imucam.txt").write_text("Calibration results\n")
-    with pytest.raises(CalibrationError, match=f"give {chain.name}"):
+    with pytest.raises(CalibrationError, match=f"use {chain.name}"):
         read_calibration(tmp_path / "results-imucam.txt")
     assert_same(read_calibration(chain, imu)[0], RIG.timeshift_ns)
     first, *rest = FLAT.splitlines()
@@ -130,7 +130,7 @@ def test_the_cures_work(tmp_path: Path) -> None:
     assert find_calibration(tmp_path, tmp_path / "flat.yaml", None).resolve(None)[0].camera is not None
 
 
-def test_a_known_file_beside_a_recording_is_told(tmp_path: Path) -> None:
+def test_a_known_sidecar_file_is_reported(tmp_path: Path) -> None:
     (tmp_path / "davis_imu_param.yaml").write_text(IMU_UTILS)
     (tmp_path / "other.yaml").write_text("nothing: known\n")
     notes = find_calibration(tmp_path, None, None).notes
@@ -152,7 +152,7 @@ def test_a_time_shift_in_another_unit(tmp_path: Path, written: str, meant: str, 
     assert read_calibration(chain, imu)[0].timeshift_ns == round(1e9 * float(meant))
     chain.write_text(text.replace(f"imu: {written}", "imu: 0.4"))
     assert any(
-        "0.4 s between camera and IMU is unusually large" in note for note in read_calibration(chain, imu)[1]
+        "between camera and IMU, 0.4 s, is unusually large" in note for note in read_calibration(chain, imu)[1]
     )
 
 

@@ -33,7 +33,7 @@ def test_dsec(tmp_path: Path, rng: np.random.Generator) -> None:
         assert "no inertial samples" in notes
         assert f"t_offset of {EPOCH_US} us" in notes
     assert any("read from the left camera" in note for note in read(root).notes)
-    with pytest.raises(RecordingError, match="no events of the camera 'top'; available: left and right"):
+    with pytest.raises(RecordingError, match="no events of a camera 'top'; available: left and right"):
         read(root, events="top")
 
 
@@ -50,5 +50,5 @@ def test_missing_codec_names_the_extra(
 ) -> None:
     write_columns(tmp_path / "x.h5", whole_us(rng), 0, **hdf5plugin.Blosc())
     monkeypatch.setattr(h5py.h5z, "filter_avail", lambda number: number < 32000)
-    with pytest.raises(RecordingError, match=r"compressed by Blosc.*pip install 'asyneio\[h5\]'"):
+    with pytest.raises(RecordingError, match=r"compressed with Blosc.*pip install 'asyneio\[h5\]'"):
         read(tmp_path / "x.h5")

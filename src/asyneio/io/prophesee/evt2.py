@@ -10,6 +10,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 from numba import njit
 
@@ -44,7 +47,7 @@ STATE_DTYPE = np.dtype(
 class Evt2Decoder(WordDecoder):
     """See WordDecoder; words are uint32."""
 
-    counters = {  # noqa: RUF012
+    counters: ClassVar[Mapping[str, str]] = {
         "triggers": "external trigger(s)",
         "wrong_high": "high time(s) that contradict the next",
         "early": "event(s) before the first time",

@@ -15,6 +15,9 @@ header).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 from numba import njit
 
@@ -50,7 +53,7 @@ class Evt21Decoder(WordDecoder):
         high_half_first: the order of the halves of a word; None: detect it from the words.
     """
 
-    counters = {  # noqa: RUF012
+    counters: ClassVar[Mapping[str, str]] = {
         "triggers": "external trigger(s)",
         "wrong_high": "high time(s) that contradict the next",
         "unknown": "word(s) of unknown type: is the file damaged?",

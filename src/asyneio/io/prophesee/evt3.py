@@ -20,6 +20,9 @@ accepted only if the next one does not return to where time was before.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 from numba import njit
 
@@ -62,7 +65,7 @@ class Evt3Decoder(WordDecoder):
     """See WordDecoder; words are uint16. Times are in nanoseconds since the high time was 0 for the first
     time."""
 
-    counters = {  # noqa: RUF012
+    counters: ClassVar[Mapping[str, str]] = {
         "triggers": "external trigger(s)",
         "wrong_high": "high time(s) that contradict their neighbours",
         "early": "event(s) before the first time",

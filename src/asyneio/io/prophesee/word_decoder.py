@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class WordDecoder(ABC):
     """
 
     #: Text of the note for each counter of the state.
-    counters: Mapping[str, str]
+    counters: ClassVar[Mapping[str, str]]
 
     def __init__(self, word: type[np.unsignedinteger], state_dtype: np.dtype[np.void]) -> None:
         self._word = word
