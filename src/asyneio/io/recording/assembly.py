@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from asyneio.errors import CalibrationError, RecordingError
-from asyneio.io.calibration import CAMCHAIN_FILE, CalibrationSelection
+from asyneio.io.calibration import CAMCHAIN_FILE, CalibrationSelection, IncompleteCalibration
 from asyneio.io.parsing.stamp_checks import (
     check_overlap,
     check_rate,
@@ -64,17 +64,8 @@ def assemble(
         samples = split_samples(table.samples, f"the IMU of {contents.name}")
         inertial = _inertial(samples, sources.declared_hz, samples_needed)
     rate_hz = median_rate_hz(inertial.gyroscope["t_ns"]) if inertial.gyroscope.size else None
-    resolved, calibration_notes = replace(sources, error="").resolve(
-        size, selection, contents.intrinsics, rate_hz
-    )
-    if sources.error:
-        calibration_notes = (f"the calibration is not used: {sources.error}", *calibration_notes)
-    camera, calibration = resolved.camera, resolved if isinstance(resolved, Calibration) else None
-    if camera is not None and (camera.width, camera.height) != size:
-        raise CalibrationError(
-            f"the calibration is for {camera.width} x {camera.height} pixels, but {contents.name} "
-            f"was recorded with {size[0]} x {size[1]}; use the calibration of this camera"
-        )
+    resolved, calibration_notes = _resolve(contents, size, selection, rate_hz)
+    calibration = resolved if isinstance(resolved, Calibration) else None
     try:
         _check_clocks(table, inertial, calibration.timeshift_ns if calibration else 0)
     except RecordingError as error:
@@ -88,11 +79,31 @@ def assemble(
         height=size[1],
         gyroscope=inertial.gyroscope,
         accelerometer=inertial.accelerometer,
-        camera=camera,
+        camera=resolved.camera,
         calibration=calibration,
         ground_truth=contents.ground_truth,
         notes=calibration_notes + table.notes + notes + inertial.notes + contents.notes,
     )
+
+
+def _resolve(
+    contents: Contents,
+    size: tuple[int, int],
+    selection: CalibrationSelection | None,
+    rate_hz: float | None,
+) -> tuple[Calibration | IncompleteCalibration, tuple[str, ...]]:
+    """The calibration, and notes. Raises CalibrationError, also for another sensor size."""
+    sources = contents.calibration
+    resolved, notes = replace(sources, error="").resolve(size, selection, contents.intrinsics, rate_hz)
+    if sources.error:
+        notes = (f"the calibration is not used: {sources.error}", *notes)
+    camera = resolved.camera
+    if camera is not None and (camera.width, camera.height) != size:
+        raise CalibrationError(
+            f"the calibration is for {camera.width} x {camera.height} pixels, but {contents.name} "
+            f"was recorded with {size[0]} x {size[1]}; use the calibration of this camera"
+        )
+    return resolved, notes
 
 
 def _check_clocks(table: EventTable, inertial: InertialStreams, timeshift_ns: int) -> None:
