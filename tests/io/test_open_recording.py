@@ -106,7 +106,7 @@ def test_not_understood(tmp_path: Path, content: bytes, message: str) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"#ROSBAG V2.0\n", "no topic of events; it holds no message"),
+        (b"#ROSBAG V2.0\n", "no topic of events; it contains no messages"),
         (b"\x89MCAP0\r\n", "no topic of events; it contains no messages.*truncated"),
         (b"SQLite format 3\0 serialization_format", "not a readable SQLite file"),
         (b"PK\x03\x04", "damaged zip"),

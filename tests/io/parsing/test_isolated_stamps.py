@@ -26,7 +26,7 @@ def test_one_wrong_stamp_is_told_apart(index: int, wrong: int) -> None:
     assert np.flatnonzero(isolated(t_ns)).tolist() == [index]
 
 
-def test_several_are_told_apart_and_counted() -> None:
+def test_several_are_dropped_and_counted() -> None:
     t_ns = stamps()
     t_ns[[0, 100, 101, 250, 399]] = [0, 7, 8, EPOCH + 100 * S, 0]
     rows = np.zeros(t_ns.size, dtype=INERTIAL_DTYPE)
@@ -34,7 +34,7 @@ def test_several_are_told_apart_and_counted() -> None:
     kept, notes = sort_in_time(rows, "imu.txt")
     assert kept.size == 395
     assert np.all(np.diff(kept["t_ns"]) > 0)
-    assert notes[0].startswith("imu.txt: dropped 5 row(s) with a wrong time stamp")
+    assert notes[0].startswith("imu.txt: dropped 5 row(s) with an isolated wrong time stamp")
 
 
 @pytest.mark.parametrize("step_ns", [1_000_000, S, 2 * S])

@@ -67,7 +67,7 @@ def test_counts(rng: np.random.Generator) -> None:
     events["y"][700:703] = 180
     _, notes = run(events, [])
     assert len(notes) == 3
-    assert "sorted 1 event" in notes[0]
+    assert "sorted 1 late event" in notes[0]
     assert "dropped 1 event" in notes[1]
     assert "dropped 3 event(s) outside the 240 x 180" in notes[2]
 

@@ -87,7 +87,7 @@ def test_real_euroc(data_dir: Path) -> None:
     assert found.gyroscope["t_ns"][:2].tolist() == [1403715273262142976, 1403715273267142912]
     assert 9.5 < np.median(np.linalg.norm(found.accelerometer["xyz"], axis=1)) < 10.1
     truth, notes = read_trajectory(folder / "groundtruth_20hz_full_state.csv")
-    assert "w of the quaternion first, time in ns" in notes[0]
+    assert "quaternion with w first, time in ns" in notes[0]
     assert truth.t_ns[0] == 1403715273262142976
     np.testing.assert_allclose(truth.quaternion[0], [-0.824237, -0.106942, -0.551702, 0.069433], atol=1e-6)
     np.testing.assert_array_equal(truth.position[0], [0.878895, 2.1834, 0.948427])
@@ -109,7 +109,7 @@ def test_real_euroc(data_dir: Path) -> None:
         (lines(SECONDS, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), "cannot determine which columns"),
         (lines(SECONDS, *ACCELEROMETER, *ACCELEROMETER), "cannot determine which columns"),
         (lines([str(k * 10**7) for k in range(9)], *BOTH), ""),
-        (lines(["5"] * 9, *BOTH), "time advances by 0 a line"),
+        (lines(["5"] * 9, *BOTH), "time does not advance"),
         (lines([str(k * 10**12) for k in range(9)], *BOTH), "in no unit"),
         ("t_s gx gy gz ax ay az\n" + lines(["9" * 30, "1"], *BOTH), "does not fit into 64 bits"),
         (lines(SECONDS[:1], *BOTH), "1 line.s. of 7"),

@@ -78,7 +78,7 @@ def test_other_archives_are_refused(
 def test_pickled_objects_are_refused(tmp_path: Path, estimates: list[Estimate]) -> None:
     write_estimates(tmp_path / "e.npz", estimates)
     damage(tmp_path / "e.npz", velocity_w=np.array([{"a": 1}] * 5, dtype=object))
-    with pytest.raises(RecordingError, match="no readable"):
+    with pytest.raises(RecordingError, match="not a readable"):
         read_estimates(tmp_path / "e.npz")
 
 
@@ -86,7 +86,7 @@ def test_pickled_objects_are_refused(tmp_path: Path, estimates: list[Estimate]) 
 def test_truncated_archive_is_refused(tmp_path: Path, estimates: list[Estimate], keep: int) -> None:
     write_estimates(tmp_path / "e.npz", estimates)
     (tmp_path / "e.npz").write_bytes((tmp_path / "e.npz").read_bytes()[:keep])
-    with pytest.raises(RecordingError, match="no readable"):
+    with pytest.raises(RecordingError, match="not a readable"):
         read_estimates(tmp_path / "e.npz")
 
 

@@ -121,5 +121,5 @@ def test_no_message_can_be_decoded(tmp_path: Path, records: list[Record]) -> Non
     path = write_bag(tmp_path / "run.bag", 1, records)
     data = path.read_bytes()
     path.write_bytes(data.replace(b"uint16 x\n", b"uint64 x\n"))
-    with pytest.raises(RecordingError, match=r"none of 6 message.* can be decoded: .*claims"):
+    with pytest.raises(RecordingError, match=r"none of 6 message.* can be decoded: .*declares"):
         open_recording(path)

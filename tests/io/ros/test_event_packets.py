@@ -167,11 +167,11 @@ def test_lost_packets(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("records", "words"),
     [
-        ([packet_record(0, START_NS, b"", "evt9")], "encoded as 'evt9'; expected one of evt3"),
+        ([packet_record(0, START_NS, b"", "evt9")], "with the encoding 'evt9'; expected one of evt3"),
         ([packet_record(0, START_NS, b"", "trigger")], "expected one of"),
         (
             [packet_record(0, START_NS, bytes(8), "mono"), packet_record(1, START_NS, b"", "evt3")],
-            "encoded as 'mono', 'evt3'",
+            "with the encoding 'mono', 'evt3'",
         ),
         ([packet_record(0, START_NS, bytes(8), "mono", is_bigendian=True)], "big-endian machine"),
     ],

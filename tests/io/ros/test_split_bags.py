@@ -104,7 +104,7 @@ def test_takes_are_not_joined(tmp_path: Path, records: list[Record]) -> None:
     later = [replace(record, logged_ns=record.logged_ns + 60 * 10**9) for record in records]
     split(tmp_path / "run", [*records, *later], 1, ("desk_1.bag", "desk_2.bag"))
     with pytest.raises(
-        RecordingError, match=r"desk_2.bag begins \+[0-9.]+ s from the end of desk_1.bag; name one"
+        RecordingError, match=r"desk_2.bag begins \+[0-9.]+ s after the end of desk_1.bag; name one"
     ):
         open_recording(tmp_path / "run")
     assert open_recording(tmp_path / "run" / "desk_1.bag").events.size == 4000
@@ -168,4 +168,4 @@ def test_truth_as_a_path(tmp_path: Path, recording: EventRecording, records: lis
     assert found.ground_truth is not None
     np.testing.assert_array_equal(found.ground_truth.t_ns, recording.ground_truth.t_ns)
     np.testing.assert_array_equal(found.ground_truth.position, recording.ground_truth.position)
-    assert "the poses of /gt_path were taken as truth" in found.notes
+    assert "ground truth from the poses of /gt_path" in found.notes

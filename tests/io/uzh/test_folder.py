@@ -146,7 +146,7 @@ def test_exchanged_sensors(tmp_path: Path, recording: EventRecording) -> None:
     found = open_recording(tmp_path)
     np.testing.assert_array_equal(found.accelerometer, recording.accelerometer)
     np.testing.assert_array_equal(found.gyroscope, recording.gyroscope)
-    assert any("gyroscope first, as gravity says" in note for note in found.notes)
+    assert any("gyroscope first (from gravity)" in note for note in found.notes)
 
 
 def test_no_gravity(tmp_path: Path, recording: EventRecording) -> None:
