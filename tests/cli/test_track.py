@@ -162,4 +162,4 @@ def test_an_empty_recording(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytes
     status, _, err = asyneio("track", "events", "-o", tmp_path / "out")
     assert status == 1
     assert "note: since" in err
-    assert err.splitlines()[-1] == "asyneio: events contains no events"
+    assert err.splitlines()[-1] == "asyneio: events holds no event"

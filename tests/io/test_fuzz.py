@@ -58,9 +58,9 @@ HEADS = {
 
 
 def small_recording() -> EventRecording:
-    """Forty events and five samples at whole microseconds from 0."""
+    """Forty events and forty samples at whole microseconds from 0."""
     made = make_event_recording(np.random.default_rng(1), 40)
-    events, streams = made.events.copy(), [made.gyroscope[:5].copy(), made.accelerometer[:5].copy()]
+    events, streams = made.events.copy(), [made.gyroscope[:40].copy(), made.accelerometer[:40].copy()]
     first_ns = min(int(events["t_ns"][0]), int(streams[0]["t_ns"][0]))
     for rows in (events, *streams):
         rows["t_ns"] = (rows["t_ns"] - first_ns) // 1000 * 1000

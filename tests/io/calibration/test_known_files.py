@@ -152,7 +152,8 @@ def test_a_time_shift_in_another_unit(tmp_path: Path, written: str, meant: str, 
     assert read_calibration(chain, imu)[0].timeshift_ns == round(1e9 * float(meant))
     chain.write_text(text.replace(f"imu: {written}", "imu: 0.4"))
     assert any(
-        "between camera and IMU, 0.4 s, is unusually large" in note for note in read_calibration(chain, imu)[1]
+        "between camera and IMU, 0.4 s, is unusually large" in note
+        for note in read_calibration(chain, imu)[1]
     )
 
 
