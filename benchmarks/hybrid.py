@@ -27,7 +27,7 @@ from asyneio.config import Config, load_config
 from asyneio.io import read_inertial_file
 from asyneio.io.calibration import read_imu_noise
 from asyneio.io.parsing.atomic import atomic_file
-from asyneio.io.recording.trajectory_text import read_trajectory
+from asyneio.io.recording.trajectory_reader import read_trajectory
 from asyneio.pipeline import run_recording
 from asyneio.simulation import EventScenario, EventSimulation, path_basis, path_fit, path_normal, path_terms
 from asyneio.simulation.path_fit import PathFit

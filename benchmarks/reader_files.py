@@ -45,9 +45,6 @@ def make_files(folder: Path, count: int, real: Path | None) -> list[BenchmarkFil
     files: list[BenchmarkFile] = []
     converted: list[tuple[str, str, tuple[str, ...]]] = [
         ("UZH text", "events.txt", ("pandas", "numpy loadtxt")),
-        ("AEDAT-2.0", "x.aedat", ()),
-        ("Prophesee DAT", "x.dat", ("expelliarmus DAT", "faery")),
-        ("Prophesee EVT 2.0", "evt2.raw", ("expelliarmus EVT2", "faery", "evlib")),
         ("HDF5, ours", "x.h5", ("h5py columns",)),
         ("ROS 1 bag, EventArray", "x.bag", ("rosbags",)),
         ("ROS 2 MCAP, EventArray", "ros2", ("rosbags",)),
@@ -59,6 +56,9 @@ def make_files(folder: Path, count: int, real: Path | None) -> list[BenchmarkFil
         convert(Source(recording), target, output, lambda done: None, force=True)
         files.append(BenchmarkFile(title, folder / name, libraries))
     written: list[tuple[str, str, Callable[[Path, RecordArray], None], tuple[str, ...]]] = [
+        ("AEDAT-2.0", "x.aedat", write_aedat2, ()),
+        ("Prophesee DAT", "x.dat", write_dat, ("expelliarmus DAT", "faery")),
+        ("Prophesee EVT 2.0", "evt2.raw", write_evt2, ("expelliarmus EVT2", "faery", "evlib")),
         ("Prophesee EVT 3.0", "evt3.raw", write_evt3, ("expelliarmus EVT3", "faery", "evlib", "evt3")),
         ("DSEC (Blosc Zstd)", "dsec.h5", write_dsec, ("h5py columns", "evlib")),
         ("MVSEC", "mvsec.hdf5", write_mvsec, ("h5py MVSEC",)),
@@ -90,6 +90,34 @@ def _made(write: Callable[[Path, RecordArray], None], path: Path, events: Record
         print(f"{path.name} is left out: {error}")
         return False
     return True
+
+
+def write_aedat2(path: Path, events: RecordArray) -> None:
+    """AEDAT-2.0 of a DAVIS240C: big-endian address and time [us]."""
+    x, y, p = (events[name].astype(np.int64) for name in ("x", "y", "p"))
+    address = (HEIGHT - 1 - y) << 22 | (WIDTH - 1 - x) << 12 | p << 11
+    words = np.stack([address, events["t_ns"] // _US], axis=1).astype(">u4")
+    header = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
+    path.write_bytes(header + words.tobytes())
+
+
+def write_dat(path: Path, events: RecordArray) -> None:
+    """DAT of version 2: time [us], then column, row and polarity in one word."""
+    x, y, p = (events[name].astype(np.int64) for name in ("x", "y", "p"))
+    words = np.stack([events["t_ns"] // _US, p << 28 | y << 14 | x], axis=1).astype("<u4")
+    header = f"% Data file containing CD events.\n% Version 2\n% Height {HEIGHT}\n% Width {WIDTH}\n"
+    path.write_bytes(header.encode() + b"\x0c\x08" + words.tobytes())
+
+
+def write_evt2(path: Path, events: RecordArray) -> None:
+    """EVT 2.0: a high time whenever it changes, then the event."""
+    t_us, x, y, p = (events[name].astype(np.int64) for name in ("t_ns", "x", "y", "p"))
+    t_us //= _US
+    words = np.stack([8 << 28 | t_us >> 6, p << 28 | (t_us & 0x3F) << 22 | x << 11 | y], axis=1)
+    new_high = np.concatenate([[True], t_us[1:] >> 6 != t_us[:-1] >> 6])
+    keep = np.stack([new_high, np.ones_like(new_high)], axis=1)
+    header = f"% evt 2.0\n% format EVT2;height={HEIGHT};width={WIDTH}\n% geometry {WIDTH}x{HEIGHT}\n% end\n"
+    path.write_bytes(header.encode() + words[keep].astype("<u4").tobytes())
 
 
 def write_evt3(path: Path, events: RecordArray) -> None:

@@ -40,7 +40,7 @@ CASES: Expectations = {
         ),
         Step(
             "asyneio track data/events.h5 -o out",
-            says=(r"columns t x y p", r"samples of the IMU are not used: .*overlap.* s apart"),
+            says=(r"columns t x y p", r"inertial samples are not used: .*overlap.* s apart"),
             files=("out/tracks.csv",),
         ),
     ),
@@ -48,7 +48,7 @@ CASES: Expectations = {
         Step("asyneio doctor data", status=(1,), says=(r"rec\.h5", r"ts xs ys ps", r"clocks")),
         Step(
             "asyneio track data/rec.h5 -o out",
-            says=(r"columns ts xs ys ps", r"samples of the IMU are not used: .*overlap.* s apart"),
+            says=(r"columns ts xs ys ps", r"inertial samples are not used: .*overlap.* s apart"),
             files=("out/tracks.csv",),
         ),
     ),
@@ -74,7 +74,7 @@ CASES: Expectations = {
         Step(
             "asyneio track data -o out",
             status=(1,),
-            says=(r"not in the order of time", r"sort -s -g events\.txt"),
+            says=(r"not sorted by time", r"sort -s -g events\.txt"),
         ),
         Step(
             "cd data && sort -s -g events.txt > sorted.txt && mv sorted.txt events.txt && asyneio doctor .",

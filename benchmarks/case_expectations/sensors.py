@@ -46,7 +46,7 @@ CASES: Expectations = {
         Step(
             "asyneio run data -o out",
             status=(0, 1),
-            says=(r"dropped 1 row\(s\) with a wrong time stamp",),
+            says=(r"dropped 1 row\(s\) with an isolated wrong time stamp",),
             silent=(r"in seconds\?", r"backwards"),
         ),
     ),
@@ -54,7 +54,7 @@ CASES: Expectations = {
         Step(
             "asyneio run data -o out",
             status=(0, 1),
-            says=(r"dropped 1 row\(s\) with a wrong time stamp",),
+            says=(r"dropped 1 row\(s\) with an isolated wrong time stamp",),
             silent=(r"split the file", r"backwards"),
         ),
         Step(

@@ -1,4 +1,4 @@
-"""`asyneio convert` as typed: there and back, what is said, interruption and going on."""
+"""`asyneio convert` from the command line: round trips, messages, interruption."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 
 from asyneio.cameras import PRESETS
 from asyneio.io import open_recording, write_events_hdf5, write_uzh_folder
-from asyneio.io.conversion import resumable
 from asyneio.types import EventRecording
 from tests.cli.conftest import Asyneio
 from tests.io.event_recordings import assert_same, make_event_recording
@@ -48,64 +47,42 @@ def test_a_preset_goes_into_the_output(asyneio: Asyneio, tmp_path: Path, folder:
     assert found.calibration.noise == PRESETS["DAVIS240C"].noise
 
 
-def test_what_cannot_be_held_is_said(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:
-    status, _, err = asyneio("convert", folder, tmp_path / "x.raw")
-    assert status == 1
-    assert "--round" in err
-    status, _, err = asyneio("convert", folder, tmp_path / "x.raw", "--round")
-    assert status == 1
-    assert "--from-zero" in err
-    assert not (tmp_path / "x.raw").exists()
-    status, _, err = asyneio("convert", folder, tmp_path / "x.raw", "--round", "--from-zero")
+def test_what_is_lost_is_reported(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:
+    status, _, err = asyneio("convert", folder, tmp_path / "x.bag")
     assert status == 0
-    assert "left out, as the format does not hold them: the inertial samples, the calibration" in err
-    found = open_recording(tmp_path / "x.raw")
-    assert isinstance(found, EventRecording)
-    assert found.events.size == 3000
-    status, _, err = asyneio("convert", folder, tmp_path / "x.raw", "--round", "--from-zero")
+    assert "not written, as no ROS message contains them: extrinsics, time shift and IMU noise" in err
+    status, _, err = asyneio("convert", folder, tmp_path / "x.bag")
     assert status == 1
     assert "--force" in err
-    options = ("--round", "--from-zero", "--force", "--to", "dat")
-    assert asyneio("convert", folder, tmp_path / "x.raw", *options)[0] == 0
-    assert (tmp_path / "x.raw").read_bytes().startswith(b"% Data file")
+    assert asyneio("convert", folder, tmp_path / "x.bag", "--force")[0] == 0
+    assert (tmp_path / "x.bag").read_bytes().startswith(b"#ROSBAG")
 
 
-def test_interrupted_and_resumed(
+def test_from_zero(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:
+    assert asyneio("convert", folder, tmp_path / "x.h5", "--from-zero")[0] == 0
+    found = open_recording(tmp_path / "x.h5")
+    assert isinstance(found, EventRecording)
+    assert 0 <= min(found.events["t_ns"][0], found.gyroscope["t_ns"][0]) < 1000
+    status, _, err = asyneio("convert", folder, tmp_path / "x.bag", "--from-zero")
+    assert status == 1
+    assert "--from-zero does not apply" in err
+
+
+def test_interrupted_and_run_again(
     asyneio: Asyneio, tmp_path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(resumable, "PIECE_EVENTS", 100)
-    monkeypatch.setattr(resumable, "PIECES_PER_ENTRY", 2)
-    options = ("--round", "--from-zero")
-    assert asyneio("convert", folder, tmp_path / "whole.dat", *options)[0] == 0
-    real = resumable._to_disk
-    calls = []
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
 
-    def interrupt(stream: object) -> None:
-        real(stream)  # type: ignore[arg-type]
-        calls.append(stream)
-        if len(calls) == 5:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(resumable, "_to_disk", interrupt)
-    assert asyneio("convert", folder, tmp_path / "x.dat", *options)[0] == 130
-    monkeypatch.setattr(resumable, "_to_disk", real)
-    status, _, err = asyneio("track", tmp_path / "x.dat.part", "-o", tmp_path / "out")
+    with monkeypatch.context() as patch:
+        patch.setattr("asyneio.io.conversion.targets.fill_hdf5", interrupt)
+        assert asyneio("convert", folder, tmp_path / "x.h5")[0] == 130
+    (tmp_path / "x.h5.part").write_bytes(b"half")
+    status, _, err = asyneio("track", tmp_path / "x.h5.part", "-o", tmp_path / "out")
     assert status == 1
     assert "unfinished conversion" in err
-    status, _, err = asyneio("convert", folder, tmp_path / "x.dat", *options, "--resume")
-    assert status == 0
-    assert "800 events were there already" in err
-    assert (tmp_path / "x.dat").read_bytes() == (tmp_path / "whole.dat").read_bytes()
-    status, _, err = asyneio("convert", folder, tmp_path / "y.dat", *options, "--resume")
-    assert status == 0
-    assert "began anew" in err
-
-
-def test_left_over_part_is_written_over(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:
-    (tmp_path / "x.h5.part").write_text("half")
-    status, _, err = asyneio("convert", folder, tmp_path / "x.h5")
-    assert status == 0
-    assert "--resume would go on" in err
+    assert asyneio("convert", folder, tmp_path / "x.h5")[0] == 0
+    assert open_recording(tmp_path / "x.h5").gyroscope.size > 0
     assert not (tmp_path / "x.h5.part").exists()
 
 
@@ -128,8 +105,8 @@ def test_named_camera_and_samples(asyneio: Asyneio, tmp_path: Path, recording: E
 def test_refusals(asyneio: Asyneio, tmp_path: Path, folder: Path, recording: EventRecording) -> None:
     for arguments, message in (
         ((folder, folder), "is the recording itself"),
-        ((folder, tmp_path / "x.xyz"), "is none that can be written"),
-        ((folder, tmp_path / "x", "--to", "rosbag9"), "'rosbag9' is none that can be written"),
+        ((folder, tmp_path / "x.xyz"), "cannot be written"),
+        ((folder, tmp_path / "x", "--to", "rosbag9"), "'rosbag9' cannot be written"),
         ((tmp_path / "none", tmp_path / "x.h5"), "does not exist"),
     ):
         status, _, err = asyneio("convert", *arguments)

@@ -10,7 +10,7 @@ import pytest
 
 from tests.cli.conftest import Asyneio
 from tests.io.event_recordings import make_event_recording
-from tests.io.ros_bags import recording_records, write_bag
+from tests.io.ros.bags import recording_records, write_bag
 
 
 @pytest.mark.parametrize("command", ["run", "track"])
@@ -31,4 +31,4 @@ def test_the_error_names_the_option_and_the_option_helps(
     told = " ".join((out + error).split())
     assert "events from /right/events" in told
     # Both halves have their poses in one topic, one after the other; events can do without them.
-    assert "not taken as truth: /optitrack/davis: time runs backwards" in told
+    assert "not used as ground truth: /optitrack/davis: time runs backwards" in told

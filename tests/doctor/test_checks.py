@@ -16,8 +16,8 @@ from asyneio.doctor.checks.intrinsics import check_focal_length, check_lens
 from asyneio.doctor.checks.truth import check_truth
 from asyneio.doctor.event_scan import EventScan
 from asyneio.doctor.inspection import Inspection
-from asyneio.io.recording.inertial_csv import InertialStreams
-from asyneio.io.recording.source import pack_events
+from asyneio.io.recording.event_source import pack_events
+from asyneio.io.recording.inertial_units import InertialStreams
 from asyneio.types import (
     INERTIAL_DTYPE,
     CameraIntrinsics,

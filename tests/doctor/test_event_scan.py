@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from asyneio.doctor import event_scan
 from asyneio.doctor.event_scan import PAUSE_NS, EventFigures, EventScan
 from asyneio.doctor.excerpts import MAX_EVENTS, MAX_EXCERPTS, Excerpts
-from asyneio.io.recording.source import pack_events
+from asyneio.io.recording.event_source import pack_events
 from asyneio.types import RecordArray
 
 

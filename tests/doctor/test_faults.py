@@ -258,7 +258,7 @@ def test_gravity_tells_the_order_of_columns_without_names(short: Path, tmp_path:
     samples(columns_swapped)(folder)
     diagnosis = examine(folder)
     assert verdict_of(diagnosis, "imu units").severity is Severity.OK
-    assert "imu.txt: gyroscope first, as gravity says; time in s" in diagnosis.repairs
+    assert "imu.txt: gyroscope first (from gravity), time in s" in diagnosis.repairs
 
 
 def test_the_short_one_is_but_short(short: Path) -> None:
@@ -283,5 +283,5 @@ def test_a_file_cut_off_is_examined_up_to_there(short: Path, tmp_path: Path) -> 
     whole = (folder / "events.txt").read_bytes()
     (folder / "events.txt").write_bytes(whole[: len(whole) // 2] + b"1000.3 1")
     diagnosis = examine(folder)
-    assert any("cut off" in text for text in diagnosis.repairs)
+    assert any("truncated" in text for text in diagnosis.repairs)
     assert verdict_of(diagnosis, "event order").severity is Severity.OK

@@ -34,8 +34,12 @@ def test_files_used_and_not_used(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("rec.raw", b"% evt 4.0\n% geometry 240x180\n% end\n" + bytes(800), "in EVT 4.0, which is not read"),
-        ("events.csv", b"a,b\n1,2\n", "events.csv is of no known format"),
+        (
+            "rec.raw",
+            b"% evt 4.0\n% geometry 240x180\n% end\n" + bytes(800),
+            "in EVT 4.0, which is not supported",
+        ),
+        ("events.csv", b"a,b\n1,2\n", "events.csv is of an unknown format"),
         ("rec.aedat", b"#!AER-DAT3.1\r\n", "AEDAT of another version"),
         ("rec.h5", b"\x89HDF\r\n\x1a\n" + bytes(100), "rec.h5"),
     ],
@@ -66,7 +70,7 @@ def test_what_the_reader_gave_up_on_is_not_judged_again(folder: Path) -> None:
 def test_named_samples_that_are_not_there_leave_the_rest(folder: Path) -> None:
     diagnosis = examine(folder, ReadOptions(samples="absent.csv"))
     assert [v.check for v in diagnosis.verdicts if v.severity is Severity.FAIL] == ["inertial samples"]
-    assert "there is no file absent.csv" in diagnosis.headline
+    assert "absent.csv (--samples) does not exist" in diagnosis.headline
     assert diagnosis.events > 0
     assert any(verdict.check == "event rate" for verdict in diagnosis.verdicts)
 

@@ -94,7 +94,7 @@ ROWS = (
     Row("formats/event_packet_libcaer_cmp_ros2", ("track",), _EXCERPT, ("a ROS 2 bag",)),
     Row("motion_profiles", (), {"recording": FAIL}, ("this is a trajectory",)),
     Row("textures", (), {"recording": FAIL}, ("these are pictures",)),
-    Row("README.md", (), {"recording": FAIL}, ("of no known format",)),
+    Row("README.md", (), {"recording": FAIL}, ("of an unknown format",)),
 )
 
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import SimulationError
 from asyneio.io import read_inertial_file
-from asyneio.io.recording.trajectory_text import read_trajectory
+from asyneio.io.recording.trajectory_reader import read_trajectory
 from asyneio.simulation import draw_motion, simulate_events
 from asyneio.simulation.imu import specific_force_b
 from asyneio.simulation.path_basis import UniformKnots

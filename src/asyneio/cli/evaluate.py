@@ -129,7 +129,7 @@ def _hints(
     from asyneio.evaluation import associate
     from asyneio.evaluation.hints import explain
 
-    told = estimate.order_told and truth.order_told
+    told = estimate.order_known and truth.order_known
     found = (
         explain(associate(segment, truth.longest, max_gap), results[number].alignment, told)
         for number, segment in estimate.segments.items()

@@ -17,11 +17,11 @@ from asyneio.cli.config import config
 from asyneio.cli.convert import convert
 from asyneio.cli.demo import demo
 from asyneio.cli.doctor import doctor
+from asyneio.cli.environment import prepare_environment, prepare_streams
 from asyneio.cli.evaluate import evaluate
 from asyneio.cli.run import run
 from asyneio.cli.simulate import simulate
 from asyneio.cli.study import study
-from asyneio.cli.surroundings import prepare_environment, prepare_streams
 from asyneio.cli.track import track
 from asyneio.errors import AsyneioError
 
@@ -46,7 +46,7 @@ app.command(epilog="Example: asyneio simulate moderate -o recordings/simulated -
 )
 app.command(epilog="Example: asyneio track recordings/slider_depth -o results/slider --animation")(track)
 app.command(epilog="Example: asyneio doctor recordings/desk")(doctor)
-app.command(epilog="Example: asyneio convert recordings/desk.bag recordings/desk.h5 --resume")(convert)
+app.command(epilog="Example: asyneio convert recordings/desk.bag recordings/desk.h5")(convert)
 app.command(epilog="Example: asyneio demo -o results/demo")(demo)
 app.add_typer(config, name="config")
 app.add_typer(bench, name="bench")

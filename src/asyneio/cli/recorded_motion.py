@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from asyneio.io.recording.inertial_csv import InertialStreams
+    from asyneio.io.recording.inertial_units import InertialStreams
     from asyneio.simulation import EventScenario
     from asyneio.simulation.path_fit import PathFit
     from asyneio.types import ImuNoise
@@ -40,7 +40,7 @@ def recorded_scenario(scenario: EventScenario, files: RecordedFiles) -> tuple[Ev
 
     from asyneio.cli import console
     from asyneio.io.calibration import read_calibration, read_imu_noise
-    from asyneio.io.recording.trajectory_text import read_trajectory
+    from asyneio.io.recording.trajectory_reader import read_trajectory
     from asyneio.simulation.path_fit import fit_path
     from asyneio.simulation.recorded_path import recorded_run
 
@@ -75,7 +75,7 @@ def _samples(path: Path) -> InertialStreams:
     """Samples of a text file, or of a recording of any kind; units are checked by gravity."""
     from asyneio.errors import RecordingError
     from asyneio.io import open_recording, read_inertial_file
-    from asyneio.io.recording.inertial_csv import InertialStreams, check_units
+    from asyneio.io.recording.inertial_units import InertialStreams, check_units
 
     if path.suffix.lower() in (".csv", ".txt"):
         found = read_inertial_file(path)

@@ -22,7 +22,7 @@ from asyneio.doctor.rotation.time_offset import TurnOf, gaps_of
 from asyneio.errors import AsyneioError
 from asyneio.inertial.gravity_witness import SAME_SCALE
 from asyneio.inertial.stationarity import possible
-from asyneio.io.parsing.stamps import MAX_BAD_SHARE
+from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
 from asyneio.io.recording.assembly import USUAL_SIZES
 from asyneio.types import CameraIntrinsics, FloatArray, RecordArray
 

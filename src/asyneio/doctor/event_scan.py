@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from asyneio.io.recording.checks import MAX_STAMP_NS
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
 from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
 
 #: A pause between events that is worth a word: the estimator calls itself degraded after one.

@@ -12,7 +12,7 @@ from asyneio.errors import AsyneioError
 from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
 from asyneio.io.open_recording import described, format_of_file
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.sidecar import TRUTH_FILES, first_file
+from asyneio.io.recording.sidecar import GROUND_TRUTH_FILES, first_file
 
 #: Endings of files that hold data of sensors, or pack some.
 _DATA = {
@@ -46,18 +46,18 @@ def files_of(path: Path, source: Path, contents: Contents, options: ReadOptions)
     if not path.is_dir():
         return None
     events = contents.decode().path
-    truth = first_file(path, TRUTH_FILES)
+    truth = first_file(path, GROUND_TRUTH_FILES)
     roles: dict[Path, str] = {events: "events", source: "events"}
     if contents.samples is not None and (
         contents.samples.gyroscope.size or contents.samples.accelerometer.size
     ):
         roles[path / contents.samples.name] = "inertial samples"
-    if contents.truth is not None and truth is not None:
+    if contents.ground_truth is not None and truth is not None:
         roles[truth] = "ground truth"
     for calibration in (CAMCHAIN_FILE, IMU_FILE, _LENS):
         roles[path / calibration] = "calibration"
-    if contents.rig.file is not None:
-        roles[contents.rig.file.path] = "calibration"
+    if contents.calibration.file is not None:
+        roles[contents.calibration.file.path] = "calibration"
     if source == path and events.parent != path:
         return None
     used, unused = {}, {}

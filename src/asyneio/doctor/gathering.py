@@ -15,12 +15,12 @@ from asyneio.doctor.other_kinds import gather_other, gather_tracks
 from asyneio.doctor.reading import read_events
 from asyneio.doctor.views import is_beside, is_calibration, view_without
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
-from asyneio.io.calibration import settle
+from asyneio.io.calibration import IncompleteCalibration
 from asyneio.io.open_recording import TRACKS_FILE, find_format, open_contents
-from asyneio.io.parsing.stamps import median_rate_hz
+from asyneio.io.parsing.stamp_checks import median_rate_hz
 from asyneio.io.recording.assembly import prepare_samples
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.types import RecordArray
+from asyneio.types import Calibration, RecordArray
 
 Progress = Callable[[float], None]
 
@@ -95,21 +95,24 @@ def _look_at(
 ) -> tuple[Inspection, list[RecordArray]]:
     contents = opened.contents
     assert contents is not None
-    declared = contents.size or contents.rig.size or options.wanted.size
+    declared = contents.size or contents.calibration.size or options.selection.size
     read = read_events(contents, declared, progress)
     refusals = [*opened.refusals, *read.refusals]
     samples = contents.samples if contents.samples is not None else read.samples
     streams = None
     try:
-        streams = prepare_samples(samples, contents.rig.declared_hz)
+        streams = prepare_samples(samples, contents.calibration.declared_hz)
     except RecordingError as error:
         refusals.append(Refusal("inertial samples", str(error)))
     rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams and streams.gyroscope.size else None
-    rig = replace(contents.rig, trouble="")
-    if contents.rig.trouble:
-        refusals.append(Refusal("calibration", contents.rig.trouble))
+    sources = replace(contents.calibration, error="")
+    if contents.calibration.error:
+        refusals.append(Refusal("calibration", contents.calibration.error))
+    found: Calibration | IncompleteCalibration = IncompleteCalibration(None)
+    calibration_notes = sources.notes
     try:
-        rig = settle(rig, declared or guess_size(read.figures), options.wanted, contents.lens, rate_hz)
+        size = declared or guess_size(read.figures)
+        found, calibration_notes = sources.resolve(size, options.selection, contents.intrinsics, rate_hz)
     except AsyneioError as error:
         refusals.append(Refusal("calibration", str(error)))
     evidence = Inspection(
@@ -119,13 +122,13 @@ def _look_at(
         size=contents.size,
         samples=samples,
         streams=streams,
-        camera=rig.camera,
+        camera=found.camera,
         size_guessed=declared is None,
-        calibration=rig.calibration,
-        truth=contents.truth,
+        calibration=found if isinstance(found, Calibration) else None,
+        truth=contents.ground_truth,
         files=files_of(path, opened.source, contents, options) if opened.source else None,
         refusals=tuple(refusals),
-        notes=rig.notes + read.notes + (streams.notes if streams else ()) + contents.notes,
+        notes=calibration_notes + read.notes + (streams.notes if streams else ()) + contents.notes,
     )
     return evidence, read.excerpts
 

@@ -18,7 +18,7 @@ from asyneio.doctor.stationary import Rest, find_rest
 from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
 from asyneio.io.parsing.isolated_stamps import isolated
 from asyneio.io.recording.contents import Samples
-from asyneio.io.recording.inertial_csv import InertialStreams
+from asyneio.io.recording.inertial_units import InertialStreams
 from asyneio.types import Calibration, CameraIntrinsics, PoseTrajectory, RecordArray
 
 if TYPE_CHECKING:

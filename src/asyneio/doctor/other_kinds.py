@@ -11,22 +11,28 @@ from asyneio.doctor.folder_files import files_in, may_be_data
 from asyneio.doctor.inspection import Inspection, Refusal
 from asyneio.doctor.views import is_calibration
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
-from asyneio.io.calibration import CAMCHAIN_FILE, Rig, find_rig, settle
+from asyneio.io.calibration import (
+    CAMCHAIN_FILE,
+    CalibrationSources,
+    IncompleteCalibration,
+    find_calibration,
+)
 from asyneio.io.open_recording import described
 from asyneio.io.parsing.csv_table import read_csv
-from asyneio.io.parsing.stamps import median_rate_hz
+from asyneio.io.parsing.stamp_checks import median_rate_hz
 from asyneio.io.recording.assembly import prepare_samples
 from asyneio.io.recording.contents import ReadOptions, Samples
-from asyneio.io.recording.inertial_csv import InertialStreams, read_inertial
-from asyneio.io.recording.inertial_text import read_inertial_file
-from asyneio.io.recording.sidecar import SAMPLE_FILES, TRUTH_FILES
-from asyneio.io.recording.trajectory_text import read_trajectory
-from asyneio.io.tracks.folder import read_tracks_folder
-from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, PoseTrajectory
+from asyneio.io.recording.inertial_reader import read_inertial_file
+from asyneio.io.recording.inertial_units import InertialStreams
+from asyneio.io.recording.sidecar import GROUND_TRUTH_FILES, SAMPLE_FILES
+from asyneio.io.recording.trajectory_reader import read_trajectory
+from asyneio.io.tracks.inertial import read_inertial_folder
+from asyneio.io.tracks.reader import read_tracks_folder
+from asyneio.types import INERTIAL_DTYPE, Calibration, CameraIntrinsics, PoseTrajectory
 
 #: Where data sets put samples and poses, below the folder that is named; then any file so called.
 _INERTIAL_PLACES = (*SAMPLE_FILES, "*imu*.csv", "*imu*.txt")
-_TRUTH_PLACES = (*TRUTH_FILES, "*groundtruth*.csv", "*groundtruth*.tum", "*groundtruth*.txt")
+_TRUTH_PLACES = (*GROUND_TRUTH_FILES, "*groundtruth*.csv", "*groundtruth*.tum", "*groundtruth*.txt")
 #: What files that are no recordings begin with.
 MATLAB, PICTURES, POSES = "a MATLAB file", "pictures", "a trajectory"
 _OTHER_FILES = {b"MATLAB": MATLAB, b"\x89PNG": PICTURES, b"\xff\xd8\xff": PICTURES}
@@ -37,25 +43,25 @@ def gather_tracks(path: Path, options: ReadOptions) -> Inspection:
     """A tracks folder: tracks, samples and calibration, each as far as it can be read."""
     refusals: list[Refusal] = []
     notes: tuple[str, ...] = ()
-    rig = Rig()
+    sources = CalibrationSources()
     try:
-        rig = find_rig(path, options.calibration, options.imu)
+        sources = find_calibration(path, options.calibration, options.imu)
     except CalibrationError as error:
         refusals.append(Refusal("calibration", str(error)))
     samples: Samples | None = None
     streams: InertialStreams | None = None
     try:
         samples = _raw_samples(path)
-        streams = read_inertial(path, rig.declared_hz)
+        streams = read_inertial_folder(path, sources.declared_hz)
         notes = streams.notes
     except RecordingError as error:
         refusals.append(Refusal("inertial samples", str(error)))
+    found: Calibration | IncompleteCalibration = IncompleteCalibration(None)
     try:
         rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams else None
-        rig = settle(rig, None, options.wanted, rate_hz=rate_hz)
+        found, _ = sources.resolve(None, options.selection, rate_hz=rate_hz)
     except AsyneioError as error:
         refusals.append(Refusal("calibration", str(error)))
-    calibration = rig.calibration
     tracks, truth = None, None
     if streams is not None and not refusals:
         try:
@@ -73,8 +79,8 @@ def gather_tracks(path: Path, options: ReadOptions) -> Inspection:
         tracks=tracks,
         samples=samples,
         streams=streams,
-        camera=rig.camera,
-        calibration=calibration,
+        camera=found.camera,
+        calibration=found if isinstance(found, Calibration) else None,
         truth=truth,
         refusals=tuple(refusals),
         notes=notes,
@@ -190,7 +196,7 @@ def _calibration_alone(path: Path) -> CameraIntrinsics | None:
     if not file.is_file() or not is_calibration(file):
         return None
     try:
-        return settle(find_rig(file.parent, file, None), None).camera
+        return find_calibration(file.parent, file, None).resolve(None)[0].camera
     except AsyneioError:
         return None
 

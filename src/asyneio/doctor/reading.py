@@ -9,10 +9,10 @@ from asyneio.doctor.event_scan import EventFigures, EventScan
 from asyneio.doctor.excerpts import Excerpts
 from asyneio.doctor.inspection import Refusal
 from asyneio.errors import RecordingError
-from asyneio.io.recording.checks import EventChecker, SensorSizeError, check_span
 from asyneio.io.recording.contents import Contents, Samples, split_samples
-from asyneio.io.recording.lone_stamps import LoneStamps
-from asyneio.io.recording.source import FAR_OUTSIDE, EventSource
+from asyneio.io.recording.event_checks import EventChecker, SensorSizeError, check_span
+from asyneio.io.recording.event_source import FAR_OUTSIDE, EventSource
+from asyneio.io.recording.isolated_events import IsolatedEventFilter
 from asyneio.types import RecordArray
 
 Progress = Callable[[float], None]
@@ -38,7 +38,7 @@ def read_events(contents: Contents, size: tuple[int, int] | None, progress: Prog
     checker: EventChecker | None = EventChecker(source.path.name, *(size or (FAR_OUTSIDE, FAR_OUTSIDE)))
     refusals: list[Refusal] = []
     notes: tuple[str, ...] = ()
-    lone = LoneStamps(source.path.name)
+    lone = IsolatedEventFilter(source.path.name)
     try:
         for events, share in _without_lone(source, lone):
             scan.feed(events)
@@ -70,7 +70,7 @@ def read_events(contents: Contents, size: tuple[int, int] | None, progress: Prog
     )
 
 
-def _without_lone(source: EventSource, lone: LoneStamps) -> Iterator[tuple[RecordArray, float]]:
+def _without_lone(source: EventSource, lone: IsolatedEventFilter) -> Iterator[tuple[RecordArray, float]]:
     for events, share in source.chunks():
         yield lone.feed(events), share
     yield lone.finish(), 1.0

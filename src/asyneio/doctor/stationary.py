@@ -14,7 +14,7 @@ from asyneio.inertial.stationarity import (
     measure_stationarity,
     shakes,
 )
-from asyneio.io.recording.inertial_csv import InertialStreams
+from asyneio.io.recording.inertial_units import InertialStreams
 
 #: Rest is sought in spans of this length, in a shorter recording in the whole, but never in less than the
 #: second; means stray by at most so many standard deviations in it.

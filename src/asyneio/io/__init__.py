@@ -1,15 +1,15 @@
-"""Files in and out: tracks folders, event recordings, Kalibr calibrations, TUM trajectories, estimates."""
+"""Readers and writers: event recordings, tracks folders, calibrations, trajectories, estimates."""
 
 from asyneio.io.calibration import read_calibration
 from asyneio.io.calibration.kalibr_writer import write_camchain, write_imu_noise
-from asyneio.io.hdf5.writer import write_events_hdf5
+from asyneio.io.hdf5.asyneio_writer import write_events_hdf5
 from asyneio.io.open_recording import open_recording
 from asyneio.io.recording.contents import ReadOptions
-from asyneio.io.recording.inertial_text import read_inertial_file
-from asyneio.io.recording.trajectory_text import read_trajectory
+from asyneio.io.recording.inertial_reader import read_inertial_file
+from asyneio.io.recording.trajectory_reader import read_trajectory
 from asyneio.io.recording.tum import write_tum
 from asyneio.io.results.estimates import read_estimates, to_trajectory, write_estimates
-from asyneio.io.tracks.folder import read_tracks_folder
+from asyneio.io.tracks.reader import read_tracks_folder
 from asyneio.io.tracks.writer import write_tracks_folder
 from asyneio.io.uzh.writer import write_uzh_folder
 

@@ -1,7 +1,7 @@
-"""Events in NumPy's files: `.npz` with named arrays, `.npy` with named fields, either with four columns.
+"""Events in NumPy files: `.npz` with named arrays, `.npy` with named fields, or an array with four columns.
 
-Names and orders are those of `column_meaning`; also EVIMO's, whose arrays are called `events`. Nothing that
-would have to be executed is read (pickled objects), and no more than the file can explain.
+Names and orders are those of `column_meaning`; EVIMO's arrays are called `events`. Pickled objects, which
+would have to be executed, are never read, and declared sizes are checked against the file size.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from typing import Any, NoReturn
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import find_calibration
 from asyneio.io.hdf5.columns import PolarityCheck, blocks, nanoseconds, pixels, signed
 from asyneio.io.parsing.column_meaning import Meaning, columns_by_name, columns_by_values, unit_of_time
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.sidecar import samples_beside, truth_beside
-from asyneio.io.recording.source import SAMPLE_DTYPE, pack_events
+from asyneio.io.recording.event_source import SAMPLE_DTYPE, pack_events
+from asyneio.io.recording.sidecar import find_ground_truth, find_samples
 from asyneio.types import RecordArray
 
 MAGIC = b"\x93NUMPY"
@@ -31,7 +31,7 @@ _EXPECTED = (
     "with these fields"
 )
 _SAMPLE = 4096
-#: An array that claims more than this times the bytes of its file is a bomb.
+#: A larger ratio of declared to stored bytes is a decompression bomb.
 _MAX_RATIO, _FREE_BYTES = 200, 2**24
 _DAMAGE = (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, MemoryError)
 
@@ -54,16 +54,16 @@ class NumpyEvents:
             yield pack_events(nanoseconds(t, self._meaning.unit_ns), pixels(x), pixels(y), p == 1), share
 
     def samples(self) -> RecordArray:
-        """None: these files hold events alone."""
+        """Empty: these files contain events only."""
         return np.empty(0, dtype=SAMPLE_DTYPE)
 
     def notes(self) -> tuple[str, ...]:
-        """How the columns were read."""
-        return (self._meaning.sentence(self.path.name),) if self._meaning else ()
+        """A note on how the columns were read."""
+        return (self._meaning.note(self.path.name),) if self._meaning else ()
 
 
 def is_npz(path: Path) -> bool:
-    """True for a zip archive of arrays, by the names of all its files and the start of the first."""
+    """True for a zip archive of arrays, by the names of all its files and the first bytes of one."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
@@ -77,30 +77,30 @@ def is_npz(path: Path) -> bool:
 
 
 def read_numpy(path: Path, options: ReadOptions) -> Contents:
-    """A file of NumPy's, with the inertial samples and poses beside it.
+    """A NumPy file, with inertial samples and ground truth from sidecar files.
 
     Raises:
-        RecordingError: unreadable, or its arrays are no events.
+        RecordingError: unreadable, or its arrays are not events.
         CalibrationError: a calibration file is malformed or impossible.
     """
     read_columns(path)
-    truth, truth_notes = truth_beside(path.parent)
+    truth, truth_notes = find_ground_truth(path.parent)
     return Contents(
         path.resolve().stem,
         partial(NumpyEvents, path),
         None,
-        find_rig(path.parent, options.calibration, options.imu),
-        samples_beside(path.parent, options),
-        truth=truth,
+        find_calibration(path.parent, options.calibration, options.imu),
+        find_samples(path.parent, options),
+        ground_truth=truth,
         notes=truth_notes,
     )
 
 
 def read_columns(path: Path) -> tuple[list[np.ndarray], Meaning]:
-    """Columns t, x, y, p, each (N,), and what they mean.
+    """Columns t, x, y, p, each (N,), and their meaning.
 
     Raises:
-        RecordingError: unreadable, pickled, or no events.
+        RecordingError: unreadable, pickled, or without events.
     """
     try:
         arrays = _load(path)
@@ -108,60 +108,61 @@ def read_columns(path: Path) -> tuple[list[np.ndarray], Meaning]:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     except _DAMAGE as error:
         raise RecordingError(
-            f"{path} cannot be read as NumPy's: {' '.join(str(error).split())[:200]}; expected {_EXPECTED}"
+            f"{path} cannot be read as a NumPy file: {' '.join(str(error).split())[:200]}; expected "
+            f"{_EXPECTED}"
         ) from error
     named = {name: array for name, array in arrays.items() if array.ndim == 1 and array.dtype.kind in "iufb"}
     found = columns_by_name(list(named))
     if found is not None:
         values = list(named.values())
-        return _settled(path, [values[found[0][letter]] for letter in "txyp"], found[1])
+        return _with_unit(path, [values[found[0][letter]] for letter in "txyp"], found[1])
     tables = [array for array in arrays.values() if _is_table(array)]
     if len(tables) != 1:
-        _refuse(path, arrays)
+        _reject(path, arrays)
     table = tables[0]
     if table.dtype.names:
         found = columns_by_name(table.dtype.names)
         if found is None:
-            _refuse(path, arrays)
+            _reject(path, arrays)
         fields = [table[table.dtype.names[found[0][letter]]] for letter in "txyp"]
-        return _settled(path, fields, found[1])
-    place = columns_by_values(np.asarray(table[:_SAMPLE], dtype=np.float64))
-    if place is None:
-        _refuse(path, arrays)
-    columns = [table[:, place[letter]] for letter in "txyp"]
-    return _settled(path, columns, "", (place["t"], place["x"], place["y"], place["p"]))
+        return _with_unit(path, fields, found[1])
+    position = columns_by_values(np.asarray(table[:_SAMPLE], dtype=np.float64))
+    if position is None:
+        _reject(path, arrays)
+    columns = [table[:, position[letter]] for letter in "txyp"]
+    return _with_unit(path, columns, "", (position["t"], position["x"], position["y"], position["p"]))
 
 
-def _settled(
-    path: Path, columns: list[np.ndarray], unit: str, places: tuple[int, int, int, int] | None = None
+def _with_unit(
+    path: Path, columns: list[np.ndarray], unit: str, positions: tuple[int, int, int, int] | None = None
 ) -> tuple[list[np.ndarray], Meaning]:
     if len({column.shape for column in columns}) != 1:
         raise RecordingError(f"{path}: columns of different lengths: {[c.shape[0] for c in columns]}")
-    told_by = "by its name"
+    unit_source = "by its name"
     if not unit:
         ends = np.concatenate([columns[0][:_SAMPLE], columns[0][-_SAMPLE:]])
-        unit, told_by = unit_of_time(np.asarray(ends, dtype=np.float64), "us", "cameras' exports")
-    return columns, Meaning(places or (0, 1, 2, 3), 4, unit, told_by, places is None)
+        unit, unit_source = unit_of_time(np.asarray(ends, dtype=np.float64), "us", "camera exports")
+    return columns, Meaning(positions or (0, 1, 2, 3), 4, unit, unit_source, positions is None)
 
 
 def _load(path: Path) -> dict[str, np.ndarray]:
-    """Arrays by name; that of a `.npy` file has none. Raises what NumPy raises."""
+    """Arrays by name; the name is empty for a `.npy` file. Raises the exceptions of NumPy."""
     size = path.stat().st_size
     if not is_npz(path):
         return {"": np.load(path, mmap_mode="r", allow_pickle=False)}
     with zipfile.ZipFile(path) as archive:
         claimed = sum(entry.file_size for entry in archive.infolist())
     if claimed > _MAX_RATIO * size + _FREE_BYTES:
-        raise ValueError(f"its arrays claim {claimed} bytes, but the file has {size}")
+        raise ValueError(f"its arrays declare {claimed} bytes, but the file has {size}")
     arrays: dict[str, np.ndarray] = {}
     with np.load(path, allow_pickle=False) as archive:
         for name in archive.files:
             try:
                 array = archive[name]
             except ValueError:
-                # Pickled objects: nothing of events.
+                # Pickled objects are not events.
                 continue
-            # NumPy hands out bytes where a member is no array.
+            # NumPy returns bytes for members that are not arrays.
             if isinstance(array, np.ndarray):
                 arrays[name] = array
     return arrays
@@ -173,9 +174,9 @@ def _is_table(array: np.ndarray) -> bool:
     return array.ndim == 2 and array.shape[1] == 4 and array.dtype.kind in "iuf"
 
 
-def _refuse(path: Path, arrays: dict[str, np.ndarray]) -> NoReturn:
+def _reject(path: Path, arrays: dict[str, np.ndarray]) -> NoReturn:
     listed = ", ".join(f"{name or 'one array'} {_shape(array)}" for name, array in list(arrays.items())[:10])
-    raise RecordingError(f"{path} holds {listed or 'no array of numbers'}; expected {_EXPECTED}")
+    raise RecordingError(f"{path} contains {listed or 'no array of numbers'}; expected {_EXPECTED}")
 
 
 def _shape(array: np.ndarray) -> str:

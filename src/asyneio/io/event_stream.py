@@ -1,9 +1,9 @@
-"""Event Stream (`.es`), version 2: events of one byte for the time and four for the pixel.
+"""Event Stream (`.es`), version 2: events of one byte for the time and four bytes for the pixel.
 
-Layout: github.com/neuromorphic-paris/event_stream. Byte 15 tells the kind of stream; width and height follow.
-An event begins with the time since the last one [us] and its polarity; bytes that no event begins with
-prolong the time (overflow) or tell nothing (reset). Read are streams of a DVS (kind 1) and of an ATIS (kind
-2), of which the measurements of exposure are left out.
+Layout: github.com/neuromorphic-paris/event_stream. Byte 15 is the type of stream; width and height follow. An
+event begins with the time since the last one [us] and its polarity; other first bytes extend the time
+(overflow) or are skipped (reset). Supported are streams of a DVS (type 1) and of an ATIS (type 2), without
+its exposure measurements.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import find_calibration
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.sidecar import samples_beside, truth_beside
-from asyneio.io.recording.source import SAMPLE_DTYPE, skipped_notes
+from asyneio.io.recording.event_source import SAMPLE_DTYPE, skipped_notes
+from asyneio.io.recording.sidecar import find_ground_truth, find_samples
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"Event Stream"
@@ -35,7 +35,7 @@ _TIME, _RESETS, _EXPOSURES = range(3)
 
 
 class EventStreamEvents:
-    """An EventSource on a file; `atis` says which of the two kinds it is."""
+    """An EventSource on a file; `atis` selects between the two types."""
 
     def __init__(self, path: Path, atis: bool) -> None:
         self.path = path
@@ -59,25 +59,27 @@ class EventStreamEvents:
                     yield events[:found], stream.tell() / size
         except OSError as error:
             raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from error
-        counts = {"measurement(s) of exposure": int(state[_EXPOSURES])}
+        counts = {"exposure measurement(s)": int(state[_EXPOSURES])}
         self._notes = skipped_notes(self.path.name, counts, count + int(state[_EXPOSURES]), "events")
         if rest:
-            self._notes += (f"{self.path.name}: {len(rest)} byte(s) at the end are no whole event: cut off?",)
+            self._notes += (
+                f"{self.path.name}: {len(rest)} byte(s) at the end are not a complete event: truncated?",
+            )
 
     def samples(self) -> RecordArray:
-        """None: these files hold events alone."""
+        """Empty: these files contain events only."""
         return np.empty(0, dtype=SAMPLE_DTYPE)
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what was skipped, and on a file cut off."""
+        """Notes on what was skipped, and on a truncated file."""
         return self._notes
 
 
 def read_event_stream(path: Path, options: ReadOptions) -> Contents:
-    """A file of Event Stream, with the inertial samples and poses beside it.
+    """An Event Stream file, with inertial samples and ground truth from sidecar files.
 
     Raises:
-        RecordingError: unreadable, another version, or a stream of another kind.
+        RecordingError: unreadable, another version, or another type of stream.
         CalibrationError: a calibration file is malformed or impossible.
     """
     try:
@@ -86,26 +88,26 @@ def read_event_stream(path: Path, options: ReadOptions) -> Contents:
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     if len(head) < _HEADER.size:
-        raise RecordingError(f"{path} is a file of Event Stream that ends in its header")
+        raise RecordingError(f"{path} is an Event Stream file that ends in its header")
     _, major, minor, patch, kind, width, height = _HEADER.unpack(head)
     if major != 2:
         raise RecordingError(
             f"{path} is Event Stream of version {major}.{minor}.{patch}; expected version 2: write its "
-            "events as text, t[s] x y p a line, or as version 2"
+            "events as text, one t[s] x y p per line, or as version 2"
         )
     if kind not in (_DVS, _ATIS):
         raise RecordingError(
-            f"{path} is Event Stream of {_KINDS.get(kind, f'kind {kind}')}; expected {_KINDS[_DVS]} or "
+            f"{path} is an Event Stream of {_KINDS.get(kind, f'type {kind}')}; expected {_KINDS[_DVS]} or "
             f"{_KINDS[_ATIS]}, whose events are changes of brightness"
         )
-    truth, truth_notes = truth_beside(path.parent)
+    truth, truth_notes = find_ground_truth(path.parent)
     return Contents(
         path.resolve().stem,
         partial(EventStreamEvents, path, kind == _ATIS),
         (width, height),
-        find_rig(path.parent, options.calibration, options.imu),
-        samples_beside(path.parent, options),
-        truth=truth,
+        find_calibration(path.parent, options.calibration, options.imu),
+        find_samples(path.parent, options),
+        ground_truth=truth,
         notes=truth_notes,
     )
 
@@ -114,7 +116,7 @@ def read_event_stream(path: Path, options: ReadOptions) -> Contents:
 def _decode_bytes(
     data: np.ndarray, atis: bool, state: IntArray, t_ns: IntArray, x: np.ndarray, y: np.ndarray, p: np.ndarray
 ) -> tuple[int, int]:
-    """Events of bytes (N,) uint8; returns how many bytes are done, and the count of events."""
+    """Events of bytes (N,) uint8; returns the number of bytes done and of events."""
     k, count, time = 0, 0, state[_TIME]
     while k < data.size:
         first = np.int64(data[k])

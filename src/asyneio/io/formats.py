@@ -1,4 +1,4 @@
-"""The formats of recordings of events: how each is recognised by its content, and its reader."""
+"""The formats of event recordings: how each is recognised by its content, and its reader."""
 
 from __future__ import annotations
 
@@ -14,35 +14,36 @@ from asyneio.io.event_numpy import MAGIC as NUMPY_MAGIC
 from asyneio.io.event_numpy import is_npz, read_numpy
 from asyneio.io.event_stream import MAGIC as EVENT_STREAM_MAGIC
 from asyneio.io.event_stream import read_event_stream
-from asyneio.io.hdf5.dsec import is_event_columns, is_sides_folder, read_event_columns, read_sides_folder
+from asyneio.io.hdf5.asyneio_reader import MAGIC as HDF5_MAGIC
+from asyneio.io.hdf5.asyneio_reader import is_asyneio_hdf5, read_events_hdf5
+from asyneio.io.hdf5.dsec import is_event_columns, is_stereo_folder, read_event_columns, read_stereo_folder
+from asyneio.io.hdf5.event_table import is_event_table, read_event_table
 from asyneio.io.hdf5.m3ed import is_m3ed, read_m3ed
 from asyneio.io.hdf5.mvsec import is_mvsec, read_mvsec
-from asyneio.io.hdf5.own import MAGIC as HDF5_MAGIC
-from asyneio.io.hdf5.own import is_asyneio_hdf5, read_events_hdf5
 from asyneio.io.hdf5.prophesee import is_prophesee_hdf5, read_prophesee_hdf5
-from asyneio.io.hdf5.table import is_event_table, read_event_table
 from asyneio.io.parsing.gzip_file import MAGIC as GZIP_MAGIC
 from asyneio.io.parsing.gzip_file import unpacked_head
 from asyneio.io.parsing.zip_member import MAGIC as ZIP_MAGIC
 from asyneio.io.prophesee.header import MAGIC as PROPHESEE_MAGIC
-from asyneio.io.prophesee.raw import read_prophesee
+from asyneio.io.prophesee.reader import read_prophesee
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.ros.mcap import MAGIC as MCAP_MAGIC
-from asyneio.io.ros.parts import parts_in
-from asyneio.io.ros.recording import read_bag_parts, read_rosbag1, read_rosbag2
+from asyneio.io.ros.reader import read_bag_parts, read_rosbag1, read_rosbag2
 from asyneio.io.ros.rosbag1 import MAGIC as ROSBAG_MAGIC
 from asyneio.io.ros.rosbag2 import is_packed_rosbag2, is_rosbag2_folder, is_rosbag2_sqlite
+from asyneio.io.ros.split_bags import parts_in
 from asyneio.io.text.layout import HEAD_BYTES, is_event_text
-from asyneio.io.uzh.folder import EVENTS_FILE, read_gzip_text, read_uzh_folder
-from asyneio.io.uzh.zip import read_uzh_zip
+from asyneio.io.uzh.folder_reader import EVENTS_FILE, read_gzip_text, read_uzh_folder
+from asyneio.io.uzh.zip_reader import read_uzh_zip
 
 
 @dataclass(frozen=True)
 class Format:
-    """A layout of recordings.
+    """A format of recordings.
 
-    `matches(path, head)` says whether a file that begins with the bytes `head`, or a folder (`head` is then
-    empty), has this layout; `read` finds out what is in it, decoding nothing yet.
+    `matches(path, head)`: whether a file that begins with the bytes `head`, or a folder (`head` is empty),
+    has this format. `read`: finds its contents without decoding them. `chooses`: the options by which the
+    user selects among several streams.
     """
 
     name: str
@@ -59,7 +60,7 @@ def _hdf5(
     read: Callable[[Path, ReadOptions], Contents],
     *chooses: str,
 ) -> Format:
-    """A layout of HDF5 files."""
+    """A format of HDF5 files."""
     return Format(
         name, title, lambda path, head: head.startswith(HDF5_MAGIC) and matches(path), read, chooses
     )
@@ -67,7 +68,7 @@ def _hdf5(
 
 _TOPICS = ("events", "samples")
 
-#: In this order; the first that matches reads.
+#: Tried in this order; the first match reads the recording.
 FORMATS = (
     Format(
         "uzh",
@@ -77,10 +78,10 @@ FORMATS = (
     ),
     _hdf5("hdf5", "asyneio's HDF5", is_asyneio_hdf5, read_events_hdf5),
     Format(
-        "sides",
+        "stereo",
         "a folder of DSEC, VECtor or TUM-VIE",
-        lambda path, _: is_sides_folder(path),
-        read_sides_folder,
+        lambda path, _: is_stereo_folder(path),
+        read_stereo_folder,
         ("events", "samples"),
     ),
     _hdf5("mvsec", "MVSEC's HDF5", is_mvsec, read_mvsec, "events"),
@@ -88,15 +89,15 @@ FORMATS = (
     _hdf5("prophesee-hdf5", "Prophesee's HDF5", is_prophesee_hdf5, read_prophesee_hdf5, "samples"),
     _hdf5(
         "columns",
-        "HDF5 as of DSEC or E2VID (events/x, y, t, p)",
+        "HDF5 like DSEC or E2VID (events/x, y, t, p)",
         is_event_columns,
         read_event_columns,
         "samples",
     ),
-    _hdf5("table", "HDF5 as of v2e (events, four columns)", is_event_table, read_event_table, "samples"),
+    _hdf5("table", "HDF5 like v2e (events, four columns)", is_event_table, read_event_table, "samples"),
     Format(
         "prophesee",
-        "Prophesee's RAW (EVT 2.0, 2.1, 3.0) or DAT",
+        "Prophesee RAW (EVT 2.0, 2.1, 3.0) or DAT",
         lambda _, head: head.startswith(PROPHESEE_MAGIC),
         read_prophesee,
         ("samples",),
@@ -105,24 +106,28 @@ FORMATS = (
     Format("aedat4", "AEDAT4", lambda _, head: head.startswith(AEDAT4_MAGIC), read_aedat4),
     Format(
         "numpy",
-        "NumPy's .npy or .npz with columns of events",
+        "NumPy .npy or .npz with columns of events",
         lambda path, head: (
             head.startswith(NUMPY_MAGIC) or (head.startswith(ZIP_MAGIC) and path.is_file() and is_npz(path))
         ),
         read_numpy,
         ("samples",),
     ),
-    Format("zip", "a UZH zip", lambda _, head: head.startswith(ZIP_MAGIC), read_uzh_zip, ("events",)),
+    Format(
+        "zip", "a zipped UZH folder", lambda _, head: head.startswith(ZIP_MAGIC), read_uzh_zip, ("events",)
+    ),
     Format("rosbag1", "a ROS 1 bag", lambda _, head: head.startswith(ROSBAG_MAGIC), read_rosbag1, _TOPICS),
     Format("rosbag2", "a ROS 2 bag (folder)", lambda path, _: is_rosbag2_folder(path), read_rosbag2, _TOPICS),
     Format(
         "bag-parts",
-        "the parts of a ROS bag (NAME_0.bag, NAME_1.bag)",
+        "a split ROS bag (NAME_0.bag, NAME_1.bag)",
         lambda path, _: bool(parts_in(path)),
         read_bag_parts,
         _TOPICS,
     ),
-    Format("packed-bag", "MCAP or SQLite of ROS 2, packed (zstd)", is_packed_rosbag2, read_rosbag2, _TOPICS),
+    Format(
+        "packed-bag", "MCAP or SQLite of ROS 2, compressed (zstd)", is_packed_rosbag2, read_rosbag2, _TOPICS
+    ),
     Format("mcap", "MCAP", lambda _, head: head.startswith(MCAP_MAGIC), read_rosbag2, _TOPICS),
     Format("sqlite", "SQLite of ROS 2", lambda _, head: is_rosbag2_sqlite(head), read_rosbag2, _TOPICS),
     Format(
@@ -134,13 +139,13 @@ FORMATS = (
     ),
     Format(
         "text",
-        "events as text (t[s] x y p, or a camera's csv)",
+        "event text (t[s] x y p, or CSV of a camera)",
         lambda _, head: is_event_text(head),
         read_uzh_folder,
     ),
     Format(
         "gzip-text",
-        "events as text, packed with gzip",
+        "event text, compressed with gzip",
         lambda _, head: head.startswith(GZIP_MAGIC) and is_event_text(unpacked_head(head, HEAD_BYTES)),
         read_gzip_text,
     ),
@@ -148,5 +153,5 @@ FORMATS = (
 
 
 def format_of(path: Path, head: bytes) -> Format | None:
-    """The format of a file that begins with `head`, or of a folder (`head` empty); None where unknown."""
+    """The format of a file that begins with `head`, or of a folder (`head` empty); None if unknown."""
     return next((format for format in FORMATS if format.matches(path, head)), None)

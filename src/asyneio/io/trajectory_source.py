@@ -1,4 +1,4 @@
-"""Trajectories from what holds them: text of any tool, estimates, results folders, a recording's truth."""
+"""Trajectories from text files of any tool, `estimates.npz`, results folders and recordings."""
 
 from __future__ import annotations
 
@@ -9,90 +9,90 @@ from asyneio.errors import RecordingError
 from asyneio.io.formats import format_of
 from asyneio.io.open_recording import open_contents
 from asyneio.io.recording.contents import ReadOptions
-from asyneio.io.recording.sidecar import first_file, truth_beside
-from asyneio.io.recording.trajectory_text import TrajectoryFile, read_trajectory_file
+from asyneio.io.recording.sidecar import find_ground_truth, first_file
+from asyneio.io.recording.trajectory_reader import TrajectoryFile, read_trajectory_file
 from asyneio.io.results.estimates import read_estimates, to_trajectory
 from asyneio.types import PoseTrajectory, split_segments
 
 ESTIMATES_FILE, TRAJECTORY_FILE = "estimates.npz", "trajectory.tum"
-#: What a folder of results is known by: ours, then rpg's.
+#: Files by which a results folder is recognised: of asyneio, then of rpg.
 _RESULTS = (ESTIMATES_FILE, TRAJECTORY_FILE, "stamped_traj_estimate.txt")
 _HEAD_BYTES = 4096
 
 
 @dataclass(frozen=True)
 class TrajectorySource:
-    """Trajectories by segment, each in a world of its own; see `TrajectoryFile` for the rest."""
+    """Trajectories by segment, each in its own world frame; for the other fields see `TrajectoryFile`."""
 
     segments: dict[int, PoseTrajectory]
     notes: tuple[str, ...] = ()
     timed: bool = True
-    order_told: bool = True
+    order_known: bool = True
 
     @property
     def longest(self) -> PoseTrajectory:
-        """The segment with most poses."""
+        """The segment with the most poses."""
         return max(self.segments.values(), key=lambda segment: segment.t_ns.size)
 
 
 def read_estimated(path: Path, columns: str = "") -> TrajectorySource:
-    """An estimate: a file of text or `estimates.npz`, a results folder, or the poses in a bag.
+    """Read an estimate: a text file, `estimates.npz`, a results folder, or the poses of a bag.
 
     Raises:
-        RecordingError: unreadable, or no poses in it.
+        RecordingError: unreadable, or without poses.
     """
     if path.is_dir():
         found = first_file(path, _RESULTS)
         if found is None:
             raise RecordingError(
-                f"{path} holds no trajectory; expected a results folder ({', '.join(_RESULTS)}) or a file"
+                f"{path} contains no trajectory; expected a results folder ({', '.join(_RESULTS)}) or a file"
             )
         return read_estimated(found, columns)
     if path.suffix == ".npz":
         segments = split_segments(read_estimates(path))
         return TrajectorySource({segment[0].segment: to_trajectory(segment) for segment in segments})
-    source = _of_file(path, columns)
+    source = _read_file(path, columns)
     if others := sorted(other.name for other in path.parent.glob("trajectory_*.tum") if other != path):
-        said = f"beside it lie other segments ({', '.join(others)}); estimates.npz holds all"
-        source = replace(source, notes=(*source.notes, said))
+        note = f"the folder contains other segments ({', '.join(others)}); estimates.npz contains all of them"
+        source = replace(source, notes=(*source.notes, note))
     return source
 
 
 def read_reference(path: Path, columns: str = "") -> TrajectorySource:
-    """What an estimate is compared with: truth in text, of a recording, or another results folder.
+    """Read the reference for an estimate: ground truth from text or a recording, or another results folder.
 
     Raises:
-        RecordingError: unreadable, or no poses in it.
+        RecordingError: unreadable, or without poses.
     """
     if path.is_dir():
-        truth, notes = truth_beside(path)
+        truth, notes = find_ground_truth(path)
         if truth is not None:
             return TrajectorySource({0: truth}, notes)
         if first_file(path, _RESULTS) is None:
-            return _of_recording(path, notes)
+            return _read_recording(path, notes)
         return read_estimated(path, columns)
-    return read_estimated(path, columns) if path.suffix == ".npz" else _of_file(path, columns)
+    return read_estimated(path, columns) if path.suffix == ".npz" else _read_file(path, columns)
 
 
-def _of_file(path: Path, columns: str) -> TrajectorySource:
+def _read_file(path: Path, columns: str) -> TrajectorySource:
     if not path.exists():
         raise RecordingError(
             f"{path} does not exist; expected a file of poses, a results folder or a recording"
         )
     format = format_of(path, _head(path)) if path.is_file() else None
     if format is not None and format.name != "text":
-        return _of_recording(path, ())
+        return _read_recording(path, ())
     file: TrajectoryFile = read_trajectory_file(path, columns)
-    return TrajectorySource({0: file.poses}, file.notes, file.timed, file.order_told)
+    return TrajectorySource({0: file.poses}, file.notes, file.timed, file.order_known)
 
 
-def _of_recording(path: Path, notes: tuple[str, ...]) -> TrajectorySource:
-    """The truth in or beside a recording. Raises RecordingError: it has none."""
+def _read_recording(path: Path, notes: tuple[str, ...]) -> TrajectorySource:
+    """The ground truth of a recording. Raises RecordingError: it has none."""
     contents = open_contents(path, ReadOptions())
-    if contents.truth is None:
-        said = "".join(f"; {note}" for note in (*notes, *contents.notes))
-        raise RecordingError(f"{path} holds no true poses{said}; name a file of poses")
-    return TrajectorySource({0: contents.truth}, contents.notes)
+    if contents.ground_truth is None:
+        details = "".join(f"; {note}" for note in (*notes, *contents.notes))
+        raise RecordingError(f"{path} contains no ground truth{details}; name a file of poses")
+    return TrajectorySource({0: contents.ground_truth}, contents.notes)
 
 
 def _head(path: Path) -> bytes:

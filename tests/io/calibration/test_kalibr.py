@@ -16,6 +16,7 @@ from asyneio.errors import CalibrationError
 from asyneio.io import read_calibration, write_camchain, write_imu_noise
 from asyneio.types import Calibration, Distortion
 from tests.io.recordings import make_calibration
+from tests.io.validity import assert_valid_calibration, valid_or_rejected
 
 
 @pytest.fixture
@@ -95,7 +96,7 @@ def test_nested_imu_and_missing_timeshift(files: tuple[Path, Path]) -> None:
     found, notes = read_calibration(*files)
     assert found.noise == make_calibration().noise
     assert found.timeshift_ns == 0
-    assert any("no file tells a time shift" in note for note in notes)
+    assert any("no file contains a time shift" in note for note in notes)
 
 
 def test_exponents_without_a_dot_are_numbers(files: tuple[Path, Path]) -> None:
@@ -122,7 +123,7 @@ _SHEARED[2][3] = 0.0
         ("intrinsics", [0.8, 0.8, 1200.0, 900.0], "principal point"),
         ("intrinsics", [199.0, 199.0, float("nan"), 90.0], "expected a finite number"),
         ("intrinsics", [True, 199.0, 120.0, 90.0], "expected a number"),
-        ("resolution", [240.5, 180], "expected 2 whole numbers"),
+        ("resolution", [240.5, 180], "expected 2 integers"),
         ("resolution", [0, 180], "resolution is 0 x 180"),
         ("timeshift_cam_imu", "soon", "expected a number"),
         ("timeshift_cam_imu", 1e12, "expected seconds"),
@@ -144,9 +145,9 @@ def test_impossible_camera_is_refused(files: tuple[Path, Path], key: str, value:
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("gyroscope_noise_density", 0.0, "expected a positive figure"),
-        ("accelerometer_random_walk", -1e-4, "expected a positive figure"),
-        ("accelerometer_noise_density", 1400.0, "expected a positive figure"),
+        ("gyroscope_noise_density", 0.0, "expected a positive value"),
+        ("accelerometer_random_walk", -1e-4, "expected a positive value"),
+        ("accelerometer_noise_density", 1400.0, "expected a positive value"),
         ("gyroscope_random_walk", "fast", "expected a number"),
         ("update_rate", -200.0, "expected a positive rate"),
     ],
@@ -174,9 +175,9 @@ def test_missing_noise_key_is_named(files: tuple[Path, Path]) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("%YAML:1.0\ncam0: 1\n", "expected a camera's keys"),
+        ("%YAML:1.0\ncam0: 1\n", "expected keys and values of a camera"),
         ("cam1: {}\n", "camera_model of cam1 is None"),
-        ("- 1\n", "holds a list"),
+        ("- 1\n", "contains a list"),
         ("cam0: [1,\n", "not valid YAML"),
         ("cam0: !!python/object/apply:os.system [exit]\n", "not valid YAML"),
         ("cam0: !!int ''\n", "not valid YAML"),
@@ -216,11 +217,7 @@ def test_any_value_gives_a_calibration_or_our_error(
     write_imu_noise(imu, make_calibration().noise)
     target = imu if "rate" in key or "noise" in key else camchain
     change(target, key, value)
-    try:
-        found, _ = read_calibration(camchain, imu)
-    except CalibrationError:
-        return
-    assert np.isfinite(found.T_b_c).all()
+    valid_or_rejected(lambda: read_calibration(camchain, imu)[0], assert_valid_calibration)
 
 
 @pytest.mark.parametrize("key", ["T_cam_imu", "camera_model", "resolution", "0x1" + "0" * 6000])

@@ -10,7 +10,7 @@ import pytest
 
 from asyneio.errors import CalibrationError
 from asyneio.io import read_calibration
-from asyneio.io.calibration import find_rig, settle
+from asyneio.io.calibration import find_calibration
 from asyneio.types import Calibration
 from tests.io.calibration.rigs import KINDS, kalibr, make_rig
 
@@ -93,10 +93,10 @@ def test_inivation(tmp_path: Path, listed: bool) -> None:
         (
             "results-imucam.txt",
             "Calibration results\n====\nT_ci: [[1]]\n",
-            "Kalibr's report in text; .*give camchain-imu",
+            "text report of Kalibr; .*use camchain-imu",
         ),
-        ("report.pdf", "%PDF-1.4\n", "a report in PDF; .*give camchain-imucam"),
-        ("ost.txt", "# oST version 5.0 parameters\n", "give ost.yaml"),
+        ("report.pdf", "%PDF-1.4\n", "a PDF report; .*use camchain-imucam"),
+        ("ost.txt", "# oST version 5.0 parameters\n", "use ost.yaml"),
         (
             "target.yaml",
             "target_type: 'aprilgrid'\ntagCols: 6\n",
@@ -106,11 +106,11 @@ def test_inivation(tmp_path: Path, listed: bool) -> None:
         (
             "imu_param.yaml",
             IMU_UTILS,
-            "imu_utils: .*gyroscope_noise_density: 0.015 .* root of the IMU's rate",
+            "imu_utils: .*gyroscope_noise_density: 0.015 .* root of the IMU rate",
         ),
         ("empty.yaml", "", "empty.yaml is empty"),
         ("blank.yaml", "---\n\n", "blank.yaml is empty"),
-        ("comment.yaml", "# nothing\n", "no keys but comments"),
+        ("comment.yaml", "# nothing\n", "contains only comments"),
     ],
 )
 def test_what_is_no_calibration(tmp_path: Path, name: str, text: str, said: str) -> None:
@@ -119,21 +119,21 @@ def test_what_is_no_calibration(tmp_path: Path, name: str, text: str, said: str)
         read_calibration(tmp_path / name)
 
 
-def test_the_cures_work(tmp_path: Path) -> None:
+def test_the_fixes_work(tmp_path: Path) -> None:
     chain, imu = kalibr(tmp_path, RIG)
     (tmp_path / "results-imucam.txt").write_text("Calibration results\n")
-    with pytest.raises(CalibrationError, match=f"give {chain.name}"):
+    with pytest.raises(CalibrationError, match=f"use {chain.name}"):
         read_calibration(tmp_path / "results-imucam.txt")
     assert_same(read_calibration(chain, imu)[0], RIG.timeshift_ns)
     first, *rest = FLAT.splitlines()
     (tmp_path / "flat.yaml").write_text("\n".join([first, *(f"  {line}" for line in rest)]))
-    assert settle(find_rig(tmp_path, tmp_path / "flat.yaml", None), None).camera is not None
+    assert find_calibration(tmp_path, tmp_path / "flat.yaml", None).resolve(None)[0].camera is not None
 
 
-def test_a_known_file_beside_a_recording_is_told(tmp_path: Path) -> None:
+def test_a_known_sidecar_file_is_reported(tmp_path: Path) -> None:
     (tmp_path / "davis_imu_param.yaml").write_text(IMU_UTILS)
     (tmp_path / "other.yaml").write_text("nothing: known\n")
-    notes = find_rig(tmp_path, None, None).notes
+    notes = find_calibration(tmp_path, None, None).notes
     assert [note[:9] for note in notes] == ["not used:"]
     assert "imu_utils" in notes[0]
 
@@ -152,7 +152,8 @@ def test_a_time_shift_in_another_unit(tmp_path: Path, written: str, meant: str, 
     assert read_calibration(chain, imu)[0].timeshift_ns == round(1e9 * float(meant))
     chain.write_text(text.replace(f"imu: {written}", "imu: 0.4"))
     assert any(
-        "0.4 s between camera and IMU is unusually large" in note for note in read_calibration(chain, imu)[1]
+        "between camera and IMU, 0.4 s, is unusually large" in note
+        for note in read_calibration(chain, imu)[1]
     )
 
 
@@ -160,7 +161,7 @@ def test_a_time_shift_in_another_unit(tmp_path: Path, written: str, meant: str, 
     ("kind", "line", "said"),
     [
         ("kalibr", "time_offset: 0.01\n", "time_offset is not applied"),
-        ("vins-mono", "g_norm: 9.7\n", "g_norm is not applied: gravity is taken to be 9.80665"),
+        ("vins-mono", "g_norm: 9.7\n", "g_norm is not applied: gravity is 9.80665"),
         ("vins-mono", "rolling_shutter: 1\n", "rolling_shutter is not applied"),
     ],
 )

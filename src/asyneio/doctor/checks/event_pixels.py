@@ -11,7 +11,7 @@ from asyneio.doctor.inspection import Inspection, note, ok, warning
 from asyneio.doctor.inspection import fail as _fail
 from asyneio.doctor.result import CheckResult
 from asyneio.frontend.surface import make_surface, refresh_hot_pixels
-from asyneio.io.parsing.stamps import MAX_BAD_SHARE
+from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
 from asyneio.types import FloatArray
 
 #: Usual sensors by width and height [px].

@@ -8,7 +8,7 @@ from scipy.signal import welch
 from asyneio.doctor.event_scan import PAUSE_NS
 from asyneio.doctor.inspection import Inspection, fail, note, ok, warning
 from asyneio.doctor.result import CheckResult
-from asyneio.io.parsing.stamps import MAX_DISORDER_NS
+from asyneio.io.parsing.stamp_checks import MAX_DISORDER_NS
 from asyneio.types import NS_PER_S
 
 #: What the front end follows in real time on one core [events/s].

@@ -10,7 +10,7 @@ import numpy as np
 from asyneio.doctor.inspection import Inspection, fail, note, ok, warning
 from asyneio.doctor.result import CheckResult, Severity
 from asyneio.errors import RecordingError
-from asyneio.io.parsing.stamps import GAP_NS, MAX_DISORDER_NS, PLAUSIBLE_RATE_HZ, check_overlap
+from asyneio.io.parsing.stamp_checks import GAP_NS, MAX_DISORDER_NS, PLAUSIBLE_RATE_HZ, check_overlap
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
 #: The estimator calls itself degraded after a pause of this length, and begins anew after the second.

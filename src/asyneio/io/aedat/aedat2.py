@@ -1,15 +1,15 @@
-"""AEDAT-2.0 of a DAVIS240, as jAER writes it: events and inertial samples in one stream of words.
+"""AEDAT-2.0 of a DAVIS240, as written by jAER: events and inertial samples in one stream of words.
 
-After header lines that begin with `#`, each word is a big-endian address (32 bits) and time (32 bits, us):
+Header lines begin with `#`. Each word is a big-endian address (32 bits) and time (32 bits, us):
 
 | address | meaning |
 |---|---|
-| bit 31 = 0 | event: x bits 12-21, y bits 22-30, polarity bit 11; bit 10: external signal, no event |
+| bit 31 = 0 | event: x bits 12-21, y bits 22-30, polarity bit 11; bit 10: external signal, not an event |
 | bit 31 = 1, bits 10-11 = 3 | inertial word: code bits 28-30, signed value bits 12-27 |
 | bit 31 = 1, otherwise | sample of a frame, skipped |
 
-x and y count from the opposite corner of the image. A sample has seven words of one time with the codes 0-2
-(accelerometer), 3 (temperature), 4-6 (gyroscope).
+x and y start at the opposite corner of the image. A sample consists of seven words with equal times and the
+codes 0-2 (accelerometer), 3 (temperature), 4-6 (gyroscope).
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import find_calibration
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.inertial_csv import STANDARD_GRAVITY
-from asyneio.io.recording.source import FAR_OUTSIDE, SAMPLE_DTYPE, skipped_notes
+from asyneio.io.recording.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, skipped_notes
+from asyneio.io.recording.inertial_units import STANDARD_GRAVITY
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"#!AER-DAT2.0"
@@ -37,7 +37,7 @@ _CHIP = "DAVIS240"
 _CHUNK_WORDS = 2**17
 _MAX_HEADER_BYTES = 16 * 2**20
 _WRAP_US = 2**32
-#: A step back by almost a whole turn of the 32-bit clock is a turn, if no more time than this went by.
+#: A step back by almost the whole range of the 32-bit clock is a wrap, if the pause was shorter than this.
 _MAX_PAUSE_US = 60_000_000
 _US = 1000
 
@@ -49,9 +49,9 @@ class Aedat2Events:
         self.path = path
         self._pieces: list[RecordArray] = []
         self._loose = np.empty((0, 3), dtype=np.int64)
-        #: Time of the last word [us], -1 before the first, and the turns of the clock so far.
+        #: Time of the last word [us], -1 before the first, and the number of wraps so far.
         self._clock = np.array([-1, 0], dtype=np.int64)
-        #: Words of frames, external signals.
+        #: Numbers of frame words and of external signals.
         self._skipped = np.zeros(2, dtype=np.int64)
         self._broken = self._rest_bytes = 0
         self._chip_known = True
@@ -70,24 +70,24 @@ class Aedat2Events:
             raise RecordingError(f"cannot read {self.path}: {error.strerror or error}") from error
 
     def samples(self) -> RecordArray:
-        """Inertial samples in SI units, in the order of the file."""
+        """Inertial samples in SI units, in file order."""
         return np.concatenate([np.empty(0, dtype=SAMPLE_DTYPE), *self._pieces])
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences on words that are no events, and on a file cut off."""
+        """Notes on words that are not events, and on a truncated file."""
         counts = {
-            "word(s) of frames": int(self._skipped[0]),
+            "frame word(s)": int(self._skipped[0]),
             "external signal(s)": int(self._skipped[1]),
-            "inertial word(s) that belong to no whole sample": self._broken + len(self._loose),
-            "byte(s) at the end, less than a word: was the file cut off?": self._rest_bytes,
+            "inertial word(s) of incomplete samples": self._broken + len(self._loose),
+            "byte(s) at the end, less than a word: truncated?": self._rest_bytes,
         }
         notes = skipped_notes(self.path.name, counts)
         if not self._chip_known:
-            notes += (f"{self.path.name} does not name its camera (AEChip): taken to be a {_CHIP}",)
+            notes += (f"{self.path.name} does not name its camera (AEChip): assumed to be a {_CHIP}",)
         return notes
 
     def _read_header(self, start: bytes) -> int:
-        """Check the header; returns the position of the first word."""
+        """Check the header; rewraps the position of the first word."""
         if not start.startswith(MAGIC):
             raise RecordingError(f"{self.path} is not AEDAT-2.0: it starts with {start[:16]!r}")
         position = 0
@@ -95,20 +95,20 @@ class Aedat2Events:
         while start[position : position + 1] == b"#":
             end = start.find(b"\n", position)
             if end < 0:
-                raise RecordingError(f"{self.path} holds nothing but a header")
+                raise RecordingError(f"{self.path} contains only a header")
             line = start[position:end].decode("latin-1").strip()
             if line.startswith("# AEChip:"):
                 self._chip_known = True
                 if _CHIP not in line.upper():
                     raise RecordingError(
                         f"{self.path} was recorded with {line.split(':', 1)[1].strip()[:80]}; "
-                        f"only the {_CHIP} is understood in AEDAT-2.0"
+                        f"only the {_CHIP} is supported in AEDAT-2.0"
                     )
             position = end + 1
         return position
 
     def _decode(self, words: np.ndarray) -> RecordArray:
-        """Events of words (N,2) address and time; inertial words are collected on the way."""
+        """Events of words (N,2) address and time; inertial words are collected."""
         events = np.zeros(len(words), dtype=EVENT_DTYPE)
         inertial = np.empty((len(words), 3), dtype=np.int64)
         columns = (events[name] for name in ("t_ns", "x", "y", "p"))
@@ -118,7 +118,7 @@ class Aedat2Events:
         return events[:count]
 
     def _collect(self, words: IntArray) -> None:
-        """Join inertial words (N,3) time, code, value; those of a sample not yet whole wait."""
+        """Combine inertial words (N,3) time, code, value; those of an incomplete sample wait."""
         words = np.concatenate([self._loose, words])
         t_ns, code = words[:, 0], words[:, 1]
         starts = np.flatnonzero(code == 0)
@@ -126,11 +126,11 @@ class Aedat2Events:
         waiting = last if len(words) - last < WORDS_PER_SAMPLE else len(words)
         starts = starts[starts + WORDS_PER_SAMPLE <= waiting]
         index = starts[:, None] + np.arange(WORDS_PER_SAMPLE)
-        whole = (code[index] == np.arange(WORDS_PER_SAMPLE)).all(axis=1)
-        whole &= (t_ns[index] == t_ns[starts, None]).all(axis=1)
-        value = words[:, 2][index[whole]]
+        complete = (code[index] == np.arange(WORDS_PER_SAMPLE)).all(axis=1)
+        complete &= (t_ns[index] == t_ns[starts, None]).all(axis=1)
+        value = words[:, 2][index[complete]]
         samples = np.empty(len(value), dtype=SAMPLE_DTYPE)
-        samples["t_ns"] = t_ns[starts[whole]]
+        samples["t_ns"] = t_ns[starts[complete]]
         samples["accelerometer"] = value[:, 0:3] * FORCE_PER_LSB
         samples["gyroscope"] = value[:, 4:7] * RATE_PER_LSB
         self._pieces.append(samples)
@@ -140,13 +140,8 @@ class Aedat2Events:
 
 def read_aedat2(path: Path, options: ReadOptions) -> Contents:
     """AEDAT-2.0 of a DAVIS240. Raises CalibrationError: a calibration file is malformed or impossible."""
-    rig = find_rig(path.parent, options.calibration, options.imu)
-    return Contents(path.resolve().stem, lambda: Aedat2Events(path), (WIDTH, HEIGHT), rig)
-
-
-def inertial_address(code: IntArray, value: IntArray) -> IntArray:
-    """Addresses of inertial words: codes (7,) and signed 16-bit values (N,7)."""
-    return 1 << 31 | code << 28 | (value & 0xFFFF) << 12 | 0xC00
+    calibration = find_calibration(path.parent, options.calibration, options.imu)
+    return Contents(path.resolve().stem, lambda: Aedat2Events(path), (WIDTH, HEIGHT), calibration)
 
 
 @njit(cache=True)
@@ -160,24 +155,24 @@ def _decode_words(
     inertial: IntArray,
     skipped: IntArray,
 ) -> tuple[np.uint64, np.uint64]:
-    """Sort words (N,2) uint32 into events and inertial words (time, code, value); returns both counts.
+    """Sort words (N,2) uint32 into events and inertial words (time, code, value); rewraps both counts.
 
-    Times lie on a circle of 2^32 us; `clock` (last time, turns) continues from piece to piece. Unsigned
-    indices spare numba's test for negative ones.
+    Times wrap at 2^32 us; `clock` (last time, wraps) continues from piece to piece. Unsigned indices avoid
+    numba's handling of negative ones.
     """
     one = np.uint64(1)
     events, samples = np.uint64(0), np.uint64(0)
-    last, turns = clock[0], clock[1]
+    last, wraps = clock[0], clock[1]
     for k in range(words.shape[0]):
         i = np.uint64(k)
         address, time = np.int64(words[i, 0]), np.int64(words[i, 1])
         if last >= 0:
             if time - last < _MAX_PAUSE_US - _WRAP_US:
-                turns += 1
+                wraps += 1
             elif time - last > _WRAP_US - _MAX_PAUSE_US:
-                turns -= 1
+                wraps -= 1
         last = time
-        time = (time + turns * _WRAP_US) * _US
+        time = (time + wraps * _WRAP_US) * _US
         if address >> 31 == 0:
             if address & 0x400:
                 skipped[1] += 1
@@ -197,5 +192,5 @@ def _decode_words(
             samples += one
         else:
             skipped[0] += 1
-    clock[0], clock[1] = last, turns
+    clock[0], clock[1] = last, wraps
     return events, samples

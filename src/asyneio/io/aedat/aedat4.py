@@ -1,6 +1,6 @@
 """AEDAT4: the first stream of events, and the first of inertial samples (layout: see `aedat4_packets`).
 
-The format keeps inertial samples in g and degrees per second and time in microseconds of the Unix epoch.
+Inertial samples are in g and degrees per second, times in microseconds since 1970.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from asyneio.io.aedat.aedat4_packets import (
     DamagedError,
     Header,
     Stream,
-    events_of,
+    events_in,
     read_header,
     read_packets,
-    samples_of,
+    samples_in,
     unpacked,
 )
-from asyneio.io.calibration import find_rig
-from asyneio.io.recording.checks import MAX_STAMP_NS
+from asyneio.io.calibration import find_calibration
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.inertial_csv import STANDARD_GRAVITY
-from asyneio.io.recording.source import SAMPLE_DTYPE
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import SAMPLE_DTYPE
+from asyneio.io.recording.inertial_units import STANDARD_GRAVITY
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"#!AER-DAT4"
@@ -48,7 +48,7 @@ class Aedat4Events:
         self._notes: tuple[str, ...] = ()
 
     def size(self) -> tuple[int, int] | None:
-        """Width and height of the sensor [px], None where the header does not tell.
+        """Width and height of the sensor [px], None if the header lacks them.
 
         Raises:
             RecordingError: unreadable, or without events.
@@ -69,11 +69,11 @@ class Aedat4Events:
             try:
                 for number, data in read_packets(stream, header):
                     if number == events:
-                        piece = _unpack(events_of(unpacked(data, header.packing, EVENTS)))
+                        piece = _unpack(events_in(unpacked(data, header.packing, EVENTS)))
                         count += piece.size
                         yield piece, stream.tell() / length
                     elif number == samples:
-                        self._pieces.append(_to_si(*samples_of(unpacked(data, header.packing, SAMPLES))))
+                        self._pieces.append(_to_si(*samples_in(unpacked(data, header.packing, SAMPLES))))
             except DamagedError as error:
                 self._salvage(str(error), count)
         self._check_unit()
@@ -83,7 +83,7 @@ class Aedat4Events:
         return np.concatenate([np.empty(0, dtype=SAMPLE_DTYPE), *self._pieces])
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences on streams left out and on a file that was cut off."""
+        """Notes on ignored streams and on a truncated file."""
         return self._notes
 
     @contextmanager
@@ -98,22 +98,22 @@ class Aedat4Events:
         try:
             return read_header(stream)
         except DamagedError as error:
-            raise RecordingError(f"{self.path} is no readable AEDAT4 file: {error}") from error
+            raise RecordingError(f"{self.path} is not a readable AEDAT4 file: {error}") from error
 
     def _first(self, header: Header, kind: str) -> Stream:
         for stream in header.streams:
             if stream.kind == kind:
                 return stream
         found = ", ".join(sorted({stream.kind for stream in header.streams})) or "nothing"
-        raise RecordingError(f"{self.path} has no stream of events ({kind}); it holds {found[:200]}")
+        raise RecordingError(f"{self.path} has no stream of events ({kind}); it contains {found[:200]}")
 
     def _others(self, header: Header) -> tuple[str, ...]:
         kinds = [stream.kind for stream in header.streams]
         more = sum(max(kinds.count(kind) - 1, 0) for kind in (EVENTS, SAMPLES))
-        return (f"{self.path.name}: {more} further stream(s) of events or samples left out",) if more else ()
+        return (f"{self.path.name}: {more} further stream(s) of events or samples ignored",) if more else ()
 
     def _check_unit(self) -> None:
-        """Take samples back to what stands in the file where gravity shows that it was in SI units."""
+        """Undo the conversion of samples if gravity shows that the file is in SI units."""
         samples = self.samples()
         if samples.size == 0:
             return
@@ -124,14 +124,14 @@ class Aedat4Events:
             samples["gyroscope"] *= 180.0 / np.pi
             self._pieces = [samples]
             self._notes += (
-                f"{self.path.name}: the IMU is in m/s^2 already, against the format: left as it is",
+                f"{self.path.name}: the IMU is already in m/s^2, contrary to the format: not converted",
             )
 
     def _salvage(self, reason: str, count: int) -> None:
         if count == 0:
-            raise RecordingError(f"{self.path} is no readable AEDAT4 file: {reason}")
+            raise RecordingError(f"{self.path} is not a readable AEDAT4 file: {reason}")
         self._notes += (
-            f"{self.path.name} is damaged or cut off after {count} events: {reason}; read up to there",
+            f"{self.path.name} is damaged or truncated after {count} events: {reason}; read up to there",
         )
 
 
@@ -143,15 +143,15 @@ def read_aedat4(path: Path, options: ReadOptions) -> Contents:
         CalibrationError: a calibration file is malformed or impossible.
     """
     size = Aedat4Events(path).size()
-    rig = find_rig(path.parent, options.calibration, options.imu)
-    return Contents(path.resolve().stem, partial(Aedat4Events, path), size, rig)
+    calibration = find_calibration(path.parent, options.calibration, options.imu)
+    return Contents(path.resolve().stem, partial(Aedat4Events, path), size, calibration)
 
 
 def _unpack(rows: np.ndarray) -> RecordArray:
     events = np.zeros(rows.size, dtype=EVENT_DTYPE)
     columns = (events[name] for name in ("t_ns", "x", "y", "p"))
     if not _copy_columns(rows["t"], rows["x"], rows["y"], rows["on"], *columns):
-        raise DamagedError("a time stamp is beyond any range")
+        raise DamagedError("a time stamp is out of range")
     return events
 
 
@@ -166,7 +166,7 @@ def _copy_columns(
     y: np.ndarray,
     p: np.ndarray,
 ) -> bool:
-    """Copy events of packed records, which numpy does far more slowly; False where a stamp does not fit."""
+    """Copy events of packed records (NumPy does it far more slowly); False if a stamp does not fit."""
     for i in range(t_us.size):
         if not -_LIMIT_US < t_us[i] < _LIMIT_US:
             return False
@@ -178,9 +178,9 @@ def _copy_columns(
 
 
 def _to_si(t_us: IntArray, values: np.ndarray) -> RecordArray:
-    """Samples of times (N,) and of accelerometer [g] and gyroscope [deg/s] (N,6)."""
+    """Samples from times (N,) and from accelerometer [g] and gyroscope [deg/s] (N,6)."""
     if not ((t_us > -_LIMIT_US) & (t_us < _LIMIT_US)).all():
-        raise DamagedError("a time stamp is beyond any range")
+        raise DamagedError("a time stamp is out of range")
     samples = np.empty(t_us.size, dtype=SAMPLE_DTYPE)
     samples["t_ns"] = t_us * _US
     samples["accelerometer"] = values[:, :3].astype(np.float64) * STANDARD_GRAVITY

@@ -1,8 +1,9 @@
-"""Basalt's `calibration.json`, as TUM-VI, TUM-VIE and others have it: `value0`, cameras by their number.
+"""Basalt's `calibration.json`, used by TUM-VI, TUM-VIE and others: everything below `value0`.
 
-By Basalt's headers (`calibration.hpp`): `T_imu_cam` maps camera to IMU coordinates; noise and walks are of
-continuous time, and Basalt itself multiplies by the root of the rate; its estimator adds `cam_time_offset_ns`
-to the camera's stamps, so that `t_imu = t_cam + cam_time_offset_ns`. `kb4` is the equidistant model.
+According to Basalt's headers (`calibration.hpp`), `T_imu_cam` maps camera to IMU coordinates. Noise and
+random walks are continuous-time densities; Basalt itself multiplies them by the square root of the rate. Its
+estimator adds `cam_time_offset_ns` to camera stamps: `t_imu = t_cam + cam_time_offset_ns`. `kb4` is the
+equidistant model.
 """
 
 from __future__ import annotations
@@ -12,9 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import make_lens, without_zeros
-from asyneio.io.calibration.rigid import read_quaternion_pose
-from asyneio.io.calibration.sections import (
+from asyneio.io.calibration.entries import (
     CalibrationFile,
     CameraEntry,
     CameraReading,
@@ -23,6 +22,8 @@ from asyneio.io.calibration.sections import (
     declared_size,
     read_noise,
 )
+from asyneio.io.calibration.intrinsics import make_intrinsics, without_zeros
+from asyneio.io.calibration.rigid_transform import read_quaternion_pose
 from asyneio.io.calibration.values import integers, mapping, number, numbers, sequence, shown
 from asyneio.types import CameraIntrinsics, Distortion
 
@@ -33,12 +34,12 @@ _NOISE_KEYS = {
     "accelerometer_walk": "accel_bias_std",
 }
 _UNDERSTOOD = "pinhole, kb4 (equidistant), pinhole-radtan8"
-#: The first three numbers are biases, which the estimator finds; the rest is scale and misalignment.
+#: The first three numbers are biases, which the estimator determines; the others scale and misalignment.
 _BIAS_KEYS = ("calib_accel_bias", "calib_gyro_bias")
 
 
 def is_basalt(content: dict[str, Any]) -> bool:
-    """True where everything stands below `value0`, with cameras."""
+    """True for a file with cameras below `value0`."""
     value = content.get("value0")
     return isinstance(value, dict) and "intrinsics" in value
 
@@ -64,36 +65,36 @@ def _size(section: dict[str, Any], index: int) -> tuple[int, int] | None:
 
 
 def _read_camera(section: dict[str, Any], index: int, path: Path) -> CameraReading:
-    lens = _read_lens(section, index, path)
+    intrinsics = _read_intrinsics(section, index, path)
     shift = None
     if section.get("cam_time_offset_ns") is not None:
         offset = round(number(section, "cam_time_offset_ns", path))
         shift = check_shift_ns(offset, "cam_time_offset_ns", "nanoseconds", path)
     notes = _corrections(section, path)
     if "T_imu_cam" not in section:
-        return CameraReading(lens, None, shift, notes)
+        return CameraReading(intrinsics, None, shift, notes)
     poses = _at(section, "T_imu_cam", index, path)
     T_b_c, repaired = read_quaternion_pose(poses, f"T_imu_cam of cam{index}", path)
-    said = f"{path.name}: extrinsics of cam{index} read from T_imu_cam (camera to IMU)"
-    return CameraReading(lens, T_b_c, shift, (*repaired, said, *notes))
+    note = f"{path.name}: extrinsics of cam{index} read from T_imu_cam (camera to IMU)"
+    return CameraReading(intrinsics, T_b_c, shift, (*repaired, note, *notes))
 
 
-def _read_lens(section: dict[str, Any], index: int, path: Path) -> CameraIntrinsics:
+def _read_intrinsics(section: dict[str, Any], index: int, path: Path) -> CameraIntrinsics:
     camera = _at(section, "intrinsics", index, path)
     kind, values = camera.get("camera_type"), mapping(camera, "intrinsics", path)
     size = integers({"resolution": _item(section, "resolution", index, path)}, "resolution", 2, path)
     focal = [number(values, key, path) for key in ("fx", "fy", "cx", "cy")]
     if kind == "pinhole":
-        return make_lens(focal, size, Distortion.NONE, (), path)
+        return make_intrinsics(focal, size, Distortion.NONE, (), path)
     if kind == "kb4":
         coefficients = [number(values, f"k{n}", path) for n in range(1, 5)]
-        return make_lens(focal, size, Distortion.EQUIDISTANT, coefficients, path)
+        return make_intrinsics(focal, size, Distortion.EQUIDISTANT, coefficients, path)
     if kind == "pinhole-radtan8":
         keys = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
         radtan = without_zeros([number(values, key, path) for key in keys])
-        return make_lens(focal, size, Distortion.RADTAN if radtan else Distortion.NONE, radtan, path)
+        return make_intrinsics(focal, size, Distortion.RADTAN if radtan else Distortion.NONE, radtan, path)
     raise CalibrationError(
-        f"{path}: camera_type of cam{index} is {shown(kind)}; understood are {_UNDERSTOOD}: "
+        f"{path}: camera_type of cam{index} is {shown(kind)}; supported: {_UNDERSTOOD}; "
         "calibrate with one of these"
     )
 
@@ -106,24 +107,24 @@ def _corrections(section: dict[str, Any], path: Path) -> tuple[str, ...]:
     if largest == 0.0:
         return ()
     return (
-        f"{path.name}: {' and '.join(_BIAS_KEYS)} correct scale and misalignment of the IMU by up to "
-        f"{largest:.2g}; they are not applied: use samples that are calibrated already",
+        f"{path.name}: {' and '.join(_BIAS_KEYS)} correct IMU scale and misalignment by up to "
+        f"{largest:.2g}; they are not applied: provide calibrated samples",
     )
 
 
 def _read_noise(section: dict[str, Any], path: Path) -> NoiseReading:
-    figures: dict[str, Any] = {"imu_update_rate": section.get("imu_update_rate")}
+    values: dict[str, Any] = {"imu_update_rate": section.get("imu_update_rate")}
     for key in _NOISE_KEYS.values():
-        # One figure for the sensor, or one an axis, of which the largest is safe.
+        # One value for the sensor, or one per axis; the largest is the safe choice.
         value = section.get(key)
-        figures[key] = max(numbers(section, key, 3, path)) if isinstance(value, list) else value
-    return NoiseReading(read_noise(figures, _NOISE_KEYS, "imu_update_rate", path))
+        values[key] = max(numbers(section, key, 3, path)) if isinstance(value, list) else value
+    return NoiseReading(read_noise(values, _NOISE_KEYS, "imu_update_rate", path))
 
 
 def _item(section: dict[str, Any], key: str, index: int, path: Path) -> Any:
     items = sequence(section, key, path)
     if index >= len(items):
-        raise CalibrationError(f"{path}: {key} has {len(items)} entries; expected one for each camera")
+        raise CalibrationError(f"{path}: {key} has {len(items)} entries; expected one per camera")
     return items[index]
 
 

@@ -1,4 +1,4 @@
-"""Calibration files of every understood kind, told apart by their keys; and those that lie in a folder."""
+"""Calibration files of every supported format, detected by their keys, and the search in a folder."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Any
 
 from asyneio.errors import CalibrationError
 from asyneio.io.calibration import basalt, inivation, kalibr, orbslam, plain_cameras, rpg, vins
-from asyneio.io.calibration.documents import load_mapping, parse_mapping
-from asyneio.io.calibration.refusals import KnownRefusalError, refuse_known_keys
-from asyneio.io.calibration.resolve import Rig, Wanted, require_calibration, settle
-from asyneio.io.calibration.sections import CalibrationFile, NoiseReading
+from asyneio.io.calibration.entries import CalibrationFile, NoiseReading
+from asyneio.io.calibration.rejected_files import KnownFileError, reject_known_keys
+from asyneio.io.calibration.resolve import CalibrationSelection, CalibrationSources, require_calibration
+from asyneio.io.calibration.yaml_json import load_mapping, parse_mapping
 from asyneio.types import Calibration, ImuNoise
 
-#: The names under which Kalibr's files are looked for first, and written.
+#: File names of Kalibr: searched first, and used for writing.
 CAMCHAIN_FILE, IMU_FILE = "camchain-imucam.yaml", "imu.yaml"
 
 _SUFFIXES = (".yaml", ".yml", ".json")
-#: A folder with more files of these kinds is no folder of a recording; nothing is sought there.
+#: A folder with more YAML and JSON files is not a recording folder and is not searched.
 _MAX_CANDIDATES = 64
 
 
@@ -30,7 +30,7 @@ class _Kind:
     parse: Callable[[dict[str, Any], Path], CalibrationFile]
 
 
-#: In this order; the first that matches reads.
+#: Tried in this order; the first match parses the file.
 _KINDS = (
     _Kind("Basalt (value0)", basalt.is_basalt, basalt.parse_basalt),
     _Kind("OpenVINS (relative_config_imucam)", kalibr.is_openvins, kalibr.parse_openvins),
@@ -47,70 +47,73 @@ _KINDS = (
 
 
 def open_calibration(path: Path) -> CalibrationFile:
-    """A calibration file of whatever kind.
+    """Read a calibration file of any supported format.
 
     Raises:
-        CalibrationError: it cannot be read, or is of no known kind.
+        CalibrationError: unreadable or of no supported format.
     """
-    return _recognise(load_mapping(path), path)
+    return _parse(load_mapping(path), path)
 
 
 def parse_calibration(text: str, path: Path) -> CalibrationFile:
-    """As `open_calibration`, from text that was found at `path`."""
-    return _recognise(parse_mapping(text, path), path)
+    """Like `open_calibration`, for text that was read from `path`."""
+    return _parse(parse_mapping(text, path), path)
 
 
-def rig_of(camera: CalibrationFile, imu: CalibrationFile | None, found: bool = False) -> Rig:
-    """The rig of a file with cameras, and of one with the IMU's noise, which goes before the first one's.
+def sources_of(
+    camera: CalibrationFile, imu: CalibrationFile | None, found_by_content: bool = False
+) -> CalibrationSources:
+    """Calibration sources of a camera file and an IMU file; the IMU file takes precedence for the noise.
 
     Raises:
-        CalibrationError: what should be there is not, or the noise is impossible.
+        CalibrationError: the camera file contains no camera, or the noise is missing or impossible.
     """
     if not camera.cameras:
         raise CalibrationError(
-            f"{camera.path} is a {camera.kind} and holds no camera; expected a file with lens and extrinsics"
+            f"{camera.path} is a {camera.kind} without a camera; expected intrinsics and extrinsics"
         )
-    return Rig(file=camera, noise=_noise_of(imu) if imu else _own_noise(camera), found=found)
+    noise = _noise_of(imu) if imu else _own_noise(camera)
+    return CalibrationSources(camera, noise, found_by_content=found_by_content)
 
 
 def read_calibration(
     camera: Path,
     imu: Path | None = None,
-    wanted: Wanted | None = None,
+    selection: CalibrationSelection | None = None,
     size: tuple[int, int] | None = None,
     rate_hz: float | None = None,
 ) -> tuple[Calibration, tuple[str, ...]]:
-    """Lens, extrinsics, time shift and noise from files of any understood kind.
+    """Read intrinsics, extrinsics, time shift and noise from files of any supported format.
 
     Args:
-        camera: the file with the cameras, which may hold the noise as well.
+        camera: the file with the cameras, possibly with the noise as well.
         imu: the file with the noise.
-        wanted: which camera, and the preset that fills in what the files do not tell.
-        size: of the sensor [px], to choose a camera by.
-        rate_hz: of the IMU, for figures that are those of a sample.
+        selection: which camera to use, and the preset that fills in missing values.
+        size: sensor size [px], used to select a camera.
+        rate_hz: sample rate of the IMU, for per-sample noise values.
 
     Returns:
-        The calibration, and sentences: which convention was read, what was repaired, assumed or is in doubt.
+        The calibration, and messages: which convention was read, what was repaired, assumed or is doubtful.
 
     Raises:
-        CalibrationError: a file is missing or malformed, a value is absent or physically impossible.
-        ConfigError: there is no such preset.
+        CalibrationError: a file is missing or malformed, or a value is missing or physically impossible.
+        ConfigError: unknown preset.
     """
-    rig = rig_of(open_calibration(camera), open_calibration(imu) if imu else None)
-    settled = settle(rig, size, wanted, rate_hz=rate_hz)
-    return require_calibration(settled, camera), settled.notes
+    sources = sources_of(open_calibration(camera), open_calibration(imu) if imu else None)
+    found, notes = sources.resolve(size, selection, rate_hz=rate_hz)
+    return require_calibration(found, camera), notes
 
 
 def read_imu_noise(path: Path) -> ImuNoise:
-    """The noise in a file of any understood kind. Raises CalibrationError as above."""
+    """Read the IMU noise from a file of any supported format. Raises CalibrationError as above."""
     return _noise_of(open_calibration(path)).noise
 
 
-def find_rig(folder: Path, camera: Path | None, imu: Path | None) -> Rig:
-    """The calibration at the given paths, or in files in the folder where there are any.
+def find_calibration(folder: Path, camera: Path | None, imu: Path | None) -> CalibrationSources:
+    """Read the calibration from the given paths, else from files in the folder.
 
-    Kalibr's file names are looked for first; then files of any name that are a calibration by their content,
-    if one alone is. A malformed file in the folder is the rig's `trouble`.
+    Files with Kalibr's names are used first; otherwise a single file that is a calibration by its content. A
+    malformed file in the folder sets `error`.
 
     Raises:
         CalibrationError: a given file is missing or malformed.
@@ -118,35 +121,39 @@ def find_rig(folder: Path, camera: Path | None, imu: Path | None) -> Rig:
     given = open_calibration(camera) if camera else None
     imu_file = open_calibration(imu) if imu else None
     try:
-        return _with_beside(folder, given, imu_file)
+        return _with_sidecars(folder, given, imu_file)
     except CalibrationError as error:
-        return replace(_without_beside(folder, given, imu_file), trouble=str(error))
+        return replace(_without_sidecars(folder, given, imu_file), error=str(error))
 
 
-def _without_beside(folder: Path, given: CalibrationFile | None, imu_file: CalibrationFile | None) -> Rig:
-    """What stays where a file beside the recording is malformed: what was given, else the lens.
+def _without_sidecars(
+    folder: Path, given: CalibrationFile | None, imu_file: CalibrationFile | None
+) -> CalibrationSources:
+    """What remains if a file in the folder is malformed: the given files, else the camera file.
 
     Raises:
-        CalibrationError: it is a given file that does not hold what it should.
+        CalibrationError: a given file lacks what it should contain.
     """
     if given is not None:
-        return rig_of(given, imu_file)
+        return sources_of(given, imu_file)
     noise = _noise_of(imu_file) if imu_file else None
     try:
-        return rig_of(open_calibration(folder / CAMCHAIN_FILE), imu_file)
+        return sources_of(open_calibration(folder / CAMCHAIN_FILE), imu_file)
     except CalibrationError:
-        return Rig(noise=noise)
+        return CalibrationSources(noise=noise)
 
 
-def _with_beside(folder: Path, given: CalibrationFile | None, imu_file: CalibrationFile | None) -> Rig:
-    """What was given, completed by the files in the folder. Raises CalibrationError: one is malformed."""
+def _with_sidecars(
+    folder: Path, given: CalibrationFile | None, imu_file: CalibrationFile | None
+) -> CalibrationSources:
+    """The given files, completed by those in the folder. Raises CalibrationError: one is malformed."""
     named, imu_named = folder / CAMCHAIN_FILE, folder / IMU_FILE
-    # What lies beside the events goes after what the user named.
+    # Files that the user names take precedence over those in the folder.
     complete = given is not None and given.read_noise is not None
     if imu_file is None and not complete and imu_named.is_file():
         imu_file = open_calibration(imu_named)
     if given is not None or named.is_file():
-        return rig_of(given or open_calibration(named), imu_file)
+        return sources_of(given or open_calibration(named), imu_file)
     found, notes = _discover(folder)
     cameras = [file for file in found if file.cameras]
     imus = [file for file in found if not file.cameras]
@@ -154,22 +161,25 @@ def _with_beside(folder: Path, given: CalibrationFile | None, imu_file: Calibrat
         imu_file = imus[0]
     noise = _noise_of(imu_file) if imu_file else None
     if len(cameras) == 1:
-        said = f"{cameras[0].path.name} lies beside the recording and is taken for its calibration"
-        return Rig(notes=(*notes, said), file=cameras[0], noise=noise or _own_noise(cameras[0]), found=True)
+        notes += (f"calibration read from {cameras[0].path.name}, found next to the recording",)
+        noise = noise or _own_noise(cameras[0])
+        return CalibrationSources(cameras[0], noise, notes, found_by_content=True)
     if cameras:
         names = ", ".join(file.path.name for file in cameras)
-        notes += (f"several calibrations lie beside the recording ({names}): name one with --calibration",)
-    return Rig(notes=notes, noise=noise)
+        notes += (
+            f"several calibration files next to the recording ({names}): select one with --calibration",
+        )
+    return CalibrationSources(noise=noise, notes=notes)
 
 
-def _recognise(content: dict[str, Any], path: Path) -> CalibrationFile:
-    refuse_known_keys(content, path)
+def _parse(content: dict[str, Any], path: Path) -> CalibrationFile:
+    reject_known_keys(content, path)
     for kind in _KINDS:
         if kind.matches(content):
             return kind.parse(content, path)
     keys = ", ".join(content)[:120] or "none"
     raise CalibrationError(
-        f"{path} is no calibration of a known kind; found the keys {keys}; expected those of "
+        f"{path} is not a supported calibration format; found the keys {keys}; expected those of "
         f"{'; '.join(kind.title for kind in _KINDS)}"
     )
 
@@ -178,7 +188,7 @@ def _noise_of(file: CalibrationFile) -> NoiseReading:
     noise = _own_noise(file)
     if noise is None:
         raise CalibrationError(
-            f"{file.path} is a {file.kind} and says nothing of the IMU's noise; expected the keys "
+            f"{file.path} is a {file.kind} without IMU noise; expected the keys "
             f"{', '.join(kalibr.NOISE_KEYS.values())}"
         )
     return noise
@@ -189,19 +199,19 @@ def _own_noise(file: CalibrationFile) -> NoiseReading | None:
 
 
 def _discover(folder: Path) -> tuple[list[CalibrationFile], tuple[str, ...]]:
-    """Files that are calibrations by their content; what is none, or malformed, is no matter here."""
+    """Files that are calibrations by their content. Other and malformed files are ignored here."""
     try:
         paths = sorted(path for path in folder.iterdir() if path.suffix in _SUFFIXES and path.is_file())
     except OSError:
         return [], ()
     if len(paths) > _MAX_CANDIDATES:
-        return [], (f"{folder} holds {len(paths)} YAML and JSON files: none is taken for a calibration",)
+        return [], (f"{folder} contains {len(paths)} YAML and JSON files: not searched for a calibration",)
     found: list[CalibrationFile] = []
     notes: tuple[str, ...] = ()
     for path in paths:
         try:
             found.append(open_calibration(path))
-        except KnownRefusalError as error:
+        except KnownFileError as error:
             notes += (f"not used: {error}",)
         except CalibrationError:
             continue

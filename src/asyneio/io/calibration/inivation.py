@@ -1,9 +1,9 @@
-"""The calibration of iniVation's tools (dv-processing, DV): JSON with cameras `C0` ... and IMUs `S0` ...
+"""Calibration files of iniVation (dv-processing, DV): JSON with cameras `C0` ... and IMUs `S0` ...
 
-By dv-processing's headers (`calibrations/camera_calibration.hpp`, `imu_calibration.hpp`):
-`transformationToC0` of an IMU maps IMU to camera coordinates of C0; `timeOffsetMicros` is what must be
-taken from the IMU's stamps, so that `t_imu = t_cam + timeOffsetMicros`; noise is in densities of
-continuous time, -1 where it is not known. The writer puts numbers into quotes.
+According to the headers of dv-processing (`calibrations/camera_calibration.hpp`, `imu_calibration.hpp`),
+`transformationToC0` of an IMU maps IMU to camera coordinates of C0. `timeOffsetMicros` is subtracted from IMU
+stamps: `t_imu = t_cam + timeOffsetMicros`. Noise values are continuous-time densities, -1 if unknown. Numbers
+are written in quotes.
 """
 
 from __future__ import annotations
@@ -15,9 +15,7 @@ from typing import Any
 import numpy as np
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import make_lens, without_zeros
-from asyneio.io.calibration.rigid import check_rigid, inverse_rigid
-from asyneio.io.calibration.sections import (
+from asyneio.io.calibration.entries import (
     CalibrationFile,
     CameraEntry,
     CameraReading,
@@ -25,6 +23,8 @@ from asyneio.io.calibration.sections import (
     check_shift_ns,
     read_noise,
 )
+from asyneio.io.calibration.intrinsics import make_intrinsics, without_zeros
+from asyneio.io.calibration.rigid_transform import check_rigid, inverse_rigid
 from asyneio.io.calibration.values import integers, number, numbers, shown
 from asyneio.types import CameraIntrinsics, Distortion
 
@@ -45,12 +45,12 @@ _BIASES = ("omegaOffsetAvg", "accOffsetAvg")
 
 
 def is_inivation(content: dict[str, Any]) -> bool:
-    """True where a camera has iniVation's keys."""
+    """True if a camera has iniVation's keys."""
     return any("focalLength" in camera for camera in _named(content.get("cameras"), "C").values())
 
 
 def parse_inivation(content: dict[str, Any], path: Path) -> CalibrationFile:
-    """Cameras, and the noise of the first IMU where it is known."""
+    """Cameras, and the noise of the first IMU if it is known."""
     imus = _named(content.get("imus", content.get("imu")), "S")
     imu = next(iter(imus.values()), None)
     cameras = tuple(
@@ -69,7 +69,7 @@ def parse_inivation(content: dict[str, Any], path: Path) -> CalibrationFile:
 
 
 def _named(section: Any, letter: str) -> dict[str, dict[str, Any]]:
-    """Entries by their designation, which those of a list have by their place."""
+    """Entries by name; entries of a list are named by their index."""
     if isinstance(section, list):
         section = {f"{letter}{index}": entry for index, entry in enumerate(section)}
     if not isinstance(section, dict):
@@ -78,35 +78,35 @@ def _named(section: Any, letter: str) -> dict[str, dict[str, Any]]:
 
 
 def _read_camera(camera: dict[str, Any], name: str, imu: dict[str, Any] | None, path: Path) -> CameraReading:
-    lens = _read_lens(camera, name, path)
+    intrinsics = _read_intrinsics(camera, name, path)
     if imu is None or "transformationToC0" not in imu:
-        return CameraReading(lens)
+        return CameraReading(intrinsics)
     if name != _FIRST:
-        said = (
-            f"{path.name}: no extrinsics of {name}: the file gives the IMU's place relative to {_FIRST} alone"
-        )
-        return CameraReading(lens, None, None, (said,))
+        note = f"{path.name}: no extrinsics of {name}: the file contains those of {_FIRST} only"
+        return CameraReading(intrinsics, None, None, (note,))
     T = np.array(numbers(imu, "transformationToC0", 16, path)).reshape(4, 4)
     T_c_b, repaired = check_rigid(T[:3, :3], T[:3, 3], "transformationToC0", path)
     notes = (*repaired, f"{path.name}: extrinsics read from transformationToC0 (IMU to camera) and inverted")
     biases = [key for key in _BIASES if key in imu and any(numbers(imu, key, None, path))]
     if biases:
-        notes += (f"{path.name}: {' and '.join(biases)} are not applied: the estimator finds the biases",)
+        notes += (
+            f"{path.name}: {' and '.join(biases)} are not applied: the estimator determines the biases",
+        )
     shift = None
     if "timeOffsetMicros" in imu:
         offset = round(1000.0 * number(imu, "timeOffsetMicros", path))
         shift = check_shift_ns(offset, "timeOffsetMicros", "microseconds", path)
-    return CameraReading(lens, inverse_rigid(T_c_b), shift, notes)
+    return CameraReading(intrinsics, inverse_rigid(T_c_b), shift, notes)
 
 
-def _read_lens(camera: dict[str, Any], name: str, path: Path) -> CameraIntrinsics:
+def _read_intrinsics(camera: dict[str, Any], name: str, path: Path) -> CameraIntrinsics:
     focal = numbers(camera, "focalLength", 2, path)
     centre = numbers(camera, "principalPoint", 2, path)
     size = integers(camera, "resolution", 2, path)
     model = camera.get("distortionModel", "")
     if model not in _MODELS:
         raise CalibrationError(
-            f"{path}: distortionModel of {name} is {shown(model)}; understood are radialTangential, "
+            f"{path}: distortionModel of {name} is {shown(model)}; supported: radialTangential, "
             "equidistant, none"
         )
     key = "distortionCoefficients" if "distortionCoefficients" in camera else "distortion"
@@ -116,7 +116,7 @@ def _read_lens(camera: dict[str, Any], name: str, path: Path) -> CameraIntrinsic
         coefficients = without_zeros(coefficients)
     if not any(coefficients):
         distortion, coefficients = Distortion.NONE, ()
-    return make_lens((*focal, *centre), size, distortion, coefficients, path)
+    return make_intrinsics((*focal, *centre), size, distortion, coefficients, path)
 
 
 def _read_noise(imu: dict[str, Any], path: Path) -> NoiseReading:

@@ -1,9 +1,10 @@
-"""Kalibr's files: `camchain-imucam.yaml` (cameras, extrinsics, time shift), `imu.yaml` (noise); OpenVINS'.
+"""Files of Kalibr, `camchain-imucam.yaml` (cameras, extrinsics, time shift) and `imu.yaml` (noise), and of
+OpenVINS.
 
-Keys and conventions as in Kalibr's documentation of its YAML formats: `T_cam_imu` maps IMU to camera
-coordinates, `T_cn_cnm1` those of the camera before to this one's, `t_imu = t_cam + timeshift_cam_imu`.
-OpenVINS writes the same in OpenCV's dialect, with `T_imu_cam`, which maps camera to IMU coordinates, and
-names both files in `estimator_config.yaml`. Noise is in densities of continuous time (Kalibr's noise model).
+Keys and conventions follow Kalibr's documentation of its YAML formats: `T_cam_imu` maps IMU to camera
+coordinates, `T_cn_cnm1` coordinates of the previous camera to those of this one,
+`t_imu = t_cam + timeshift_cam_imu`. OpenVINS uses OpenCV YAML and `T_imu_cam`, which maps camera to IMU
+coordinates; its `estimator_config.yaml` refers to both files. Noise values are continuous-time densities.
 """
 
 from __future__ import annotations
@@ -17,10 +18,7 @@ from typing import Any
 import numpy as np
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.documents import load_sibling
-from asyneio.io.calibration.lens import read_lens
-from asyneio.io.calibration.rigid import Checked, inverse_rigid, read_rigid
-from asyneio.io.calibration.sections import (
+from asyneio.io.calibration.entries import (
     CalibrationFile,
     CameraEntry,
     CameraReading,
@@ -29,8 +27,11 @@ from asyneio.io.calibration.sections import (
     read_noise,
     shift_ns,
 )
-from asyneio.io.calibration.unapplied import unapplied_notes
+from asyneio.io.calibration.ignored_keys import ignored_key_notes
+from asyneio.io.calibration.intrinsics import read_intrinsics
+from asyneio.io.calibration.rigid_transform import Checked, inverse_rigid, read_rigid
 from asyneio.io.calibration.values import matrix, shown
+from asyneio.io.calibration.yaml_json import load_sibling
 from asyneio.types import FloatArray
 
 NOISE_KEYS = {
@@ -40,7 +41,7 @@ NOISE_KEYS = {
     "accelerometer_walk": "accelerometer_random_walk",
 }
 
-#: What corrects an IMU's samples, and its value where it does nothing: OpenVINS, Kalibr (with its sections).
+#: Corrections of IMU samples, and their neutral values: OpenVINS, Kalibr (with its sections).
 _CORRECTIONS = {
     **dict.fromkeys(("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC", "M", "C_gyro_i"), np.eye(3)),
     **dict.fromkeys(("Tg", "A"), np.zeros((3, 3))),
@@ -48,7 +49,7 @@ _CORRECTIONS = {
 _SENSORS = ("gyroscopes", "accelerometers")
 
 _CAMERA = re.compile(r"cam\d{1,2}")
-#: OpenVINS' keys for the two files that its configuration names.
+#: OpenVINS keys for the two files that its configuration refers to.
 _RELATIVE_CAMERAS, _RELATIVE_IMU = "relative_config_imucam", "relative_config_imu"
 
 
@@ -66,7 +67,7 @@ def parse_chain(content: dict[str, Any], path: Path) -> CalibrationFile:
 
 
 def is_imu(content: dict[str, Any]) -> bool:
-    """True for Kalibr's noise figures, flat or below `imu0`."""
+    """True for Kalibr's noise values, flat or below `imu0`."""
     return "imu0" in content or any(key in content for key in NOISE_KEYS.values())
 
 
@@ -76,12 +77,12 @@ def parse_imu(content: dict[str, Any], path: Path) -> CalibrationFile:
 
 
 def is_openvins(content: dict[str, Any]) -> bool:
-    """True for OpenVINS' `estimator_config.yaml`, which names the two files."""
+    """True for `estimator_config.yaml` of OpenVINS, which refers to the two files."""
     return _RELATIVE_CAMERAS in content
 
 
 def parse_openvins(content: dict[str, Any], path: Path) -> CalibrationFile:
-    """The two files that the configuration names. Raises CalibrationError where one cannot be read."""
+    """The two files that the configuration refers to. Raises CalibrationError: one cannot be read."""
     chain_path, chain = load_sibling(path, content[_RELATIVE_CAMERAS])
     cameras = parse_chain(chain, chain_path).cameras
     if _RELATIVE_IMU not in content:
@@ -93,7 +94,7 @@ def parse_openvins(content: dict[str, Any], path: Path) -> CalibrationFile:
 
 def _openvins_noise(content: dict[str, Any], path: Path, imu: dict[str, Any], imu_path: Path) -> NoiseReading:
     found = _noise(imu, imu_path)
-    return replace(found, notes=found.notes + unapplied_notes(content, path))
+    return replace(found, notes=found.notes + ignored_key_notes(content, path))
 
 
 def _noise_of(content: dict[str, Any], path: Path) -> partial[NoiseReading] | None:
@@ -104,16 +105,16 @@ def _noise(content: dict[str, Any], path: Path) -> NoiseReading:
     section = content.get("imu0", content)
     if not isinstance(section, dict):
         raise CalibrationError(
-            f"{path}: imu0 holds no mapping; expected the keys {', '.join(NOISE_KEYS.values())}"
+            f"{path}: imu0 is not a mapping; expected the keys {', '.join(NOISE_KEYS.values())}"
         )
-    # EuRoC's sensor.yaml has Kalibr's keys but for the rate.
+    # EuRoC's sensor.yaml has Kalibr's keys, except for the rate.
     rate_key = "update_rate" if "update_rate" in section else "rate_hz"
-    notes = _corrections(section, path) + unapplied_notes(section, path)
+    notes = _corrections(section, path) + ignored_key_notes(section, path)
     return NoiseReading(read_noise(section, NOISE_KEYS, rate_key, path), notes=notes)
 
 
 def _corrections(section: dict[str, Any], path: Path) -> tuple[str, ...]:
-    """A sentence where the file corrects the samples: scale, misalignment, or influence of gravity."""
+    """A note if the file corrects the samples: scale, misalignment, or gravity sensitivity."""
     sensors = [section, *(section[key] for key in _SENSORS if isinstance(section.get(key), dict))]
     used = [
         key
@@ -124,15 +125,15 @@ def _corrections(section: dict[str, Any], path: Path) -> tuple[str, ...]:
     if not used:
         return ()
     return (
-        f"{path.name}: {', '.join(used)} correct the IMU's samples; they are not applied: use samples that "
-        "are calibrated already",
+        f"{path.name}: {', '.join(used)} correct IMU samples; they are not applied: provide calibrated "
+        "samples",
     )
 
 
 def _entry(content: dict[str, Any], name: str, path: Path) -> CameraEntry:
     section = content[name]
     if not isinstance(section, dict):
-        raise CalibrationError(f"{path}: {name} is {shown(section)}; expected a camera's keys and values")
+        raise CalibrationError(f"{path}: {name} is {shown(section)}; expected keys and values of a camera")
     topic, resolution = section.get("rostopic"), section.get("resolution")
     size = declared_size(*resolution) if isinstance(resolution, list) and len(resolution) == 2 else None
     read = partial(_read_camera, content, name, path)
@@ -145,17 +146,17 @@ def _read_camera(content: dict[str, Any], name: str, path: Path) -> CameraReadin
     if model != "pinhole":
         raise CalibrationError(
             f"{path}: camera_model of {name} is {shown(model)}; only 'pinhole' is supported, with the "
-            "distortions none, radtan and equidistant: calibrate with one of these"
+            "distortions none, radtan and equidistant; calibrate with one of these"
         )
-    lens = read_lens(section, path)
+    intrinsics = read_intrinsics(section, path)
     extrinsics = _extrinsics(content, name, path)
     T_b_c, notes = extrinsics if extrinsics else (None, ())
-    notes += unapplied_notes(section, path)
-    return CameraReading(lens, T_b_c, shift_ns(section, "timeshift_cam_imu", path), notes)
+    notes += ignored_key_notes(section, path)
+    return CameraReading(intrinsics, T_b_c, shift_ns(section, "timeshift_cam_imu", path), notes)
 
 
 def _extrinsics(content: dict[str, Any], name: str, path: Path) -> tuple[FloatArray, tuple[str, ...]] | None:
-    """`T_b_c` from whichever key is there; where both are, they must be inverse to each other."""
+    """`T_b_c` from either key; if both exist, they must be inverse to each other."""
     section = content[name]
     found: dict[str, Checked] = {
         key: read_rigid(section, key, path) for key in ("T_imu_cam", "T_cam_imu") if key in section
@@ -170,16 +171,16 @@ def _extrinsics(content: dict[str, Any], name: str, path: Path) -> tuple[FloatAr
             f"{path}: T_cam_imu and T_imu_cam of {name} are not inverse to each other; remove the wrong one"
         )
     if "T_imu_cam" in found:
-        said = f"{path.name}: extrinsics of {name} read from T_imu_cam (camera to IMU)"
-        return found["T_imu_cam"][0], (*repaired, said)
-    said = f"{path.name}: extrinsics of {name} read from T_cam_imu (IMU to camera) and inverted"
-    return inverse_rigid(found["T_cam_imu"][0]), (*repaired, said)
+        note = f"{path.name}: extrinsics of {name} read from T_imu_cam (camera to IMU)"
+        return found["T_imu_cam"][0], (*repaired, note)
+    note = f"{path.name}: extrinsics of {name} read from T_cam_imu (IMU to camera) and inverted"
+    return inverse_rigid(found["T_cam_imu"][0]), (*repaired, note)
 
 
 def _through_the_chain(
     content: dict[str, Any], name: str, path: Path
 ) -> tuple[FloatArray, tuple[str, ...]] | None:
-    """`T_b_c` of a camera whose place is known from the camera before it alone."""
+    """`T_b_c` of a camera whose extrinsics are given relative to the previous camera."""
     before = f"cam{int(name[3:]) - 1}"
     if "T_cn_cnm1" not in content[name] or not isinstance(content.get(before), dict):
         return None
@@ -188,5 +189,5 @@ def _through_the_chain(
         return None
     T_b_before, notes = extrinsics
     T_c_before, repaired = read_rigid(content[name], "T_cn_cnm1", path)
-    said = f"{path.name}: extrinsics of {name} composed of those of {before} and T_cn_cnm1"
-    return T_b_before @ inverse_rigid(T_c_before), (*notes, *repaired, said)
+    note = f"{path.name}: extrinsics of {name} composed from {before} and T_cn_cnm1"
+    return T_b_before @ inverse_rigid(T_c_before), (*notes, *repaired, note)

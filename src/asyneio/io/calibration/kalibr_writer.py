@@ -1,4 +1,4 @@
-"""Write a calibration as Kalibr's two files, so that reading them back gives the identical values."""
+"""Write a calibration as the two files of Kalibr; reading them back gives identical values."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from asyneio.io.calibration.rigid import inverse_rigid
+from asyneio.io.calibration.rigid_transform import inverse_rigid
 from asyneio.io.parsing.atomic import write_text
 from asyneio.types import NS_PER_S, Calibration, CameraIntrinsics, ImuNoise
 
@@ -15,7 +15,7 @@ from asyneio.types import NS_PER_S, Calibration, CameraIntrinsics, ImuNoise
 def write_camchain(path: Path, calibration: Calibration) -> None:
     """Write `camchain-imucam.yaml` with both extrinsic keys.
 
-    `T_imu_cam` holds `T_b_c` digit for digit; `T_cam_imu`, its inverse, is what Kalibr's own tools read.
+    `T_imu_cam` is `T_b_c` with all digits; `T_cam_imu`, its inverse, is what Kalibr's own tools read.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -24,7 +24,7 @@ def write_camchain(path: Path, calibration: Calibration) -> None:
 
 
 def write_imu_noise(path: Path, noise: ImuNoise) -> None:
-    """Write `imu.yaml`. Raises RecordingError when it cannot be written."""
+    """Write `imu.yaml`. Raises RecordingError: the file cannot be written."""
     write_text(path, imu_noise_text(noise))
 
 
@@ -37,7 +37,7 @@ def camchain_text(calibration: Calibration) -> str:
 
 
 def camera_text(camera: CameraIntrinsics) -> str:
-    """The content of a camera file without an IMU: lens and resolution only."""
+    """The content of a camera file without IMU: intrinsics and resolution only."""
     return _dump({"cam0": _camera_section(camera)})
 
 
@@ -65,5 +65,5 @@ def _camera_section(camera: CameraIntrinsics) -> dict[str, Any]:
 
 
 def _dump(content: dict[str, Any]) -> str:
-    # None keeps lists of numbers on one line and mappings in block style.
+    # None: lists of numbers on one line, mappings in block style.
     return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110))

@@ -1,8 +1,8 @@
-"""The settings of ORB-SLAM3 (`File.version: "1.0"`, `Camera1.fx`) and of older versions (`Camera.fx`, `Tbc`).
+"""Settings files of ORB-SLAM3 (`File.version: "1.0"`, `Camera1.fx`) and of older versions (`Camera.fx`,
+`Tbc`).
 
-`IMU.T_b_c1` and `Tbc` map camera to body coordinates (`Settings::readIMU`). Noise is in densities of
-continuous time: `Tracking` itself multiplies and divides by the root of `IMU.Frequency`. There is no
-time shift in it.
+`IMU.T_b_c1` and `Tbc` map camera to body coordinates (`Settings::readIMU`). Noise values are continuous-time
+densities: `Tracking` converts them with the square root of `IMU.Frequency`. There is no time shift.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import make_lens, without_zeros
-from asyneio.io.calibration.rigid import read_rigid
-from asyneio.io.calibration.sections import (
+from asyneio.io.calibration.entries import (
     CalibrationFile,
     CameraEntry,
     CameraReading,
@@ -22,6 +20,8 @@ from asyneio.io.calibration.sections import (
     declared_size,
     read_noise,
 )
+from asyneio.io.calibration.intrinsics import make_intrinsics, without_zeros
+from asyneio.io.calibration.rigid_transform import read_rigid
 from asyneio.io.calibration.values import integers, number, shown
 from asyneio.types import CameraIntrinsics, Distortion
 
@@ -36,12 +36,12 @@ _UNDERSTOOD = "PinHole, Rectified and KannalaBrandt8"
 
 
 def is_orbslam(content: dict[str, Any]) -> bool:
-    """True for keys with the name of a camera or the IMU and a dot."""
+    """True for keys such as `Camera1.fx` or `IMU.NoiseGyro`."""
     return any(key in content for key in ("Camera1.fx", "Camera.fx", "IMU.NoiseGyro"))
 
 
 def parse_orbslam(content: dict[str, Any], path: Path) -> CalibrationFile:
-    """The first camera, in the clock and the place of which the rest is, and the noise."""
+    """The first camera, to which extrinsics refer, and the noise."""
     cameras: tuple[CameraEntry, ...] = ()
     prefix = "Camera1" if "Camera1.fx" in content else "Camera"
     if f"{prefix}.fx" in content:
@@ -52,34 +52,34 @@ def parse_orbslam(content: dict[str, Any], path: Path) -> CalibrationFile:
 
 
 def _read_camera(content: dict[str, Any], prefix: str, path: Path) -> CameraReading:
-    lens = _read_lens(content, prefix, path)
+    intrinsics = _read_intrinsics(content, prefix, path)
     key = next((key for key in _EXTRINSICS if key in content), None)
     if key is None:
-        return CameraReading(lens)
+        return CameraReading(intrinsics)
     T_b_c, notes = read_rigid(content, key, path)
     return CameraReading(
-        lens, T_b_c, None, (*notes, f"{path.name}: extrinsics read from {key} (camera to body)")
+        intrinsics, T_b_c, None, (*notes, f"{path.name}: extrinsics read from {key} (camera to body)")
     )
 
 
-def _read_lens(content: dict[str, Any], prefix: str, path: Path) -> CameraIntrinsics:
+def _read_intrinsics(content: dict[str, Any], prefix: str, path: Path) -> CameraIntrinsics:
     values = [number(content, f"{prefix}.{name}", path) for name in ("fx", "fy", "cx", "cy")]
     sides = [
         integers({key: [content.get(key)]}, key, 1, path)[0] for key in ("Camera.width", "Camera.height")
     ]
     kind = content.get("Camera.type", "PinHole")
     if kind == "Rectified":
-        return make_lens(values, sides, Distortion.NONE, (), path)
+        return make_intrinsics(values, sides, Distortion.NONE, (), path)
     if kind == "KannalaBrandt8":
         coefficients = [number(content, f"{prefix}.k{n}", path) for n in range(1, 5)]
-        return make_lens(values, sides, Distortion.EQUIDISTANT, coefficients, path)
+        return make_intrinsics(values, sides, Distortion.EQUIDISTANT, coefficients, path)
     if kind == "PinHole":
         names = ("k1", "k2", "p1", "p2", "k3")
         given = [number(content, f"{prefix}.{n}", path) if f"{prefix}.{n}" in content else 0.0 for n in names]
         radtan = without_zeros(given)
-        return make_lens(values, sides, Distortion.RADTAN if radtan else Distortion.NONE, radtan, path)
+        return make_intrinsics(values, sides, Distortion.RADTAN if radtan else Distortion.NONE, radtan, path)
     raise CalibrationError(
-        f"{path}: Camera.type is {shown(kind)}; understood are {_UNDERSTOOD}: calibrate with one of these"
+        f"{path}: Camera.type is {shown(kind)}; supported: {_UNDERSTOOD}; calibrate with one of these"
     )
 
 

@@ -1,8 +1,8 @@
-"""Cameras that come without a rig: DSEC's `cam_to_cam.yaml`, ROS' camera file, EuRoC's `sensor.yaml`.
+"""Camera files without an IMU: `cam_to_cam.yaml` of DSEC, camera files of ROS, `sensor.yaml` of EuRoC.
 
-DSEC (its page on the data format): `intrinsics` of cam0 and cam3, the event cameras, of the frame cameras
-between them, and of all as rectified (camRectN); events are stored as the sensor had them. `T_BS` of EuRoC
-maps sensor to body coordinates, and the body is the IMU (its `sensor.yaml` says so by the identity).
+DSEC (its page on the data format): `intrinsics` of the event cameras cam0 and cam3, of the frame cameras
+between them, and of all rectified cameras (camRectN); events are stored unrectified. `T_BS` of EuRoC maps
+sensor to body coordinates; the body is the IMU (`T_BS` in its `sensor.yaml` is the identity).
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import distortion_named, make_lens, read_lens
-from asyneio.io.calibration.rigid import read_rigid
-from asyneio.io.calibration.sections import CalibrationFile, CameraEntry, CameraReading, declared_size
+from asyneio.io.calibration.entries import CalibrationFile, CameraEntry, CameraReading, declared_size
+from asyneio.io.calibration.intrinsics import distortion_named, make_intrinsics, read_intrinsics
+from asyneio.io.calibration.rigid_transform import read_rigid
 from asyneio.io.calibration.values import image_size, mapping, matrix, numbers, shown
 
 _MATRIX_LISTS = ("camera_matrix", "resolution", "distortion_model", "distortion_coeffs")
@@ -30,7 +30,7 @@ def is_dsec(content: dict[str, Any]) -> bool:
 
 
 def parse_dsec(content: dict[str, Any], path: Path) -> CalibrationFile:
-    """The cameras as they are; the rectified ones are images that events have not."""
+    """The unrectified cameras, as events are stored unrectified."""
     cameras = mapping(content, "intrinsics", path)
     entries = tuple(
         CameraEntry(name, partial(_read_dsec, cameras, name, path), size=_dsec_size(cameras[name]))
@@ -53,7 +53,7 @@ def parse_euroc_camera(content: dict[str, Any], path: Path) -> CalibrationFile:
 
 
 def is_camera_info(content: dict[str, Any]) -> bool:
-    """True for the file that ROS' calibrator writes."""
+    """True for a file of the ROS camera calibrator."""
     return isinstance(content.get("camera_matrix"), dict) and "image_width" in content
 
 
@@ -74,14 +74,14 @@ def _dsec_size(camera: Any) -> tuple[int, int] | None:
 def _read_dsec(cameras: dict[str, Any], name: str, path: Path) -> CameraReading:
     camera = mapping(cameras, name, path)
     _require_pinhole(camera, name, path)
-    return CameraReading(read_lens(camera, path, names=_MATRIX_LISTS))
+    return CameraReading(read_intrinsics(camera, path, names=_MATRIX_LISTS))
 
 
 def _read_euroc(content: dict[str, Any], path: Path) -> CameraReading:
     _require_pinhole(content, "the camera", path)
     T_b_c, notes = read_rigid(content, "T_BS", path)
-    said = f"{path.name}: extrinsics read from T_BS (sensor to body)"
-    return CameraReading(read_lens(content, path, names=_EUROC), T_b_c, None, (*notes, said))
+    note = f"{path.name}: extrinsics read from T_BS (sensor to body)"
+    return CameraReading(read_intrinsics(content, path, names=_EUROC), T_b_c, None, (*notes, note))
 
 
 def _read_camera_info(content: dict[str, Any], path: Path) -> CameraReading:
@@ -90,8 +90,8 @@ def _read_camera_info(content: dict[str, Any], path: Path) -> CameraReading:
     model = distortion_named(content.get("distortion_model"), path, "distortion_model")
     given = content.get("distortion_coefficients")
     coefficients = numbers(given, "data", None, path) if isinstance(given, dict) else ()
-    lens = make_lens((K[0, 0], K[1, 1], K[0, 2], K[1, 2]), size, model, coefficients, path)
-    return CameraReading(lens)
+    intrinsics = make_intrinsics((K[0, 0], K[1, 1], K[0, 2], K[1, 2]), size, model, coefficients, path)
+    return CameraReading(intrinsics)
 
 
 def _require_pinhole(camera: dict[str, Any], name: str, path: Path) -> None:

@@ -1,7 +1,7 @@
-"""What is known of a rig: from calibration files, from the recording itself, from a preset.
+"""Combine what calibration files, the recording itself and a preset say into one calibration.
 
-A reader says what it has found (`Rig`); which camera of a file is meant, and what a preset must fill in, is
-settled once the size of the sensor is known.
+A reader collects `CalibrationSources`. Which camera of a file applies, and what a preset has to fill in, is
+resolved later, when the sensor size is known.
 """
 
 from __future__ import annotations
@@ -13,148 +13,193 @@ from pathlib import Path
 
 from asyneio.cameras import Preset, preset_named
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import check_lens
-from asyneio.io.calibration.rigid import check_rigid
-from asyneio.io.calibration.sections import CalibrationFile, CameraEntry, CameraReading, NoiseReading
+from asyneio.io.calibration.entries import CalibrationFile, CameraEntry, NoiseReading
+from asyneio.io.calibration.intrinsics import check_distortion
+from asyneio.io.calibration.rigid_transform import check_rigid
 from asyneio.types import NS_PER_S, Calibration, CameraIntrinsics, FloatArray, ImuNoise
 
 Notes = tuple[str, ...]
 
-#: A shift that is worth a word.
+#: A longer time shift is reported.
 _LARGE_SHIFT_NS = NS_PER_S // 10
 
 
 @dataclass(frozen=True)
-class Rig:
-    """What is known of the sensors.
-
-    Attributes:
-        camera: the lens, where nothing is left to choose.
-        calibration: lens, extrinsics and noise together, where all are known.
-        notes: sentences for the user.
-        file: a calibration file whose camera is not chosen yet.
-        noise: of the IMU, where a file tells it.
-        found: the file was found by its content: it may belong to another camera.
-        trouble: why a file that lies beside the recording could not be read: a run stops, what needs no
-            calibration goes on.
-    """
-
-    camera: CameraIntrinsics | None = None
-    calibration: Calibration | None = None
-    notes: Notes = ()
-    file: CalibrationFile | None = None
-    noise: NoiseReading | None = None
-    found: bool = False
-    trouble: str = ""
-
-    @property
-    def size(self) -> tuple[int, int] | None:
-        """Width and height [px] that the cameras have in common; None where that leaves a choice."""
-        if self.camera is not None:
-            return self.camera.width, self.camera.height
-        sizes = {camera.size for camera in self.file.cameras} if self.file and not self.found else set()
-        return sizes.pop() if len(sizes) == 1 else None
-
-    @property
-    def declared_hz(self) -> float | None:
-        """The IMU's sample rate, where a file declares it."""
-        if self.calibration is not None:
-            return self.calibration.noise.rate_hz
-        return self.noise.noise.rate_hz if self.noise else None
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What the user says of the rig: a camera of the file by name or topic, a preset by name."""
+class CalibrationSelection:
+    """The user's choice: a camera of the calibration file by name or topic, a preset by name."""
 
     camera: str | None = None
     preset: str | None = None
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """Width and height of the preset's sensor [px]. Raises ConfigError where there is no such preset."""
+        """Sensor size of the preset, width and height [px]. Raises ConfigError: unknown preset."""
         return preset_named(self.preset).size if self.preset else None
 
 
-def settle(
-    rig: Rig,
-    size: tuple[int, int] | None,
-    wanted: Wanted | None = None,
-    lens: Callable[[int, int], CameraIntrinsics] | None = None,
-    rate_hz: float | None = None,
-) -> Rig:
-    """The rig with nothing left to choose.
+@dataclass(frozen=True)
+class IncompleteCalibration:
+    """Camera intrinsics at most; `reason` says why there is no complete calibration."""
 
-    Args:
-        rig: what was found.
-        size: of the sensor whose events these are [px]; None where that is not known.
-        wanted: what the user says.
-        lens: from the size to a lens, where another file than a calibration gives one.
-        rate_hz: the IMU's sample rate as measured, for noise figures that are those of a sample.
+    camera: CameraIntrinsics | None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class CalibrationSources:
+    """Where the calibration of a recording comes from, before a camera is selected.
+
+    Attributes:
+        file: a calibration file, None if there is none.
+        noise: noise of the IMU, None if no file contains it.
+        notes: messages for the user.
+        found_by_content: the file has no standard name, so it may belong to another camera.
+        error: why a calibration file next to the recording could not be read. A run stops there; commands
+            that need no calibration continue.
+    """
+
+    file: CalibrationFile | None = None
+    noise: NoiseReading | None = None
+    notes: Notes = ()
+    found_by_content: bool = False
+    error: str = ""
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Sensor size [px] if all cameras of the file have the same one, else None."""
+        if self.file is None or self.found_by_content:
+            return None
+        sizes = {camera.size for camera in self.file.cameras}
+        return sizes.pop() if len(sizes) == 1 else None
+
+    @property
+    def declared_hz(self) -> float | None:
+        """Sample rate of the IMU according to the file, None if it has none."""
+        return self.noise.noise.rate_hz if self.noise else None
+
+    def resolve(
+        self,
+        size: tuple[int, int] | None,
+        selection: CalibrationSelection | None = None,
+        intrinsics: Callable[[int, int], CameraIntrinsics] | None = None,
+        rate_hz: float | None = None,
+    ) -> tuple[Calibration | IncompleteCalibration, Notes]:
+        """Select the camera, fill in from the preset and check the result.
+
+        Args:
+            size: size of the sensor that recorded the events [px], None if unknown.
+            selection: the user's choice.
+            intrinsics: width and height to intrinsics, if another file than a calibration contains them.
+            rate_hz: measured sample rate of the IMU, for per-sample noise values.
+
+        Returns:
+            The calibration if it is complete, and messages for the user.
+
+        Raises:
+            CalibrationError: a file could not be read, no camera or several match, or a value is impossible.
+            ConfigError: unknown preset.
+        """
+        if self.error:
+            raise CalibrationError(self.error)
+        selection = selection or CalibrationSelection()
+        preset = preset_named(selection.preset) if selection.preset else None
+        if preset is not None and size is not None and preset.size != size:
+            raise CalibrationError(
+                f"preset {preset.name} has {preset.size[0]} x {preset.size[1]} pixels, the recording "
+                f"{size[0]} x {size[1]}; choose the preset of this camera"
+            )
+        parts, notes = self._selected(size, selection.camera)
+        checked_path = (
+            self.file.path if self.file and parts.intrinsics else Path("intrinsics of the recording")
+        )
+        if parts.intrinsics is None and intrinsics is not None and size is not None:
+            parts = replace(parts, intrinsics=intrinsics(*size))
+        noise, noise_notes = self._noise_at(rate_hz)
+        parts, noise, filled = _fill(parts, noise, preset)
+        notes = (*self.notes, *notes, *noise_notes, *filled)
+        if parts.intrinsics is not None:
+            notes += check_distortion(parts.intrinsics, checked_path)
+        if parts.intrinsics is None or parts.T_b_c is None or noise is None:
+            notes += self._missing(parts, noise, preset)
+            return IncompleteCalibration(parts.intrinsics, notes[-1] if notes else ""), notes
+        notes += _time_shift_notes(parts.timeshift_ns)
+        return Calibration(parts.intrinsics, parts.T_b_c, parts.timeshift_ns or 0, noise), notes
+
+    def _selected(self, size: tuple[int, int] | None, name: str | None) -> tuple[_Parts, Notes]:
+        if self.file is None or not self.file.cameras:
+            return _Parts(), ()
+        camera = select_camera(self.file.cameras, size, name)
+        if self.found_by_content and size is not None and camera.size is not None and camera.size != size:
+            return _Parts(), (
+                f"{self.file.path.name} is for {camera.size[0]} x {camera.size[1]} pixels: not used",
+            )
+        reading = camera.read()
+        return _Parts(reading.intrinsics, reading.T_b_c, reading.timeshift_ns), reading.notes
+
+    def _noise_at(self, rate_hz: float | None) -> tuple[ImuNoise | None, Notes]:
+        """Noise densities; per-sample values are converted with the sample rate."""
+        if self.noise is None:
+            return None, ()
+        noise, assumed_hz, notes = self.noise.noise, self.noise.assumed_rate_hz, self.noise.notes
+        if assumed_hz is None:
+            return noise, notes
+        if rate_hz is None:
+            return noise, (*notes, f"IMU rate assumed for the noise densities: {assumed_hz:g} Hz")
+        factor = math.sqrt(assumed_hz / rate_hz)
+        scaled = ImuNoise(
+            noise.gyroscope_density * factor,
+            noise.accelerometer_density * factor,
+            noise.gyroscope_walk * factor,
+            noise.accelerometer_walk * factor,
+        )
+        return scaled, (*notes, f"IMU rate measured for the noise densities: {rate_hz:.4g} Hz")
+
+    def _missing(self, parts: _Parts, noise: ImuNoise | None, preset: Preset | None) -> Notes:
+        """What a complete calibration lacks; empty if there is neither a file nor a preset."""
+        if self.file is None and self.noise is None and preset is None:
+            return ()
+        missing = {
+            "intrinsics": parts.intrinsics is None,
+            "extrinsics (camera to IMU)": parts.T_b_c is None,
+            "IMU noise": noise is None,
+        }
+        named = " and no ".join(what for what, absent in missing.items() if absent)
+        why = f": {preset.missing}" if preset is not None and preset.missing else ""
+        return (f"the calibration is incomplete: no {named}{why}",)
+
+
+def require_calibration(found: Calibration | IncompleteCalibration, path: Path) -> Calibration:
+    """The calibration if it is complete.
 
     Raises:
-        CalibrationError: a file could not be read, several cameras fit, none does, or what is written of
-            the one is impossible.
-        ConfigError: there is no such preset.
+        CalibrationError: it is incomplete; the message says what is missing and which files were searched.
     """
-    if rig.trouble:
-        raise CalibrationError(rig.trouble)
-    wanted = wanted or Wanted()
-    preset = preset_named(wanted.preset) if wanted.preset else None
-    if preset is not None and size is not None and preset.size != size:
-        raise CalibrationError(
-            f"the preset {preset.name} is of {preset.size[0]} x {preset.size[1]} pixels, the recording of "
-            f"{size[0]} x {size[1]}; choose the preset of this camera"
-        )
-    parts, notes = _chosen(rig, size, wanted.camera)
-    source = rig.file.path if rig.file and parts.lens else Path("the recording's lens")
-    if parts.lens is None and lens is not None and size is not None:
-        parts = replace(parts, lens=lens(*size))
-    noise, noise_notes = _at_rate(rig, rate_hz)
-    parts, noise, filled = _fill(parts, noise, preset)
-    notes = (*rig.notes, *notes, *noise_notes, *filled)
-    if parts.lens is not None:
-        notes += check_lens(parts.lens, source)
-    if parts.lens is None or parts.T_b_c is None or noise is None:
-        return Rig(parts.lens, None, (*notes, *_incomplete(parts, noise, rig, preset)))
-    if abs(parts.timeshift_ns or 0) > _LARGE_SHIFT_NS:
-        said = f"{parts.timeshift_ns / NS_PER_S if parts.timeshift_ns else 0.0:g} s"
-        notes += (f"a time shift of {said} between camera and IMU is unusually large: is it in seconds?",)
-    if parts.timeshift_ns is None:
-        notes += ("no file tells a time shift: the clocks of camera and IMU are taken to agree",)
-    calibration = Calibration(parts.lens, parts.T_b_c, parts.timeshift_ns or 0, noise)
-    return Rig(parts.lens, calibration, notes)
-
-
-def require_calibration(rig: Rig, where: Path) -> Calibration:
-    """The calibration of a settled rig.
-
-    Raises:
-        CalibrationError: it is incomplete; the message says what is missing and where it was sought.
-    """
-    if rig.calibration is None:
-        found = f"{rig.notes[-1]}; calibrate camera and IMU together" if rig.notes else "there is none"
-        raise CalibrationError(
-            f"{where}: no whole calibration: {found}. Expected a lens, extrinsics (T_cam_imu or T_imu_cam in "
-            "Kalibr's camchain-imucam.yaml) and the IMU's noise (imu.yaml), or another kind that holds them"
-        )
-    return rig.calibration
+    if isinstance(found, Calibration):
+        return found
+    reason = f"{found.reason}; calibrate camera and IMU together" if found.reason else "none was found"
+    raise CalibrationError(
+        f"{path}: no complete calibration: {reason}. Expected intrinsics, extrinsics (T_cam_imu or T_imu_cam "
+        "in Kalibr's camchain-imucam.yaml) and IMU noise (imu.yaml), or another supported format with the "
+        "same content"
+    )
 
 
 @dataclass(frozen=True)
 class _Parts:
-    """The camera's part of a calibration, as far as it is known."""
+    """The camera part of a calibration as far as it is known."""
 
-    lens: CameraIntrinsics | None = None
+    intrinsics: CameraIntrinsics | None = None
     T_b_c: FloatArray | None = None
     timeshift_ns: int | None = None
 
 
-def select(cameras: tuple[CameraEntry, ...], size: tuple[int, int] | None, name: str | None) -> CameraEntry:
-    """The camera of that name or topic (or part of a topic), or the only one that fits the size.
+def select_camera(
+    cameras: tuple[CameraEntry, ...], size: tuple[int, int] | None, name: str | None
+) -> CameraEntry:
+    """The camera with this name, topic or part of a topic; without a name, the only one that fits the size.
 
     Raises:
-        CalibrationError: there is none, or more than one; the message lists them.
+        CalibrationError: none matches, or several; the message lists all cameras.
     """
     listed = "; ".join(map(str, cameras))
     if name is not None:
@@ -162,89 +207,53 @@ def select(cameras: tuple[CameraEntry, ...], size: tuple[int, int] | None, name:
         named = named or [camera for camera in cameras if name and name in camera.topic]
         if len(named) == 1:
             return named[0]
-        raise CalibrationError(f"there is no one camera {name!r}; the calibration holds {listed}")
+        raise CalibrationError(
+            f"{len(named) or 'no'} cameras match {name!r}, expected one; the calibration contains {listed}"
+        )
     if len(cameras) == 1:
         return cameras[0]
     fitting = [camera for camera in cameras if size is not None and camera.size == size]
     if len(fitting) == 1:
         return fitting[0]
-    which = f"{len(fitting)} of them are {size[0]} x {size[1]}" if size else "the sensor's size is not known"
+    which = f"{len(fitting)} of them have {size[0]} x {size[1]}" if size else "the sensor size is unknown"
     raise CalibrationError(
-        f"the calibration holds {len(cameras)} cameras and {which}: {listed}; name one with --camera"
+        f"the calibration contains {len(cameras)} cameras and {which}: {listed}; select one with --camera"
     )
-
-
-def _chosen(rig: Rig, size: tuple[int, int] | None, name: str | None) -> tuple[_Parts, Notes]:
-    if rig.calibration is not None:
-        held = rig.calibration
-        return _Parts(held.camera, held.T_b_c, held.timeshift_ns), ()
-    if rig.file is None or not rig.file.cameras:
-        return _Parts(rig.camera), ()
-    camera = select(rig.file.cameras, size, name)
-    if rig.found and size is not None and camera.size is not None and camera.size != size:
-        said = f"{rig.file.path.name} is for {camera.size[0]} x {camera.size[1]} pixels: not used"
-        return _Parts(rig.camera), (said,)
-    reading: CameraReading = camera.read()
-    return _Parts(reading.lens, reading.T_b_c, reading.timeshift_ns), reading.notes
-
-
-def _at_rate(rig: Rig, rate_hz: float | None) -> tuple[ImuNoise | None, Notes]:
-    """The noise as densities; figures of a sample need the rate of the samples."""
-    if rig.calibration is not None:
-        return rig.calibration.noise, ()
-    if rig.noise is None:
-        return None, ()
-    noise, assumed_hz, notes = rig.noise.noise, rig.noise.assumed_rate_hz, rig.noise.notes
-    if assumed_hz is None:
-        return noise, notes
-    if rate_hz is None:
-        return noise, (*notes, f"the rate of the IMU is taken to be {assumed_hz:g} Hz for its noise")
-    factor = math.sqrt(assumed_hz / rate_hz)
-    scaled = ImuNoise(
-        noise.gyroscope_density * factor,
-        noise.accelerometer_density * factor,
-        noise.gyroscope_walk * factor,
-        noise.accelerometer_walk * factor,
-    )
-    return scaled, (*notes, f"the rate of the IMU, for its noise, is {rate_hz:.4g} Hz")
 
 
 def _fill(
     parts: _Parts, noise: ImuNoise | None, preset: Preset | None
 ) -> tuple[_Parts, ImuNoise | None, Notes]:
-    """What a preset knows in place of what is missing, with a sentence on each."""
+    """Missing values taken from the preset, each with a note."""
     if preset is None:
         return parts, noise, ()
     notes: list[str] = []
 
-    def said(what: str) -> None:
-        notes.append(f"{what} of the preset {preset.name}: {preset.sources[what]}")
+    def note(label: str, key: str) -> None:
+        notes.append(f"{label} of the preset {preset.name}: {preset.sources[key]}")
 
-    if parts.lens is None and preset.lens is not None:
-        parts = replace(parts, lens=preset.lens)
-        said("lens")
+    if parts.intrinsics is None and preset.lens is not None:
+        parts = replace(parts, intrinsics=preset.lens)
+        note("intrinsics", "lens")
     if parts.T_b_c is None and preset.T_b_c is not None:
         T_b_c, _ = check_rigid(preset.T_b_c[:3, :3], preset.T_b_c[:3, 3], "T_b_c", Path(preset.name))
         parts = replace(parts, T_b_c=T_b_c)
-        said("extrinsics")
+        note("extrinsics", "extrinsics")
     if parts.timeshift_ns is None and preset.timeshift_ns is not None:
         parts = replace(parts, timeshift_ns=preset.timeshift_ns)
-        said("time shift")
+        note("time shift", "time shift")
     if noise is None and preset.noise is not None:
         noise = preset.noise
-        said("noise")
+        note("noise", "noise")
     return parts, noise, tuple(notes)
 
 
-def _incomplete(parts: _Parts, noise: ImuNoise | None, rig: Rig, preset: Preset | None) -> Notes:
-    """What keeps a lens from being a calibration; nothing where nobody asked for one."""
-    if rig.file is None and rig.noise is None and preset is None:
-        return ()
-    missing = {
-        "lens": parts.lens is None,
-        "extrinsics (camera to IMU)": parts.T_b_c is None,
-        "noise of the IMU": noise is None,
-    }
-    named = " and no ".join(what for what, absent in missing.items() if absent)
-    why = f": {preset.missing}" if preset is not None and preset.missing else ""
-    return (f"the calibration is incomplete: no {named}{why}",)
+def _time_shift_notes(timeshift_ns: int | None) -> Notes:
+    if timeshift_ns is None:
+        return ("no file contains a time shift: camera and IMU clocks are assumed to be synchronized",)
+    if abs(timeshift_ns) > _LARGE_SHIFT_NS:
+        seconds = timeshift_ns / NS_PER_S
+        return (
+            f"the time shift between camera and IMU, {seconds:g} s, is unusually large: is it in seconds?",
+        )
+    return ()

@@ -1,8 +1,8 @@
-"""The calibration of the Robotics and Perception Group's tools (SVO, Ultimate SLAM): `cameras`, `imu_params`.
+"""Calibration files of the Robotics and Perception Group (SVO, Ultimate SLAM): `cameras`, `imu_params`.
 
-`T_B_C` maps camera to body coordinates, row by row, and the body is the IMU. `delay_imu_cam` is the camera's
-stamp less the IMU's (SVO Pro, `ImuCalibration`), so that `t_imu = t_cam - delay_imu_cam`. Noise is in
-densities of continuous time, `sigma_*_c` (there).
+`T_B_C` maps camera to body coordinates, in row-major order; the body is the IMU. `delay_imu_cam` is the
+camera stamp minus the IMU stamp (SVO Pro, `ImuCalibration`): `t_imu = t_cam - delay_imu_cam`. Noise values
+`sigma_*_c` are continuous-time densities.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.errors import CalibrationError
-from asyneio.io.calibration.lens import distortion_named, make_lens
-from asyneio.io.calibration.rigid import read_rigid
-from asyneio.io.calibration.sections import (
+from asyneio.io.calibration.entries import (
     CalibrationFile,
     CameraEntry,
     CameraReading,
@@ -23,7 +21,9 @@ from asyneio.io.calibration.sections import (
     read_noise,
     shift_ns,
 )
-from asyneio.io.calibration.unapplied import unapplied_notes
+from asyneio.io.calibration.ignored_keys import ignored_key_notes
+from asyneio.io.calibration.intrinsics import distortion_named, make_intrinsics
+from asyneio.io.calibration.rigid_transform import read_rigid
 from asyneio.io.calibration.values import image_size, mapping, numbers, sequence, shown
 
 _NOISE_KEYS = {
@@ -35,12 +35,12 @@ _NOISE_KEYS = {
 
 
 def is_rpg(content: dict[str, Any]) -> bool:
-    """True for a list of cameras or the IMU's parameters under their keys."""
+    """True for a list `cameras` or a section `imu_params`."""
     return isinstance(content.get("cameras"), list) or "imu_params" in content
 
 
 def parse_rpg(content: dict[str, Any], path: Path) -> CalibrationFile:
-    """Cameras and noise, of which each may be missing."""
+    """Cameras and noise; either may be missing."""
     rigs = sequence(content, "cameras", path) if "cameras" in content else []
     cameras = tuple(_entry(content, rig, index, path) for index, rig in enumerate(rigs))
     noise = partial(_read_noise, content, path) if "imu_params" in content else None
@@ -50,7 +50,7 @@ def parse_rpg(content: dict[str, Any], path: Path) -> CalibrationFile:
 def _entry(content: dict[str, Any], rig: Any, index: int, path: Path) -> CameraEntry:
     camera = rig.get("camera") if isinstance(rig, dict) else None
     if not isinstance(camera, dict):
-        raise CalibrationError(f"{path}: entry {index} of cameras holds no 'camera' with keys and values")
+        raise CalibrationError(f"{path}: entry {index} of cameras contains no 'camera' with keys and values")
     label = camera.get("label")
     size = declared_size(camera.get("image_width"), camera.get("image_height"))
     name = label if isinstance(label, str) and label else f"cam{index}"
@@ -75,18 +75,18 @@ def _read_camera(content: dict[str, Any], rig: dict[str, Any], name: str, path: 
     if "T_B_C" in rig:
         T_b_c, repaired = read_rigid(rig, "T_B_C", path)
         notes = (*repaired, f"{path.name}: extrinsics of {name} read from T_B_C (camera to body)", *notes)
-    return CameraReading(make_lens(values, size, model, coefficients, path), T_b_c, shift, notes)
+    return CameraReading(make_intrinsics(values, size, model, coefficients, path), T_b_c, shift, notes)
 
 
 def _shift(content: dict[str, Any], path: Path) -> tuple[int | None, tuple[str, ...]]:
     if "imu_params" not in content:
         return None, ()
     shift = shift_ns(mapping(content, "imu_params", path), "delay_imu_cam", path, sign=-1)
-    said = f"{path.name}: time shift read from delay_imu_cam (camera's stamp less the IMU's), sign turned"
-    return shift, (said,) if shift else ()
+    note = f"{path.name}: time shift read from delay_imu_cam (camera minus IMU stamp), sign inverted"
+    return shift, (note,) if shift else ()
 
 
 def _read_noise(content: dict[str, Any], path: Path) -> NoiseReading:
     section = mapping(content, "imu_params", path)
     noise = read_noise(section, _NOISE_KEYS, "imu_rate", path)
-    return NoiseReading(noise, notes=unapplied_notes(section, path))
+    return NoiseReading(noise, notes=ignored_key_notes(section, path))

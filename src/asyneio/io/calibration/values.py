@@ -1,4 +1,4 @@
-"""Numbers out of parsed YAML or JSON, checked: finite, the right kind, the right count."""
+"""Checked access to parsed YAML or JSON: finite numbers, of the expected type and count."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from asyneio.types import FloatArray
 
 
 def number(section: dict[str, Any], key: str, path: Path) -> float:
-    """The finite number at `key`. Raises CalibrationError where it is absent or something else."""
+    """The finite number at `key`. Raises CalibrationError: missing or of another type."""
     if key not in section:
         raise CalibrationError(f"{path} lacks the key {key}")
     return _finite(section[key], key, path)
@@ -24,37 +24,37 @@ def numbers(
 ) -> tuple[float, ...]:
     """The list of finite numbers at `key`, of the given length (None: any). Raises CalibrationError.
 
-    `of` names what the section stands for, where the key alone says little.
+    `of` names the section in messages, for keys like `data`.
     """
     if key not in section:
         raise CalibrationError(f"{path} lacks the key {key}{f' of {of}' if of else ''}")
     value, key = section[key], of or key
     if not isinstance(value, list) or (count is not None and len(value) != count):
-        wanted = "a list of numbers" if count is None else f"a list of {count} numbers"
-        raise CalibrationError(f"{path}: {key} is {shown(value)}; expected {wanted}")
+        expected = "a list of numbers" if count is None else f"a list of {count} numbers"
+        raise CalibrationError(f"{path}: {key} is {shown(value)}; expected {expected}")
     return tuple(_finite(item, key, path) for item in value)
 
 
 def integers(section: dict[str, Any], key: str, count: int, path: Path) -> tuple[int, ...]:
-    """The list of whole numbers at `key`, of the given length. Raises CalibrationError."""
+    """The list of integers at `key`, of the given length. Raises CalibrationError."""
     values = numbers(section, key, count, path)
     if any(value != math.floor(value) for value in values):
-        raise CalibrationError(f"{path}: {key} is {shown(section[key])}; expected {count} whole numbers")
+        raise CalibrationError(f"{path}: {key} is {shown(section[key])}; expected {count} integers")
     return tuple(int(value) for value in values)
 
 
 def image_size(section: dict[str, Any], path: Path) -> tuple[int, int]:
-    """The whole numbers at image_width and image_height. Raises CalibrationError."""
+    """The integers at image_width and image_height. Raises CalibrationError."""
     keys = ("image_width", "image_height")
     width, height = (integers({key: [section.get(key)]}, key, 1, path)[0] for key in keys)
     return width, height
 
 
 def matrix(section: dict[str, Any], key: str, shape: tuple[int, int], path: Path) -> FloatArray:
-    """The matrix at `key`: rows as lists, or a mapping of rows, cols and data (OpenCV's, row by row).
+    """The matrix at `key`: a list of rows, or OpenCV's mapping of rows, cols and data in row-major order.
 
     Raises:
-        CalibrationError: it is absent, of another shape, or holds what is no number.
+        CalibrationError: missing, of another shape, or with an entry that is not a number.
     """
     rows, columns = shape
     value = section.get(key)
@@ -74,7 +74,7 @@ def matrix(section: dict[str, Any], key: str, shape: tuple[int, int], path: Path
 
 
 def mapping(section: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
-    """The mapping at `key`. Raises CalibrationError where it is absent or something else."""
+    """The mapping at `key`. Raises CalibrationError: missing or of another type."""
     value = section.get(key)
     if not isinstance(value, dict):
         raise CalibrationError(f"{path}: {key} is {shown(value)}; expected a mapping of keys to values")
@@ -82,7 +82,7 @@ def mapping(section: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
 
 
 def sequence(section: dict[str, Any], key: str, path: Path) -> list[Any]:
-    """The list at `key`. Raises CalibrationError where it is absent or something else."""
+    """The list at `key`. Raises CalibrationError: missing or of another type."""
     value = section.get(key)
     if not isinstance(value, list):
         raise CalibrationError(f"{path}: {key} is {shown(value)}; expected a list")
@@ -90,28 +90,28 @@ def sequence(section: dict[str, Any], key: str, path: Path) -> list[Any]:
 
 
 def _finite(value: Any, key: str, path: Path) -> float:
-    # YAML 1.1 reads 1e-5 (no dot) as text, and Kalibr users do write it.
+    # YAML 1.1 parses 1e-5 (without a dot) as text, and Kalibr users write it.
     if isinstance(value, str):
         try:
             value = float(value)
         except ValueError:
             value = None if value.strip() == "" else value
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise CalibrationError(f"{path}: {key} holds {shown(value)}; expected a number")
+        raise CalibrationError(f"{path}: {key} contains {shown(value)}; expected a number")
     try:
         converted = float(value)
     except OverflowError:
         converted = math.inf
     if not math.isfinite(converted):
-        raise CalibrationError(f"{path}: {key} holds {shown(value)}; expected a finite number")
+        raise CalibrationError(f"{path}: {key} contains {shown(value)}; expected a finite number")
     return converted
 
 
 def shown(value: Any) -> str:
-    """A short text for a message, whatever the value is."""
+    """A short text for messages, for any value."""
     try:
         text = repr(value)
     except ValueError:
-        # Python refuses to print integers of thousands of digits.
-        return "an enormous integer"
+        # Python does not print integers with thousands of digits.
+        return "a huge integer"
     return text if len(text) <= 60 else text[:57] + "..."

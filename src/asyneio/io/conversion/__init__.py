@@ -1,1 +1,1 @@
-"""One recording written in another format."""
+"""Conversion of a recording to another format."""

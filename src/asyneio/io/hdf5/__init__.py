@@ -1,1 +1,1 @@
-"""HDF5 files: our own layout and those of public data sets."""
+"""HDF5 files: asyneio's own layout and those of public data sets."""

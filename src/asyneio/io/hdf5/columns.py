@@ -1,6 +1,6 @@
-"""Events from HDF5 where x, y, t and p are columns of their own, or the fields of one table.
+"""Events from HDF5 with one data set per column x, y, t, p, or with these as fields of one table.
 
-Columns are read in blocks; whatever their chunks are, memory stays bounded.
+Columns are read in blocks, so that memory is bounded for any chunk size.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ import numpy as np
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.column_meaning import columns_by_name
 from asyneio.io.parsing.safe_hdf5 import check_columns, dataset, group_at, holds, open_hdf5
-from asyneio.io.parsing.stamps import MAX_BAD_SHARE
-from asyneio.io.recording.checks import MAX_STAMP_NS
-from asyneio.io.recording.source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
+from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
 from asyneio.types import IntArray, RecordArray
 
 BLOCK_EVENTS = 2**17
 NAMES = ("t", "x", "y", "p")
-#: How -1 stands where a polarity is an unsigned number.
+#: A polarity of -1 stored in an unsigned type.
 _MINUS_ONE = {"u1": 255, "u2": 65_535, "u4": 4_294_967_295}
 
-#: A group with more members holds no columns.
-_MOST_MEMBERS = 64
+#: A group with more members is not searched for columns.
+_MAX_MEMBERS = 64
 _SAMPLED_BLOCKS, _SAMPLED_ROWS = 32, 4096
 
 
 @dataclass(frozen=True)
 class ColumnLayout:
-    """Where the columns are and what their time means: `t_ns = t * unit_ns + offset_ns`.
+    """Location of the columns and meaning of their time: `t_ns = t * unit_ns + offset_ns`.
 
-    `group` is the path of a group with the columns; "" is the root. `table` is the name of a data set in it
-    whose fields they are, "" where they are data sets themselves. `names` are those of t, x, y and p.
+    `group` is the path of the group with the columns ("": the root). `table` is the name of a data set in it
+    whose fields they are, "" if they are data sets. `names` are those of t, x, y and p.
     """
 
     group: str
@@ -63,11 +63,11 @@ class ColumnEvents:
                 yield from self._columns(file)
 
     def samples(self) -> RecordArray:
-        """None: inertial samples are read apart from the events."""
+        """Empty: inertial samples are read separately."""
         return np.empty(0, dtype=SAMPLE_DTYPE)
 
     def notes(self) -> tuple[str, ...]:
-        """Nothing is skipped here."""
+        """Empty: nothing is skipped."""
         return ()
 
     def _columns(self, file: h5py.File) -> Iterator[tuple[RecordArray, float]]:
@@ -89,10 +89,11 @@ class ColumnEvents:
 
 
 def nanoseconds(t: np.ndarray, unit_ns: int) -> IntArray:
-    """Times (N,), whole or not, as nanoseconds; absurd ones end at the limit that the checks refuse."""
+    """Times (N,), integer or float, as nanoseconds; absurd ones are clipped to a limit that the checks
+    reject."""
     limit = MAX_STAMP_NS // unit_ns + 1
     if t.dtype.kind == "f":
-        # Whole seconds apart: a float holds both parts exactly, but not their sum in nanoseconds.
+        # Whole seconds separately: a float stores both parts exactly, but not their sum in nanoseconds.
         t = np.clip(np.nan_to_num(t.astype(np.float64), nan=limit), -limit, limit)
         whole = np.floor(t)
         return np.asarray(whole.astype(np.int64) * unit_ns + np.rint((t - whole) * unit_ns).astype(np.int64))
@@ -102,32 +103,32 @@ def nanoseconds(t: np.ndarray, unit_ns: int) -> IntArray:
 
 
 def signed(p: np.ndarray) -> np.ndarray:
-    """Polarities (N,) whose -1 may stand as the largest unsigned number, with -1."""
+    """Polarities (N,), with -1 for the largest unsigned number."""
     largest = _MINUS_ONE.get(p.dtype.str[1:])
     if largest is None or not (p == largest).any():
         return p
-    # More than eight bits: other values must stay what they are, so that they are refused.
+    # Wide enough to keep other values, so that they are rejected.
     wide = p.astype(np.int64)
     wide[p == largest] = -1
     return wide
 
 
 class PolarityCheck:
-    """Requires two kinds of polarity in a whole file, 0 and 1 or -1 and 1."""
+    """Checks that a file has two polarity values, 0 and 1 or -1 and 1."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._met = np.zeros(2, dtype=np.bool_)
 
     def feed(self, p: np.ndarray) -> None:
-        """Look at the next piece. Raises RecordingError: a third kind."""
+        """Check the next piece. Raises RecordingError: a third value."""
         if p.size == 0 or p.dtype.kind == "b":
             return
         zero, negative = p == 0, p == -1
         self._met |= [bool(zero.any()), bool(negative.any())]
         if self._met.all() or not (zero | negative | (p == 1)).all():
             raise RecordingError(
-                f"{self._path}: polarity goes from {p.min()} to {p.max()}; expected 0 and 1, or -1 and 1"
+                f"{self._path}: polarity values from {p.min()} to {p.max()}; expected 0 and 1, or -1 and 1"
             )
 
 
@@ -139,7 +140,7 @@ def blocks(total: int) -> Iterator[tuple[slice, float]]:
 
 
 def pixels(values: np.ndarray) -> np.ndarray:
-    """Whole numbers as uint16; what does not fit lies outside every sensor."""
+    """Integers as uint16; values that do not fit become FAR_OUTSIDE."""
     if values.dtype == np.uint16:
         return values
     if values.dtype.kind == "f":
@@ -150,7 +151,7 @@ def pixels(values: np.ndarray) -> np.ndarray:
 def event_columns(
     file: h5py.File, where: str, path: Path, names: tuple[str, str, str, str] = NAMES
 ) -> list[h5py.Dataset]:
-    """The columns t, x, y, p of a group. Raises RecordingError: absent, hostile, or no numbers."""
+    """The columns t, x, y, p of a group. Raises RecordingError: missing, hostile, or not numbers."""
     parent = group_at(file, where, path)
     columns = [dataset(parent, name, path, "iufb" if name == names[3] else "iuf", 1) for name in names]
     check_columns(columns, path)
@@ -158,17 +159,17 @@ def event_columns(
 
 
 def event_table(file: h5py.File, layout: ColumnLayout, path: Path) -> h5py.Dataset:
-    """A table with the fields t, x, y, p. Raises RecordingError: absent, hostile, or no whole numbers."""
+    """A table with the fields t, x, y, p. Raises RecordingError: missing, hostile, or not integers."""
     table = dataset(group_at(file, layout.group, path), layout.table, path, "V", 1)
     kinds = table.dtype.fields or {}
     if not all(name in kinds and kinds[name][0].kind in "iub" for name in NAMES):
-        raise RecordingError(f"{path}: {table.name} holds {table.dtype}; expected whole numbers t, x, y, p")
+        raise RecordingError(f"{path}: {table.name} contains {table.dtype}; expected integers t, x, y, p")
     check_columns([table], path)
     return table
 
 
 def names_of_columns(file: h5py.File, where: str) -> tuple[str, str, str, str] | None:
-    """Names of t, x, y and p in the group of a path; None where one is not there. Links are not followed."""
+    """Names of t, x, y and p in the group at a path; None if one is missing. Links are not followed."""
     parent: object = file
     for name in filter(None, where.split("/")):
         if not isinstance(parent, h5py.Group) or not isinstance(
@@ -180,7 +181,7 @@ def names_of_columns(file: h5py.File, where: str) -> tuple[str, str, str, str] |
         return None
     if all(holds(parent, name) for name in NAMES):
         return NAMES
-    members = list(islice(map(str, parent), _MOST_MEMBERS))
+    members = list(islice(map(str, parent), _MAX_MEMBERS))
     found = columns_by_name(members)
     if found is None:
         return None
@@ -189,9 +190,9 @@ def names_of_columns(file: h5py.File, where: str) -> tuple[str, str, str, str] |
 
 
 def likely_size(x: h5py.Dataset, y: h5py.Dataset, sizes: Sequence[tuple[int, int]]) -> tuple[int, int] | None:
-    """The first of `sizes` that holds a sample of the events, all over the file; None where none does.
+    """The first of `sizes` that contains a sample of events from all parts of the file; None if none does.
 
-    A look at a small part saves decoding the whole once for every size that is too small.
+    The sample avoids decoding the whole file for every size that is too small.
     """
     total = x.shape[0]
     if total == 0:

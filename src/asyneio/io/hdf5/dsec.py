@@ -1,14 +1,13 @@
-"""Events in HDF5 as DSEC keeps them: `/events/x, y, t, p`, t in microseconds after `/t_offset`.
+"""Events in the HDF5 layout of DSEC: `/events/x, y, t, p`, with t in microseconds after `/t_offset`.
 
-| data set | file of events | sensor | beside it |
+| data set | event file | sensor | sidecar files |
 |---|---|---|---|
 | DSEC | `events/left/events.h5` | 640 x 480 | no IMU |
 | VECtor | `NAME.synced.left_event.hdf5` | 640 x 480 | `NAME.synced.imu.txt`, `NAME.synced.gt.txt` |
 | TUM-VIE | `NAME-events_left.h5`, no `t_offset` | 1280 x 720 | `imu_data.txt`, `mocap_data.txt` |
-| another | any name; the columns may be in the root | guessed | see `beside` |
+| other | any name; the columns may be in the root | guessed | see `sidecar` |
 
-`ms_to_idx` and `rectify_map.h5` are not needed: events are read from the first to the last, as pixels of the
-sensor.
+`ms_to_idx` and `rectify_map.h5` are not needed: events are read from first to last, in unrectified pixels.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig
+from asyneio.io.calibration import CalibrationSources, find_calibration
 from asyneio.io.hdf5.columns import (
     NAMES,
     ColumnEvents,
@@ -34,17 +33,17 @@ from asyneio.io.hdf5.columns import (
 from asyneio.io.parsing.column_meaning import UNIT_WORDS, UNITS_NS, unit_of_time
 from asyneio.io.parsing.safe_hdf5 import holds, open_hdf5, whole_number
 from asyneio.io.recording.assembly import USUAL_SIZES
-from asyneio.io.recording.checks import MAX_STAMP_NS
-from asyneio.io.recording.contents import Contents, ReadOptions, Rig, Samples
-from asyneio.io.recording.sidecar import samples_beside, truth_beside
-from asyneio.io.recording.source import FAR_OUTSIDE
+from asyneio.io.recording.contents import Contents, ReadOptions, Samples
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import FAR_OUTSIDE
+from asyneio.io.recording.sidecar import find_ground_truth, find_samples
 from asyneio.io.recording.stereo import LEFT, RIGHT, choose_side
 from asyneio.types import PoseTrajectory
 
 _US = 1000
-#: So many times at either end tell the unit.
+#: Number of times at either end from which the unit is determined.
 _SAMPLE = 4096
-#: Where the columns are looked for.
+#: Groups that are searched for the columns.
 _GROUPS = ("events", "")
 _VGA, _HD = (640, 480), (1280, 720)
 _VECTOR = re.compile(r"(.+)\.synced\.(left|right)_event\.hdf5")
@@ -53,28 +52,28 @@ _DSEC_FILES = ("events/{side}/events.h5", "{side}/events.h5")
 
 
 def is_event_columns(path: Path) -> bool:
-    """True when a file of HDF5 holds x, y, t and p as DSEC does."""
+    """True if an HDF5 file contains x, y, t and p like DSEC."""
     with open_hdf5(path) as file:
         return any(names_of_columns(file, where) for where in _GROUPS)
 
 
-def is_sides_folder(path: Path) -> bool:
+def is_stereo_folder(path: Path) -> bool:
     """True for a folder of DSEC, VECtor or TUM-VIE."""
-    return path.is_dir() and bool(_files_of_sides(path))
+    return path.is_dir() and bool(_event_files(path))
 
 
-def read_sides_folder(path: Path, options: ReadOptions) -> Contents:
-    """A sequence of DSEC, VECtor or TUM-VIE; `options.events` is the camera, "left" or "right".
+def read_stereo_folder(path: Path, options: ReadOptions) -> Contents:
+    """A sequence of DSEC, VECtor or TUM-VIE; `options.events` selects the camera, "left" or "right".
 
     Raises:
-        RecordingError: several sequences, no such camera, or as `read_event_columns`.
+        RecordingError: several sequences, no such camera, or like `read_event_columns`.
         CalibrationError: a calibration file is malformed or impossible.
     """
-    files = _files_of_sides(path)
+    files = _event_files(path)
     sequences = sorted({name for name, _ in files})
     if len(sequences) > 1:
         raise RecordingError(
-            f"{path} holds {len(sequences)} sequences: {', '.join(sequences)[:200]}; name a file of events"
+            f"{path} contains {len(sequences)} sequences: {', '.join(sequences)[:200]}; name one event file"
         )
     side, notes = choose_side([side for _, side in files], options.events, path)
     contents = read_event_columns(files[sequences[0], side], options)
@@ -82,10 +81,10 @@ def read_sides_folder(path: Path, options: ReadOptions) -> Contents:
 
 
 def read_event_columns(path: Path, options: ReadOptions) -> Contents:
-    """A file of events; what lies beside it is found by its name.
+    """An event file; sidecar files are found by its name.
 
     Raises:
-        RecordingError: unreadable, hostile, of another layout, or as the files beside it.
+        RecordingError: unreadable, hostile, of another layout, or an error in a sidecar file.
         CalibrationError: a calibration file is malformed or impossible.
     """
     with open_hdf5(path) as file:
@@ -93,47 +92,53 @@ def read_event_columns(path: Path, options: ReadOptions) -> Contents:
         names = names_of_columns(file, where) or NAMES
         columns = event_columns(file, where, path, names)
         offset_ns = _offset_ns(file, path)
-        # With an offset it is DSEC's layout, whose times are in microseconds.
-        unit, told_by = ("us", "as of DSEC") if offset_ns else _unit(columns[0])
+        # An offset identifies DSEC's layout, whose times are in microseconds.
+        unit, unit_source = ("us", "like DSEC") if offset_ns else _unit(columns[0])
         layout = ColumnLayout(where, UNITS_NS[unit], offset_ns, names=names)
         declared = _declared_size(file)
         guessed = likely_size(columns[1], columns[2], USUAL_SIZES)
-    known = _beside(path, options)
+    known = _known(path, options)
     notes = known.notes
     if known.size is None:
-        said = f"time in {UNIT_WORDS[unit]} ({told_by})"
-        notes += (f"{path.name}: events in HDF5, columns {' '.join(names)}; {said}",)
+        unit_note = f"time in {UNIT_WORDS[unit]} ({unit_source})"
+        notes += (f"{path.name}: HDF5 columns {' '.join(names)}, {unit_note}",)
     if layout.offset_ns:
-        notes += (f"{path.name}: t_offset of {layout.offset_ns // _US} us added to every event",)
+        notes += (f"{path.name}: t_offset of {layout.offset_ns // _US} us added to all events",)
     size = known.size or declared
-    if size is None and known.rig.size is None and guessed is not None:
+    if size is None and known.calibration.size is None and guessed is not None:
         size = guessed
-        notes += (
-            f"no file tells the sensor's size: taken to be {size[0]} x {size[1]}, which holds the events",
-        )
+        notes += (f"sensor size not in any file; assumed from the events: {size[0]} x {size[1]}",)
     decode = partial(ColumnEvents, path, layout)
-    return Contents(known.name, decode, size, known.rig, known.samples, truth=known.truth, notes=notes)
+    return Contents(
+        known.name,
+        decode,
+        size,
+        known.calibration,
+        known.samples,
+        ground_truth=known.ground_truth,
+        notes=notes,
+    )
 
 
 def _unit(times: h5py.Dataset) -> tuple[str, str]:
-    """The unit of a column of times, and what tells it."""
+    """The unit of a column of times, and how it was determined."""
     count = times.shape[0]
     sample = np.concatenate([np.asarray(times[:_SAMPLE]), np.asarray(times[max(count - _SAMPLE, 0) :])])
     return unit_of_time(sample.astype(np.float64), "us", "DSEC")
 
 
 def _declared_size(file: h5py.File) -> tuple[int, int] | None:
-    """Width and height as the attribute `sensor_resolution` (height, width) of E2VID's writers tells."""
+    """Width and height from the attribute `sensor_resolution` (height, width) of E2VID."""
     if "sensor_resolution" not in file.attrs or file.attrs.get_id("sensor_resolution").dtype.kind not in "iu":
         return None
-    told = np.asarray(file.attrs["sensor_resolution"]).reshape(-1).tolist()
-    if len(told) != 2 or not all(0 < length < FAR_OUTSIDE for length in told):
+    declared = np.asarray(file.attrs["sensor_resolution"]).reshape(-1).tolist()
+    if len(declared) != 2 or not all(0 < length < FAR_OUTSIDE for length in declared):
         return None
-    return int(told[1]), int(told[0])
+    return int(declared[1]), int(declared[0])
 
 
 def _offset_ns(file: h5py.File, path: Path) -> int:
-    """`/t_offset` [us] as nanoseconds; 0 where there is none."""
+    """`/t_offset` [us] as nanoseconds; 0 if there is none."""
     if not holds(file, "t_offset"):
         return 0
     offset_ns = whole_number(file, "t_offset", path) * _US
@@ -144,18 +149,18 @@ def _offset_ns(file: h5py.File, path: Path) -> int:
 
 @dataclass(frozen=True)
 class _Known:
-    """What is known of a recording but its events."""
+    """Everything but the events of a recording."""
 
     name: str
     size: tuple[int, int] | None
-    rig: Rig
+    calibration: CalibrationSources
     samples: Samples
-    truth: PoseTrajectory | None = None
+    ground_truth: PoseTrajectory | None = None
     notes: tuple[str, ...] = ()
 
 
-def _beside(path: Path, options: ReadOptions) -> _Known:
-    """Everything but the events: of which data set the file is, its name tells."""
+def _known(path: Path, options: ReadOptions) -> _Known:
+    """Everything but the events; the file name identifies the data set."""
     for pattern, read in ((_VECTOR, _vector), (_TUM_VIE, _tum_vie)):
         match = pattern.fullmatch(path.name)
         if match:
@@ -165,24 +170,24 @@ def _beside(path: Path, options: ReadOptions) -> _Known:
 
 def _vector(path: Path, name: str, options: ReadOptions) -> _Known:
     folder = path.parent
-    samples = samples_beside(folder, options, [f"{name}.synced.imu.{suffix}" for suffix in ("txt", "csv")])
-    truth, notes = truth_beside(folder, [f"{name}.synced.gt.{suffix}" for suffix in ("txt", "csv")])
-    rig = find_rig(folder, options.calibration, options.imu)
-    return _Known(name, _VGA, rig, samples, truth, notes)
+    samples = find_samples(folder, options, [f"{name}.synced.imu.{suffix}" for suffix in ("txt", "csv")])
+    truth, notes = find_ground_truth(folder, [f"{name}.synced.gt.{suffix}" for suffix in ("txt", "csv")])
+    calibration = find_calibration(folder, options.calibration, options.imu)
+    return _Known(name, _VGA, calibration, samples, truth, notes)
 
 
 def _tum_vie(path: Path, name: str, options: ReadOptions) -> _Known:
     folder = path.parent
     extracted = folder / f"{name}-vi_gt_data"
     data = extracted if extracted.is_dir() else folder
-    samples = samples_beside(data, options, ["imu_data.txt"])
-    truth, notes = truth_beside(data, ["mocap_data.txt"])
+    samples = find_samples(data, options, ["imu_data.txt"])
+    truth, notes = find_ground_truth(data, ["mocap_data.txt"])
     if truth is not None:
         notes += (
-            "true poses are those of the markers: T_imu_marker of TUM-VIE's calibration is not applied",
+            "ground truth is the pose of the markers: T_imu_marker of TUM-VIE's calibration is not applied",
         )
-    rig = find_rig(folder, options.calibration, options.imu)
-    return _Known(name, _HD, rig, samples, truth, notes)
+    calibration = find_calibration(folder, options.calibration, options.imu)
+    return _Known(name, _HD, calibration, samples, truth, notes)
 
 
 def _is_dsec(path: Path) -> bool:
@@ -194,22 +199,22 @@ def _dsec(path: Path, options: ReadOptions) -> _Known:
     root = side.parent.parent if side.parent.name == "events" else side.parent
     notes: tuple[str, ...] = ()
     if options.samples is None:
-        notes = ("DSEC publishes no inertial samples with its events (--samples names a file of them)",)
-    rig = find_rig(root, options.calibration, options.imu)
-    samples = samples_beside(root, options, ())
-    return _Known(root.name, _VGA, rig, samples, None, notes)
+        notes = ("DSEC publishes no inertial samples with its events (--samples FILE provides them)",)
+    calibration = find_calibration(root, options.calibration, options.imu)
+    samples = find_samples(root, options, ())
+    return _Known(root.name, _VGA, calibration, samples, None, notes)
 
 
 def _unknown(path: Path, options: ReadOptions) -> _Known:
     folder = path.parent
-    truth, notes = truth_beside(folder)
-    rig = find_rig(folder, options.calibration, options.imu)
-    samples = samples_beside(folder, options)
-    return _Known(path.resolve().stem, None, rig, samples, truth, notes)
+    truth, notes = find_ground_truth(folder)
+    calibration = find_calibration(folder, options.calibration, options.imu)
+    samples = find_samples(folder, options)
+    return _Known(path.resolve().stem, None, calibration, samples, truth, notes)
 
 
-def _files_of_sides(folder: Path) -> dict[tuple[str, str], Path]:
-    """Files of events by sequence and camera."""
+def _event_files(folder: Path) -> dict[tuple[str, str], Path]:
+    """Event files by sequence and camera."""
     found: dict[tuple[str, str], Path] = {}
     for side in (LEFT, RIGHT):
         for pattern in _DSEC_FILES:

@@ -1,4 +1,4 @@
-"""MVSEC: events of two DAVIS346 in one HDF5 file, true poses in another beside it.
+"""MVSEC: events of two DAVIS346 in one HDF5 file, ground truth in another.
 
 | path | content |
 |---|---|
@@ -6,8 +6,8 @@
 | `/davis/left/imu`, `imu_ts` | (M,6) float64 accelerometer [m/s^2], gyroscope [rad/s]; (M,) s |
 | `NAME_gt.hdf5`: `/davis/left/pose`, `pose_ts` | (K,4,4) left camera to world; (K,) s |
 
-The order of the IMU's columns is that of `mvsec_reader.py`, the tool that made the files. Poses outdoors were
-optimised in two dimensions (the data set's page); `odometry` is the same without closed loops.
+The order of the IMU columns is that of `mvsec_reader.py`, which wrote the files. Outdoor poses were optimized
+in two dimensions (the data set's page); `odometry` is the same without loop closures.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ import h5py
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration import find_rig, settle
+from asyneio.io.calibration import IncompleteCalibration, find_calibration
 from asyneio.io.hdf5.columns import PolarityCheck, blocks
 from asyneio.io.parsing.safe_hdf5 import group_at, holds, open_hdf5, table
-from asyneio.io.recording.camera_poses import truth_of_camera, unless_unreadable
-from asyneio.io.recording.checks import MAX_STAMP_NS
-from asyneio.io.recording.contents import Contents, ReadOptions, Rig, Samples, no_samples, split_samples
-from asyneio.io.recording.source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
+from asyneio.io.recording.camera_poses import body_ground_truth, ground_truth_or_note
+from asyneio.io.recording.contents import Contents, ReadOptions, Samples, no_samples, split_samples
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, pack_events
 from asyneio.io.recording.stereo import LEFT, RIGHT, choose_side
-from asyneio.types import NS_PER_S, FloatArray, IntArray, PoseTrajectory, RecordArray
+from asyneio.types import NS_PER_S, Calibration, FloatArray, IntArray, PoseTrajectory, RecordArray
 
 SIZE = (346, 260)
 
@@ -54,40 +54,40 @@ class MvsecEvents:
                 yield pack_events(_nanoseconds(t, self.path), _pixels(x), _pixels(y), p == 1.0), share
 
     def samples(self) -> RecordArray:
-        """None: inertial samples are read apart from the events."""
+        """Empty: inertial samples are read separately."""
         return np.empty(0, dtype=SAMPLE_DTYPE)
 
     def notes(self) -> tuple[str, ...]:
-        """Nothing is skipped here."""
+        """Empty: nothing is skipped."""
         return ()
 
 
 def is_mvsec(path: Path) -> bool:
-    """True when a file of HDF5 has events where MVSEC has them."""
+    """True if an HDF5 file has events where MVSEC has them."""
     with open_hdf5(path) as file:
         return bool(_sides(file))
 
 
 def read_mvsec(path: Path, options: ReadOptions) -> Contents:
-    """A file of MVSEC; `options.events` is the camera, "left" or "right".
+    """An MVSEC file; `options.events` selects the camera, "left" or "right".
 
     Raises:
         RecordingError: unreadable, hostile, of another layout, or no such camera.
         CalibrationError: a calibration file is malformed or impossible.
     """
-    rig = find_rig(path.parent, options.calibration, options.imu)
+    calibration = find_calibration(path.parent, options.calibration, options.imu)
     with open_hdf5(path) as file:
         side, notes = choose_side(_sides(file), options.events, path)
         samples = _samples(file, side, path)
-    settled = settle(rig, SIZE, options.wanted)
-    truth, truth_notes = unless_unreadable(lambda: _truth(path, side, settled))
+    resolved, _ = calibration.resolve(SIZE, options.selection)
+    truth, truth_notes = ground_truth_or_note(lambda: _truth(path, side, resolved))
     return Contents(
         path.resolve().stem,
         partial(MvsecEvents, path, side),
         SIZE,
-        rig,
+        calibration,
         samples,
-        truth=truth,
+        ground_truth=truth,
         variant=side,
         notes=notes + truth_notes,
     )
@@ -98,7 +98,7 @@ def _sides(file: h5py.File) -> list[str]:
 
 
 def _holds_path(file: h5py.File, where: str) -> bool:
-    """True when a data set is reached by groups of the file itself."""
+    """True if a data set exists and is reached without links."""
     *parents, last = where.split("/")
     found: object = file
     for name in parents:
@@ -125,33 +125,33 @@ def _samples(file: h5py.File, side: str, path: Path) -> Samples:
     return split_samples(rows, name)
 
 
-def _truth(path: Path, side: str, rig: Rig) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
-    """Poses of the left camera in `NAME_gt.hdf5`; there are none of the right one."""
+def _truth(
+    path: Path, side: str, calibration: Calibration | IncompleteCalibration
+) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+    """Poses of the left camera in `NAME_gt.hdf5`; there are none for the right one."""
     stem = path.stem.removesuffix(_FILE_ENDINGS[0])
-    beside = path.with_name(f"{stem}{_FILE_ENDINGS[1]}{path.suffix}")
-    if not beside.is_file():
+    poses_path = path.with_name(f"{stem}{_FILE_ENDINGS[1]}{path.suffix}")
+    if not poses_path.is_file():
         return None, ()
     if side != LEFT:
         return None, (
-            f"{beside.name} holds poses of the left camera: not used with the events of the {side}",
+            f"{poses_path.name} contains poses of the left camera: not used with events of the {side} one",
         )
-    with open_hdf5(beside) as file:
+    with open_hdf5(poses_path) as file:
         if not _holds_path(file, "davis/left/pose"):
-            return None, (f"{beside.name} holds no poses (/davis/left/pose)",)
-        camera = group_at(file, "davis/left", beside)
-        poses, t = table(camera, "pose", beside, (4, 4))[:], table(camera, "pose_ts", beside, ())[:]
+            return None, (f"{poses_path.name} contains no poses (/davis/left/pose)",)
+        camera = group_at(file, "davis/left", poses_path)
+        poses, t = table(camera, "pose", poses_path, (4, 4))[:], table(camera, "pose_ts", poses_path, ())[:]
     if len(poses) != len(t):
-        raise RecordingError(f"{beside}: {len(poses)} poses, but {len(t)} times of poses")
-    return truth_of_camera(_nanoseconds(t, beside), poses.astype(np.float64), rig, beside)
+        raise RecordingError(f"{poses_path}: {len(poses)} poses, but {len(t)} times")
+    return body_ground_truth(_nanoseconds(t, poses_path), poses.astype(np.float64), calibration, poses_path)
 
 
 def _nanoseconds(seconds: FloatArray, path: Path) -> IntArray:
-    """Seconds as float64, of which the whole part is exact, to nanoseconds."""
+    """Seconds as float64, whose integer part is exact, to nanoseconds."""
     whole = np.floor(seconds)
     if not (np.abs(whole) < MAX_STAMP_NS // NS_PER_S).all():
-        raise RecordingError(
-            f"{path}: a time stamp is no number of seconds; expected seconds since the epoch"
-        )
+        raise RecordingError(f"{path}: invalid time stamp; expected seconds since 1970")
     return whole.astype(np.int64) * NS_PER_S + np.rint((seconds - whole) * NS_PER_S).astype(np.int64)
 
 

@@ -1,4 +1,4 @@
-"""Files that are either complete or absent: written under a temporary name, then renamed."""
+"""Atomic writes: a file is written under a temporary name and then renamed."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from typing import IO
 
 from asyneio.errors import RecordingError
 
-#: A file that is being written beside its place.
+#: Suffix of an output that is being written.
 PART_SUFFIX = ".part"
 
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[IO[bytes]]:
-    """Open a temporary neighbour of `path` for writing; it replaces `path` on success, else vanishes.
+    """Open a temporary file next to `path` for writing. It replaces `path` on success, and is removed on
+    failure.
 
-    Parent directories are made.
+    Parent directories are created.
 
     Raises:
-        RecordingError: the file cannot be written (permissions, disk full, a directory in its place).
+        RecordingError: the file cannot be written (permissions, disk full, `path` is a directory).
     """
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         yield stream
@@ -31,7 +32,7 @@ def atomic_file(path: Path) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """As `atomic_file`, for libraries that open files themselves: the path of an empty temporary file."""
+    """Like `atomic_file`, for libraries that open files themselves: the path of an empty temporary file."""
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -42,7 +43,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
             os.fsync(handle)
         finally:
             os.close(handle)
-        # mkstemp files are private; a result is an ordinary file and follows the user's umask.
+        # mkstemp creates private files; the result follows the umask of the user.
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
         temporary = None
@@ -56,35 +57,35 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder that can be written to, so that a long run does not end in a failure to save.
+    """Create a folder and check that it is writable, before a long run starts.
 
     Raises:
-        RecordingError: it cannot be made or written to, or is a file.
+        RecordingError: it cannot be created or written to, or is a file.
     """
     if path.exists() and not path.is_dir():
-        raise RecordingError(f"{path} is a file; expected a folder for the results: name another one")
+        raise RecordingError(f"{path} is a file; expected a folder for the results: choose another one")
     probe = path / ".writable"
     write_text(probe, "")
     probe.unlink()
 
 
 def remove_empty(folder: Path) -> None:
-    """Remove a folder that was made for results which did not come; one with anything in it stays."""
+    """Remove a folder if it is empty."""
     with suppress(OSError):
         folder.rmdir()
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` as UTF-8, whole or not at all. Raises RecordingError as `atomic_file` does.
+    """Write `text` as UTF-8, complete or not at all. Raises RecordingError like `atomic_file`.
 
-    A name of a file that is no text (bytes of another encoding) is written with escapes.
+    File names in it that are not valid text (bytes in another encoding) are escaped.
     """
     with atomic_file(path) as stream:
         stream.write(text.encode("utf-8", errors="backslashreplace"))
 
 
 def _umask() -> int:
-    """The umask of the process; it can only be read by setting it."""
+    """The umask of the process, which can only be read by setting it."""
     current = os.umask(0)
     os.umask(current)
     return current

@@ -1,8 +1,8 @@
-"""What four columns of numbers mean: time, column, row and polarity, in whatever order and unit they come.
+"""The meaning of four columns of numbers: time, column, row and polarity, in any order and unit.
 
-A name tells what a column is. Without names the values do: a polarity takes two values, a pixel is a whole
-number below 65 535, and time goes on. The unit of time is told by a name as `t[us]`, by the size of stamps
-since 1970, or by decimals, which only seconds have; otherwise whole numbers are in the layout's own unit.
+Columns are identified by name, else by value: a polarity has two values, a pixel is an integer below 65 535,
+and time increases. The time unit follows from a name such as `t[us]`, from the magnitude of Unix times, or
+from decimals, which only seconds have; other integers are in the default unit of the layout.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 
 from asyneio.types import FloatArray
 
-#: Nanoseconds in a unit of time.
+#: Nanoseconds per time unit.
 UNITS_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 UNIT_WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
-#: Names of the four columns; what follows may be a unit.
+#: Names of the four columns; a unit may follow.
 _NAMES = {
     "t": re.compile(r"t|ts|time|times|timestamps?|stamps?|time_?stamps?"),
     "x": re.compile(r"xs?|col(umn)?|x_?coord(inate)?s?"),
@@ -30,63 +30,63 @@ _SPELLINGS = {
     "sec": "s", "seconds": "s", "µs": "us", "usec": "us", "microseconds": "us", "nsec": "ns",
     "nanoseconds": "ns",
 }  # fmt: skip
-#: Orders of columns without names, in this order of preference; the first is UZH's, the second Metavision's.
+#: Orders of columns without names, by preference; the first is that of UZH, the second that of Metavision.
 _ORDERS = ("txyp", "xypt", "xytp", "tpxy")
-#: Stamps since 1970, from 2001 to 2096, in seconds.
+#: Unix times from 2001 to 2096 [s].
 _EPOCH_S = (1e9, 4e9)
 _MOST_PIXELS = 65_535
-#: A column of time may step back for so much of its rows.
+#: Largest share of rows at which a time column may step back.
 _BACK_SHARE = 0.1
 
 
 @dataclass(frozen=True)
 class Meaning:
-    """Which of `count` columns is what, and the unit of time.
+    """Roles of the columns, and the time unit.
 
     Attributes:
         columns: positions of t, x, y, p.
-        count: of all columns.
-        unit: of time, a key of UNITS_NS.
-        told_by: what tells the unit, in words.
-        named: whether names tell the columns.
+        count: number of all columns.
+        unit: of the time, a key of UNITS_NS.
+        unit_source: how the unit was determined, for messages.
+        named: whether the columns were identified by name.
     """
 
     columns: tuple[int, int, int, int]
     count: int
     unit: str
-    told_by: str
+    unit_source: str
     named: bool = False
 
     @property
     def unit_ns(self) -> int:
-        """Nanoseconds in the unit of time."""
+        """Nanoseconds per time unit."""
         return UNITS_NS[self.unit]
 
     @property
     def order(self) -> str:
-        """The columns in the order in which they stand, as "x y p t"."""
+        """The columns in file order, such as "x y p t"."""
         return " ".join(letter for _, letter in sorted(zip(self.columns, "txyp", strict=True)))
 
     @property
     def usual(self) -> bool:
-        """True for the layout of UZH: t x y p, seconds."""
+        """True for the layout of UZH: t x y p in seconds."""
         return self.columns == (0, 1, 2, 3) and self.count == 4 and self.unit == "s"
 
-    def sentence(self, name: str) -> str:
-        """How the columns were read."""
+    def note(self, name: str) -> str:
+        """A note on how the columns were read."""
         by = " (by their names)" if self.named else ""
-        return f"{name}: columns {self.order}{by}, time in {UNIT_WORDS[self.unit]} ({self.told_by})"
+        return f"{name}: columns {self.order}{by}, time in {UNIT_WORDS[self.unit]} ({self.unit_source})"
 
 
 def columns_by_name(names: Sequence[str]) -> tuple[dict[str, int], str] | None:
-    """Positions of t, x, y, p among names, and the unit of time that a name tells ("" where none does).
+    """Positions of t, x, y, p among names, and the time unit given in a name ("" if none).
 
-    None where a column is missing or there twice.
+    None if a column is missing or occurs twice.
     """
     found: dict[str, int] = {}
     unit = ""
     for position, name in enumerate(names):
-        plain, told = name_and_unit(name)
+        plain, name_unit = name_and_unit(name)
         letter = next((letter for letter, names_of in _NAMES.items() if names_of.fullmatch(plain)), None)
         if letter is None:
             continue
@@ -94,12 +94,12 @@ def columns_by_name(names: Sequence[str]) -> tuple[dict[str, int], str] | None:
             return None
         found[letter] = position
         if letter == "t":
-            unit = told
+            unit = name_unit
     return (found, unit) if len(found) == 4 else None
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
-    """A column's name in lower case without its unit, and the unit, "" where there is none."""
+    """A column name in lower case without its unit, and the unit ("" if none)."""
     plain = name.strip().strip("\"'").lower()
     match = _UNIT.fullmatch(plain)
     if match is None or not match.group(1):
@@ -108,33 +108,33 @@ def name_and_unit(name: str) -> tuple[str, str]:
 
 
 def columns_by_values(rows: FloatArray) -> dict[str, int] | None:
-    """Positions of t, x, y, p in rows (N,4) without names; None where no order fits."""
+    """Positions of t, x, y, p in rows (N,4) without names; None if no order fits."""
     if rows.ndim != 2 or rows.shape[1] != 4 or rows.shape[0] == 0 or not np.isfinite(rows).all():
         return None
     fitting = []
     for preference, order in enumerate(_ORDERS):
-        place = {letter: order.index(letter) for letter in "txyp"}
-        if not is_polarity(rows[:, place["p"]]) or not all(
-            _are_pixels(rows[:, place[axis]]) for axis in "xy"
+        position = {letter: order.index(letter) for letter in "txyp"}
+        if not is_polarity(rows[:, position["p"]]) or not all(
+            _are_pixels(rows[:, position[axis]]) for axis in "xy"
         ):
             continue
-        back = float(np.mean(np.diff(rows[:, place["t"]]) < 0.0)) if rows.shape[0] > 1 else 0.0
-        fitting.append((back > _BACK_SHARE, preference, place))
+        back = float(np.mean(np.diff(rows[:, position["t"]]) < 0.0)) if rows.shape[0] > 1 else 0.0
+        fitting.append((back > _BACK_SHARE, preference, position))
     return min(fitting, key=lambda one: one[:2])[2] if fitting else None
 
 
 def unit_of_time(times: FloatArray, default_unit: str, layout: str) -> tuple[str, str]:
-    """The unit of time of stamps (N,) and what tells it.
+    """The unit of stamps (N,), and how it was determined.
 
     Args:
-        times: a sample of them.
-        default_unit: of whole numbers that are no stamps since 1970.
-        layout: what has this unit by default, in words.
+        times: a sample of the stamps.
+        default_unit: of integers that are not Unix times.
+        layout: name of the layout with this default unit.
     """
     largest = float(np.max(np.abs(times), initial=0.0))
     for unit, ns in UNITS_NS.items():
         scale = 1e9 / ns
-        # Seconds since 1970 come with decimals or are caught by the default.
+        # Unix times in seconds have decimals or are covered by the default.
         if unit != "s" and _EPOCH_S[0] * scale <= largest <= _EPOCH_S[1] * scale:
             return unit, "stamps since 1970"
     if (times != np.round(times)).any():
@@ -143,7 +143,7 @@ def unit_of_time(times: FloatArray, default_unit: str, layout: str) -> tuple[str
 
 
 def is_polarity(values: FloatArray) -> bool:
-    """True for -1, 0 and 1 alone; -1 may stand as an unsigned number of 8, 16 or 32 bits."""
+    """True if all values are -1, 0 or 1; -1 may be stored as an unsigned number of 8, 16 or 32 bits."""
     return bool(np.isin(values, (-1.0, 0.0, 1.0, 255.0, 65_535.0, 4_294_967_295.0)).all())
 
 

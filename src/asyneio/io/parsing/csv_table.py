@@ -1,6 +1,6 @@
-"""Comma-separated numbers with named columns: fast when the file is clean, tolerant and precise when not.
+"""Comma-separated numbers with named columns: fast for clean files, line by line for damaged ones.
 
-Integer columns never pass through a float: nanosecond epochs need 61 bits.
+Integer columns are never converted to float: nanosecond stamps need 61 bits.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from asyneio.errors import RecordingError
 from asyneio.types import RecordArray
 
-#: A file with more unreadable lines than this is not a damaged table but the wrong file.
+#: A file with more unreadable lines is the wrong file, not a damaged table.
 MAX_BAD_LINES = 20
 
 _INTEGER = re.compile(r"[+-]?[0-9]{1,19}")
@@ -26,7 +26,7 @@ _INT64_LIMIT = 2**63
 
 @dataclass(frozen=True)
 class CsvTable:
-    """Rows of a file as a record array, with sentences on what was skipped."""
+    """Rows of a file as a record array, and notes on what was skipped."""
 
     rows: RecordArray
     notes: tuple[str, ...]
@@ -35,11 +35,11 @@ class CsvTable:
 def read_csv(path: Path, columns: dict[str, str]) -> CsvTable:
     """Read the named columns (`{"t_ns": "<i8", "u": "<f8"}`), found by the header, in any order.
 
-    Lines that hold no finite numbers are skipped and noted, up to MAX_BAD_LINES. Blank lines and lines that
+    Lines without finite numbers are skipped with a note, up to MAX_BAD_LINES. Blank lines and lines that
     start with `#` (after the header) are ignored.
 
     Raises:
-        RecordingError: the file cannot be read, lacks a column, has too many bad lines, or holds no row.
+        RecordingError: unreadable, a column is missing, too many bad lines, or no rows.
     """
     lines = _read_lines(path)
     names = _header(path, lines, columns)
@@ -49,7 +49,7 @@ def read_csv(path: Path, columns: dict[str, str]) -> CsvTable:
     if rows is None:
         rows, bad = _parse_tolerant(path, lines[1:], dtype)
     if rows.size == 0:
-        raise RecordingError(f"{path} holds no readable row; expected lines of {','.join(columns)}")
+        raise RecordingError(f"{path} contains no readable row; expected lines of {','.join(columns)}")
     ordered = np.empty(rows.size, dtype=np.dtype(list(columns.items())))
     for name in columns:
         ordered[name] = rows[name]
@@ -57,7 +57,7 @@ def read_csv(path: Path, columns: dict[str, str]) -> CsvTable:
 
 
 def has_columns(path: Path, columns: dict[str, str]) -> bool:
-    """True where the first line of a file names these columns and no other, in any order."""
+    """True if the first line of a file names exactly these columns, in any order."""
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as stream:
             found = [name.strip() for name in stream.readline(4096).strip().lstrip("#").split(",")]
@@ -67,21 +67,21 @@ def has_columns(path: Path, columns: dict[str, str]) -> bool:
 
 
 class TextFile(Protocol):
-    """What can be read as text: a path, or a file in an archive."""
+    """A file that can be read as text: a path, or a file in an archive."""
 
     @property
     def name(self) -> str:
         """Its name without folders."""
 
     def is_file(self) -> bool:
-        """True where it is there."""
+        """True if the file exists."""
 
     def read_text(self, encoding: str | None = None, errors: str | None = None) -> str:
-        """All of it."""
+        """Its content."""
 
 
 def read_text(path: TextFile) -> str:
-    """The text of a file, undecodable bytes replaced. Raises RecordingError when it cannot be read."""
+    """The text of a file, with undecodable bytes replaced. Raises RecordingError: unreadable."""
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError as error:
@@ -89,7 +89,7 @@ def read_text(path: TextFile) -> str:
 
 
 def bad_lines_note(path: TextFile, bad: list[int]) -> tuple[str, ...]:
-    """A sentence on skipped lines (their numbers, from 1), none when there are none."""
+    """A note on skipped lines (their numbers, from 1); empty if there are none."""
     if not bad:
         return ()
     shown = ", ".join(map(str, bad[:5])) + (", ..." if len(bad) > 5 else "")
@@ -104,7 +104,7 @@ def _read_lines(path: Path) -> list[str]:
 
 
 def _header(path: Path, lines: list[str], columns: dict[str, str]) -> list[str]:
-    """Column names in file order, checked against the wanted set."""
+    """Column names in file order, checked against the expected ones."""
     found = [name.strip() for name in lines[0].strip().lstrip("#").split(",")]
     if sorted(found) != sorted(columns):
         raise RecordingError(
@@ -115,7 +115,7 @@ def _header(path: Path, lines: list[str], columns: dict[str, str]) -> list[str]:
 
 
 def _parse_clean(lines: list[str], dtype: np.dtype[np.void]) -> RecordArray | None:
-    """All rows at once, or None when any line needs a closer look."""
+    """All rows at once; None if a line has to be parsed individually."""
     if all(not line.strip() or line.lstrip().startswith("#") for line in lines):
         return np.empty(0, dtype=dtype)
     try:

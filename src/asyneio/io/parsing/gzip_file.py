@@ -1,4 +1,4 @@
-"""A file packed with gzip, read where it is: nothing is unpacked to disk."""
+"""A file compressed with gzip, read without unpacking to disk."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAGIC = b"\x1f\x8b"
 
 @dataclass(frozen=True)
 class GzipFile:
-    """What is packed in a file."""
+    """The content of a compressed file."""
 
     path: Path
 
@@ -28,32 +28,32 @@ class GzipFile:
         return self.path.name
 
     def is_file(self) -> bool:
-        """True where it is there."""
+        """True if the file exists."""
         return self.path.is_file()
 
     def open(self) -> IO[bytes]:
-        """Open for reading what is packed."""
+        """Open the uncompressed content for reading."""
         return cast(IO[bytes], gzip.open(self.path, "rb"))
 
     def size(self) -> int:
-        """About how many bytes are packed: the end of the file tells it, modulo 4 GiB."""
+        """Approximate uncompressed size [bytes]; the end of the file stores it modulo 4 GiB."""
         packed = self.path.stat().st_size
         with self.path.open("rb") as stream:
             stream.seek(max(packed - 4, 0))
-            told = int.from_bytes(stream.read(4), "little")
-        return max(told, packed)
+            stored = int.from_bytes(stream.read(4), "little")
+        return max(stored, packed)
 
     def read_text(self, encoding: str | None = None, errors: str | None = None) -> str:
-        """All of it. Raises RecordingError: damaged."""
+        """The whole content as text. Raises RecordingError: damaged."""
         try:
             with self.open() as stream:
                 return stream.read().decode(encoding or "utf-8", errors or "strict")
         except (zlib.error, EOFError) as error:
-            raise RecordingError(f"{self.path} is damaged: {error}; get the file again") from error
+            raise RecordingError(f"{self.path} is damaged: {error}; download the file again") from error
 
 
 def unpacked_head(head: bytes, size: int) -> bytes:
-    """The first `size` bytes of what is packed in a file that begins with `head`; b"" where it is damaged."""
+    """The first `size` uncompressed bytes of a file that begins with `head`; b"" if damaged."""
     try:
         return zlib.decompressobj(wbits=31).decompress(head, size)
     except zlib.error:

@@ -1,4 +1,4 @@
-"""HDF5 from strangers: only what lies in the file itself, plain numbers, in sizes that its bytes explain."""
+"""Safe access to untrusted HDF5: only numbers stored in the file itself, with a plausible size."""
 
 from __future__ import annotations
 
@@ -13,48 +13,49 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 
-#: Event data compress ten or twenty times; a file that claims more than this times its size is a bomb.
+#: Event data compress ten to twenty times; a larger ratio is a decompression bomb.
 _MAX_RATIO = 100
 _FREE_BYTES = 2**20
-#: A chunk is decompressed as a whole.
+#: A chunk is decompressed completely.
 _MAX_CHUNK_BYTES = 2**28
 _MAX_TEXT = 64 * 1024
-#: Cache of decompressed chunks, of every data set: one that holds no chunk decompresses it for every block.
+#: Cache of decompressed chunks per data set; without it, a chunk is decompressed for every block.
 _CACHE_BYTES = 2**26
 
-#: Compression filters that HDF5 does not bring along, by number (registered filters of the HDF Group).
+#: Compression filters that are not part of HDF5, by number (registered filters of the HDF Group).
 _PLUGINS = {32001: "Blosc", 32026: "Blosc2", 32015: "Zstandard", 32004: "LZ4", 32008: "bitshuffle"}
 _ECF = 36559
 
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[h5py.File]:
-    """Open for reading; whatever h5py raises inside the block comes out as a RecordingError."""
+    """Open for reading; exceptions of h5py inside the block become RecordingError."""
     try:
         with h5py.File(path, "r", rdcc_nbytes=_CACHE_BYTES) as file:
             yield file
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {' '.join(str(error).split())[:200]}") from error
     except (RuntimeError, KeyError, ValueError, TypeError, OverflowError, MemoryError) as error:
-        # h5py lets all of these out on damaged files.
+        # h5py raises all of these for damaged files.
         raise RecordingError(f"{path} is damaged: {' '.join(str(error).split())[:200]}") from error
 
 
 def holds(parent: h5py.Group, name: str) -> bool:
-    """True when the group has a member of this name; a link is not followed for the answer."""
+    """True if the group has a member of this name; links are not followed."""
     return parent.get(name, getlink=True) is not None
 
 
 def group(parent: h5py.Group, name: str, path: Path) -> h5py.Group:
-    """A group of the same file. Raises RecordingError: absent, linked from elsewhere, or no group."""
+    """A group of the same file. Raises RecordingError: missing, a link, or not a group."""
     member = _member(parent, name, path)
     if not isinstance(member, h5py.Group):
-        raise RecordingError(f"{path}: {_where(parent, name)} is no group")
+        raise RecordingError(f"{path}: {_where(parent, name)} is not a group")
     return member
 
 
 def group_at(file: h5py.File, where: str, path: Path) -> h5py.Group:
-    """The group at a path of names parted by slashes, "" the root. Raises RecordingError as `group` does."""
+    """The group at a path of names separated by slashes ("": the root). Raises RecordingError like
+    `group`."""
     found: h5py.Group = file
     for name in filter(None, where.split("/")):
         found = group(found, name, path)
@@ -62,39 +63,37 @@ def group_at(file: h5py.File, where: str, path: Path) -> h5py.Group:
 
 
 def dataset(parent: h5py.Group, name: str, path: Path, kinds: str, dimensions: int) -> h5py.Dataset:
-    """A data set of numbers with dtype.kind in `kinds`, stored in this very file.
+    """A data set of numbers with dtype.kind in `kinds`, stored in this file.
 
     Raises:
-        RecordingError: absent, linked or stored elsewhere, virtual, of another type or shape, or of a size
-            that the file cannot hold.
+        RecordingError: missing, a link, stored in another file, virtual, of another type or shape, or of an
+            implausible size.
     """
     member = _member(parent, name, path)
     where = _where(parent, name)
     if not isinstance(member, h5py.Dataset):
-        raise RecordingError(f"{path}: {where} is no data set")
+        raise RecordingError(f"{path}: {where} is not a data set")
     if member.external:
-        raise RecordingError(f"{path}: {where} keeps its data in another file; that is refused")
+        raise RecordingError(f"{path}: {where} stores its data in another file: rejected")
     if member.is_virtual:
-        raise RecordingError(f"{path}: {where} is a virtual data set; that is refused")
+        raise RecordingError(f"{path}: {where} is a virtual data set: rejected")
     if member.dtype.kind not in kinds or member.dtype.hasobject or member.shape is None:
-        raise RecordingError(
-            f"{path}: {where} holds {member.dtype}; expected plain numbers of kind {kinds!r}"
-        )
+        raise RecordingError(f"{path}: {where} contains {member.dtype}; expected numbers of kind {kinds!r}")
     if len(member.shape) != dimensions:
         raise RecordingError(
             f"{path}: {where} has the shape {member.shape}; expected {dimensions} dimension(s)"
         )
     if member.chunks and int(np.prod(member.chunks, dtype=object)) * member.dtype.itemsize > _MAX_CHUNK_BYTES:
-        raise RecordingError(f"{path}: {where} has chunks of {member.chunks}; that is refused")
+        raise RecordingError(f"{path}: {where} has chunks of {member.chunks}: rejected")
     _require_filters(member, where, path)
     return member
 
 
 def table(parent: h5py.Group, name: str, path: Path, shape: tuple[int, ...]) -> h5py.Dataset:
-    """Real numbers of shape (N, *shape), of a size that the stored bytes account for.
+    """Floating-point numbers of shape (N, *shape), with a plausible size.
 
     Raises:
-        RecordingError: as `dataset`, or another shape.
+        RecordingError: like `dataset`, or another shape.
     """
     member = dataset(parent, name, path, "f", 1 + len(shape))
     if member.shape[1:] != shape:
@@ -107,7 +106,7 @@ def table(parent: h5py.Group, name: str, path: Path, shape: tuple[int, ...]) -> 
 
 
 def whole_number(parent: h5py.Group, name: str, path: Path) -> int:
-    """A data set that is one whole number. Raises RecordingError: absent, linked, or something else."""
+    """A data set with one integer. Raises RecordingError: missing, a link, or of another type."""
     member = _member(parent, name, path)
     if (
         not isinstance(member, h5py.Dataset)
@@ -116,12 +115,12 @@ def whole_number(parent: h5py.Group, name: str, path: Path) -> int:
         or member.dtype.kind not in "iu"
         or member.size != 1
     ):
-        raise RecordingError(f"{path}: {_where(parent, name)} is no whole number")
+        raise RecordingError(f"{path}: {_where(parent, name)} is not an integer")
     return int(np.asarray(member[()]).reshape(-1)[0])
 
 
 def text(parent: h5py.Group, name: str, path: Path) -> str:
-    """A data set that is one short text. Raises RecordingError: absent, linked, or something else."""
+    """A data set with one short text. Raises RecordingError: missing, a link, or of another type."""
     member = _member(parent, name, path)
     if (
         not isinstance(member, h5py.Dataset)
@@ -130,15 +129,15 @@ def text(parent: h5py.Group, name: str, path: Path) -> str:
         or member.external
         or member.is_virtual
     ):
-        raise RecordingError(f"{path}: {_where(parent, name)} is no text")
+        raise RecordingError(f"{path}: {_where(parent, name)} is not a text")
     value = member[()]
     if not isinstance(value, bytes) or len(value) > _MAX_TEXT:
-        raise RecordingError(f"{path}: {_where(parent, name)} is no short text")
+        raise RecordingError(f"{path}: {_where(parent, name)} is not a short text")
     return value.decode("utf-8", errors="replace")
 
 
 def _require_filters(member: h5py.Dataset, where: str, path: Path) -> None:
-    """Refuse data that were compressed by a filter that is not installed, and say how to get it."""
+    """Raises RecordingError if a compression filter is not installed; the message says how to install it."""
     properties = member.id.get_create_plist()
     for index in range(properties.get_nfilters()):
         number = properties.get_filter(index)[0]
@@ -148,23 +147,23 @@ def _require_filters(member: h5py.Dataset, where: str, path: Path) -> None:
             continue
         if number == _ECF:
             raise RecordingError(
-                f"{path}: {where} is compressed by Prophesee's ECF codec, which is not installed; install it "
-                "(github.com/prophesee-ai/hdf5_ecf, set HDF5_PLUGIN_PATH), or save the recording as RAW"
+                f"{path}: {where} is compressed with Prophesee's ECF codec, which is not installed; install "
+                "it (github.com/prophesee-ai/hdf5_ecf, set HDF5_PLUGIN_PATH), or save the recording as RAW"
             )
         what = _PLUGINS.get(number, f"filter {number}")
         raise RecordingError(
-            f"{path}: {where} is compressed by {what}, which is not installed: pip install 'asyneio[h5]'"
+            f"{path}: {where} is compressed with {what}, which is not installed: pip install 'asyneio[h5]'"
         )
 
 
 def _load_plugins() -> None:
-    """Register the filters of hdf5plugin, where it is installed; only when a file asks for them."""
+    """Register the filters of hdf5plugin, if it is installed; called only if a file needs one."""
     if importlib.util.find_spec("hdf5plugin") is not None:
         importlib.import_module("hdf5plugin")
 
 
 def check_columns(columns: Sequence[h5py.Dataset], path: Path) -> None:
-    """Require equal lengths, and a total that the stored bytes account for. Raises RecordingError."""
+    """Raises RecordingError: different lengths, or a total size that is implausible for the stored bytes."""
     if len({column.shape[0] for column in columns}) != 1:
         lengths = ", ".join(f"{column.name} {column.shape[0]}" for column in columns)
         raise RecordingError(f"{path}: columns of different lengths: {lengths}")
@@ -172,36 +171,36 @@ def check_columns(columns: Sequence[h5py.Dataset], path: Path) -> None:
     stored = sum(column.id.get_storage_size() for column in columns)
     if claimed > _MAX_RATIO * stored + _FREE_BYTES:
         raise RecordingError(
-            f"{path}: {columns[0].parent.name} claims {claimed} bytes, but stores {stored}; that is refused"
+            f"{path}: {columns[0].parent.name} declares {claimed} bytes, but stores {stored}: rejected"
         )
 
 
 def text_attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path) -> str:
-    """A short text. Raises RecordingError: absent or something else."""
+    """A short text. Raises RecordingError: missing or of another type."""
     value = _attribute(owner, name, path)
     if isinstance(value, bytes):
         value = value.decode("utf-8", errors="replace")
     if not isinstance(value, str) or len(value) > _MAX_TEXT:
-        raise RecordingError(f"{path}: the attribute {name} of {owner.name} is no text")
+        raise RecordingError(f"{path}: the attribute {name} of {owner.name} is not a text")
     return str(value)
 
 
 def whole_attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path) -> int:
-    """A whole number. Raises RecordingError: absent or something else."""
+    """An integer. Raises RecordingError: missing or of another type."""
     value = _attribute(owner, name, path)
     if not isinstance(value, int | np.integer):
-        raise RecordingError(f"{path}: the attribute {name} of {owner.name} is no whole number")
+        raise RecordingError(f"{path}: the attribute {name} of {owner.name} is not an integer")
     return int(value)
 
 
 def _attribute(owner: h5py.Group | h5py.Dataset, name: str, path: Path) -> object:
     if name not in owner.attrs:
         raise RecordingError(
-            f"{path}: {owner.name} lacks the attribute {name}; is it of another layout than asyneio's?"
+            f"{path}: {owner.name} lacks the attribute {name}; is it another layout than asyneio's?"
         )
     kind = owner.attrs.get_id(name).dtype
     if kind.hasobject and h5py.check_string_dtype(kind) is None:
-        raise RecordingError(f"{path}: the attribute {name} of {owner.name} holds objects; that is refused")
+        raise RecordingError(f"{path}: the attribute {name} of {owner.name} contains objects: rejected")
     return owner.attrs[name]
 
 
@@ -209,9 +208,9 @@ def _member(parent: h5py.Group, name: str, path: Path) -> object:
     link = parent.get(name, getlink=True)
     if link is None:
         found = ", ".join(sorted(map(str, parent))[:10]) or "nothing"
-        raise RecordingError(f"{path} has no {_where(parent, name)}; {parent.name} holds {found}")
+        raise RecordingError(f"{path} has no {_where(parent, name)}; {parent.name} contains {found}")
     if not isinstance(link, h5py.HardLink):
-        raise RecordingError(f"{path}: {_where(parent, name)} is a link to elsewhere; that is refused")
+        raise RecordingError(f"{path}: {_where(parent, name)} is a link: rejected")
     return parent[name]
 
 

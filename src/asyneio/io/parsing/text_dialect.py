@@ -1,4 +1,4 @@
-"""How lines of numbers are written: what parts the fields, decimal commas, headers, columns of text."""
+"""How lines of numbers are written: separators, decimal commas, headers, columns of text."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 import re
 from dataclasses import dataclass
 
-from asyneio.io.parsing.text_names import Column, parse_column
+from asyneio.io.parsing.column_names import Column, parse_column
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How lines are cut into fields: at commas or semicolons alone (`mark`), or at blanks as well."""
+    """How lines are split into fields: at commas or semicolons only (`mark`), or at blanks as well."""
 
     mark: str
     decimal_comma: bool
@@ -42,13 +42,13 @@ def dialect_of(texts: list[str]) -> Dialect:
 
 
 def _several_numbers(field: str) -> bool:
-    """True where blanks part numbers within a field; a name may hold blanks."""
+    """True if blanks separate numbers within a field; a name may contain blanks."""
     parts = field.split()
     return len(parts) > 1 and all(map(is_number, parts))
 
 
 def header_columns(text: str, count: int, dialect: Dialect) -> tuple[Column, ...]:
-    """The columns of a header; none where it does not name `count`."""
+    """The columns of a header; empty if it does not name `count`."""
     names = header_names(text, dialect)
     return tuple(map(parse_column, names)) if len(names) == count else ()
 
@@ -58,13 +58,13 @@ def header_names(text: str, dialect: Dialect) -> list[str]:
     mark = dialect.mark if dialect.mark and dialect.mark in text else "," if "," in text else ""
     if mark:
         return text.split(mark)
-    # A unit in brackets belongs to the name before it, and may hold blanks itself.
+    # A unit in brackets belongs to the name before it, and may contain blanks.
     joined = re.sub(r"[\[(][^\])]*[\])]", lambda unit: unit.group().replace(" ", ""), text)
     return re.sub(r"\s+(?=[\[(])", "", joined).split()
 
 
 def holds_numbers(text: str) -> bool:
-    """True for a line most of whose fields are numbers."""
+    """True if most fields of a line are numbers."""
     fields = text.split("#", 1)[0].replace(";", " ").replace(",", " ").split()
     return 2 * sum(map(is_number, fields)) > len(fields)
 
@@ -78,7 +78,7 @@ def is_number(token: str) -> bool:
 
 
 def numbers_of(tokens: list[str], texts: frozenset[int]) -> list[float] | None:
-    """The fields as numbers, NaN in columns of text; None where another field is none."""
+    """The fields as numbers, NaN in text columns; None if another field is not a number."""
     try:
         if texts:
             row = [math.nan if index in texts else float(token) for index, token in enumerate(tokens)]
@@ -86,5 +86,5 @@ def numbers_of(tokens: list[str], texts: frozenset[int]) -> list[float] | None:
             row = [float(token) for token in tokens]
     except ValueError:
         return None
-    # Python takes 1_000 for a number.
+    # Python accepts 1_000 as a number.
     return None if any("_" in token for k, token in enumerate(tokens) if k not in texts) else row

@@ -1,4 +1,4 @@
-"""Lines of a text file: none without an end, the header told from the numbers after it."""
+"""Lines of a text file with bounded length, and the header before its numbers."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from asyneio.errors import RecordingError
 from asyneio.io.parsing.text_dialect import holds_numbers, is_comment
 from asyneio.io.parsing.zip_member import ZipMember
 
-#: So many lines tell the usual count of columns and the rate.
+#: Number of lines that determine the number of columns and the rate.
 FIRST = 1000
 _LONGEST_LINE = 4000
 
 
 def bounded_lines(stream: TextIOWrapper, path: Path | ZipMember, expected: str) -> Iterator[tuple[int, str]]:
-    """Numbers and texts of the lines that are not empty. Raises RecordingError: one has no end."""
+    """Number and text of every line that is not empty. Raises RecordingError: a line is too long."""
     number = 0
     while line := stream.readline(_LONGEST_LINE + 1):
         number += 1
         if len(line) > _LONGEST_LINE:
-            raise RecordingError(f"{path}: line {number} is longer than any; expected {expected}")
+            raise RecordingError(f"{path}: line {number} is too long; expected {expected}")
         text = line.strip(" \t\r\n\0")
         if text.strip(",;"):
             yield number, text
@@ -31,7 +31,7 @@ def bounded_lines(stream: TextIOWrapper, path: Path | ZipMember, expected: str) 
 def head_of(
     path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected: str
 ) -> tuple[str, list[tuple[int, str]]]:
-    """The last line before the numbers, and their first lines. Raises RecordingError: there are none."""
+    """The last line before the numbers, and the first lines of numbers. Raises RecordingError: no numbers."""
     header, seen = "", [""]
     for number, text in lines:
         if not is_comment(text) and holds_numbers(text):
@@ -41,8 +41,8 @@ def head_of(
             seen.append(text)
     if any(text.startswith("---") for text in seen) and any("stamp:" in text for text in seen):
         raise RecordingError(
-            f"{path} is what `rostopic echo TOPIC` prints; expected {expected}. Record it as a table: "
-            "rostopic echo -p TOPIC > FILE.csv, or give the bag itself"
+            f"{path} is the output of `rostopic echo TOPIC`; expected {expected}. Record a table: "
+            "rostopic echo -p TOPIC > FILE.csv, or use the bag"
         )
-    shown = f"; its lines are like {seen[-1][:60]!r}" if seen[-1] else ""
-    raise RecordingError(f"{path} holds no line of numbers{shown}; expected {expected}")
+    shown = f"; a typical line is {seen[-1][:60]!r}" if seen[-1] else ""
+    raise RecordingError(f"{path} contains no line of numbers{shown}; expected {expected}")

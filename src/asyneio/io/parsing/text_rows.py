@@ -1,4 +1,4 @@
-"""Lines of numbers with or without a header, time in whatever unit: what strangers' text files share."""
+"""Text files of numbers, with or without a header, with times in any unit."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.column_names import Column, TimeColumn, find_time
 from asyneio.io.parsing.csv_table import MAX_BAD_LINES
-from asyneio.io.parsing.seconds_table import parse_seconds
+from asyneio.io.parsing.decimal_seconds import parse_seconds
 from asyneio.io.parsing.text_dialect import (
     Dialect,
     dialect_of,
@@ -28,37 +29,36 @@ from asyneio.io.parsing.text_dialect import (
     numbers_of,
 )
 from asyneio.io.parsing.text_lines import FIRST, bounded_lines, head_of
-from asyneio.io.parsing.text_names import Column, TimeColumn, find_time
 from asyneio.io.parsing.zip_member import DAMAGE, ZipMember
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
-#: Decimals between a unit of time and a nanosecond.
+#: Decimals from a time unit to a nanosecond.
 DECIMALS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
-#: Seconds of the epoch, years 2000 to 2100: a stamp that is one in some unit is in that unit.
+#: Unix time of the years 2000 to 2100 [s]: a unit in which a stamp is in this range is the right one.
 _EPOCH_S = (946_684_800, 4_102_444_800)
-#: Whatever is recorded comes at such a rate [Hz].
+#: Plausible rates of any recording [Hz].
 _ANY_RATE_HZ = (0.05, 50_000.0)
 _MAX_BYTES = 2**30
-#: Stamps with more decimals are seconds.
+#: Stamps with more decimals are in seconds.
 _FINE_DECIMALS = 3
-#: Where so many stamps are alike, they were printed with too few digits.
-_MOST_REPEATED = 0.5
+#: If a larger share of stamps repeats, they were printed with too few digits.
+_MAX_REPEATED = 0.5
 
 
 @dataclass(frozen=True)
 class TextRows:
-    """What a file holds.
+    """Content of a file.
 
     Attributes:
         path: the file.
-        columns: as the header names them; empty where there is no header.
-        time: where time stands.
-        times: what stands there, N texts.
-        values: all columns, (N, columns); NaN where a column holds text.
-        bad: numbers of the lines left out.
-        notes: how the lines were read, where that is unusual.
+        columns: as named in the header; empty without a header.
+        time: the column of the time.
+        times: its N texts.
+        values: all columns, (N, columns); NaN for text columns.
+        bad: numbers of the skipped lines.
+        notes: how the lines were read, if unusual.
         first: the first line of numbers, for messages.
-        mark: what alone parts the fields, "" where blanks do as well.
+        mark: the only separator of fields; "" if blanks separate as well.
     """
 
     path: Path | ZipMember
@@ -72,19 +72,19 @@ class TextRows:
     mark: str = ""
 
     def stamps(self, rates_hz: tuple[float, float], slow: bool = False) -> tuple[IntArray, str]:
-        """Time [ns], exactly as printed, and its unit: the header's, or the only one that fits.
+        """Times [ns], exactly as printed, and their unit: from the header, else the only one that fits.
 
-        Units lie a factor 1000 apart: where the bounds are closer, no step fits two of them. With `slow`,
-        what looks like seconds may come more seldom.
+        Units differ by a factor of 1000: with bounds closer than that, no step fits two units. `slow` allows
+        lower rates for times that look like seconds.
 
         Raises:
-            RecordingError: no unit fits, or a stamp does not.
+            RecordingError: no unit fits, or a time is out of range.
         """
         unit = self.time.unit or self._unit(rates_hz, slow)
         stamps = [parse_seconds(text, DECIMALS[unit]) for text in self.times]
         if None in stamps:
             text = self.times[stamps.index(None)]
-            raise RecordingError(f"{self.path}: {text[:40]} {unit} is no time that fits into 64 bits of ns")
+            raise RecordingError(f"{self.path}: {text[:40]} {unit} does not fit into 64 bits of nanoseconds")
         return np.array(stamps, dtype=np.int64), unit
 
     def _unit(self, rates_hz: tuple[float, float], slow: bool) -> str:
@@ -92,10 +92,10 @@ class TextRows:
             return "s"
         exact = [Decimal(text) for text in self.times[: FIRST + 1]]
         steps = sorted(abs(float(after - before)) for before, after in pairwise(exact))
-        if len(exact) > 2 and steps[int(_MOST_REPEATED * len(steps))] == 0.0:
+        if len(exact) > 2 and steps[int(_MAX_REPEATED * len(steps))] == 0.0:
             raise RecordingError(
-                f"{self.path}: time advances by 0 a line: {len(set(exact))} stamps differ in the first "
-                f"{len(exact)} lines, which begin with {self.times[0][:30]}: printed with too few digits. "
+                f"{self.path}: time does not advance: only {len(set(exact))} different stamps in the first "
+                f"{len(exact)} lines, starting with {self.times[0][:30]}: printed with too few digits. "
                 "Write seconds with nine decimals (%.9f)"
             )
         step = float(np.median(steps))
@@ -113,45 +113,44 @@ class TextRows:
         if in_seconds:
             return "s"
         raise RecordingError(
-            f"{self.path}: time advances by {step:g} a line, which is {rates_hz[0]:g} to {rates_hz[1]:g} "
-            f"lines a second in no unit; the first line is {self.first[:60]!r}. Name the unit in a "
-            "header line, "
-            "as t_ns or t[us]"
+            f"{self.path}: time advances by {step:g} per line, which is {rates_hz[0]:g} to {rates_hz[1]:g} "
+            f"lines per second in no unit; the first line is {self.first[:60]!r}. Name the unit in a header "
+            "line, such as t_ns or t[us]"
         )
 
 
 def read_text_rows(
     path: Path | ZipMember, least: int, expected: str, columns: str = "", least_lines: int = 2
 ) -> TextRows:
-    """Read a file of numbers parted by blanks, commas or semicolons; `#` and `%` start a comment.
+    """Read a file of numbers separated by blanks, commas or semicolons; `#` and `%` start a comment.
 
-    A header is the last line before the numbers. Numbers that are not finite are kept. With decimal commas
-    (`0,5;1,5`) fields are parted by semicolons, tabs or blanks. A column that holds text is passed over.
+    The last line before the numbers is the header. Numbers that are not finite are kept. With decimal commas
+    (`0,5;1,5`) fields are separated by semicolons, tabs or blanks. Text columns become NaN.
 
     Args:
         path: the file.
-        least: columns that are needed.
-        expected: what the file should hold, for messages.
-        columns: the header that the file lacks, names parted by commas or blanks.
-        least_lines: lines of numbers that are needed.
+        least: required number of columns.
+        expected: what the file should contain, for messages.
+        columns: a header for a file without one, names separated by commas or blanks.
+        least_lines: required number of lines of numbers.
 
     Raises:
-        RecordingError: unreadable, too few lines or columns, or too many other lines.
+        RecordingError: unreadable, too few lines or columns, or too many unreadable lines.
     """
     try:
         size = path.size() if isinstance(path, ZipMember) else path.stat().st_size
         if size > _MAX_BYTES:
-            raise RecordingError(f"{path} has {size} bytes; expected {expected}")
+            raise RecordingError(f"{path} is too large ({size} bytes); expected {expected}")
         with path.open("rb") if isinstance(path, Path) else path.open() as raw:
             stream = TextIOWrapper(raw, encoding="utf-8-sig", errors="replace")
             rows = _collect(path, bounded_lines(stream, path, expected), expected, columns)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     except DAMAGE as error:
-        raise RecordingError(f"{path} is damaged: {error}; get the archive again") from error
+        raise RecordingError(f"{path} is damaged: {error}; download the archive again") from error
     if rows.values.shape[1] < least or len(rows.times) < least_lines:
         raise RecordingError(
-            f"{path} holds {len(rows.times)} line(s) of {rows.values.shape[1]} numbers, the first "
+            f"{path} contains {len(rows.times)} line(s) of {rows.values.shape[1]} numbers, the first "
             f"{rows.first[:60]!r}; expected {expected}"
         )
     return rows
@@ -167,8 +166,7 @@ def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected:
     if given and not columns:
         raise RecordingError(
             f"{path} has {count} columns, but {len(header_names(given, dialect))} names were given: "
-            f"{given}; name "
-            "every column, those that do not matter with -"
+            f"{given}; name every column, with - for those to ignore"
         )
     time = find_time(columns) or TimeColumn(0)
     texts_in = _text_columns(dialect, texts, count, time)
@@ -191,18 +189,18 @@ def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected:
                 f"{text[:60]!r}; expected {expected}{_date_hint(tokens, time)}"
             )
     table = np.array(values, dtype=np.float64).reshape(-1, count)
-    notes = (f"{path.name}: commas were read as decimal points",) if dialect.decimal_comma else ()
+    notes = (f"{path.name}: commas read as decimal points",) if dialect.decimal_comma else ()
     return TextRows(path, columns, time, times, table, bad, notes, texts[0], dialect.mark)
 
 
 def _text_columns(dialect: Dialect, texts: list[str], count: int, time: TimeColumn) -> frozenset[int]:
-    """Columns that hold text in the first line that has all columns: names of frames."""
+    """Columns with text in the first complete line, such as names of frames."""
     whole = next(tokens for tokens in map(dialect.split, texts) if len(tokens) == count)
     return frozenset(index for index, token in enumerate(whole) if not is_number(token)) - {time.index}
 
 
 def _time_text(tokens: list[str], time: TimeColumn) -> str:
-    """What stands for time: one field, or whole seconds and nanoseconds put together."""
+    """The text of the time: one field, or whole seconds and nanoseconds combined."""
     text = tokens[time.index]
     if time.nanoseconds is None:
         return text
@@ -210,11 +208,11 @@ def _time_text(tokens: list[str], time: TimeColumn) -> str:
 
 
 def _date_hint(tokens: list[str], time: TimeColumn) -> str:
-    """A sentence where the field of time is a date."""
+    """A hint if the time is a date."""
     text = tokens[time.index] if time.index < len(tokens) else ""
     if not re.match(r"\d{4}-\d\d-\d\d|\d\d?:\d\d", text):
         return ""
-    return f". Times must be numbers: {text!r} is a date; write seconds or nanoseconds of the events' clock"
+    return f". Times must be numbers: {text!r} is a date; write seconds or nanoseconds of the event clock"
 
 
 def _within(value: float, bounds: tuple[float, float]) -> bool:

@@ -1,4 +1,4 @@
-"""Decompression of chunks that may be cut off, damaged or hostile."""
+"""Decompression of chunks that may be truncated, damaged or hostile."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from typing import Protocol
 import lz4.frame
 from backports import zstd
 
-#: A chunk of a bag is about 1 MB; one that unpacks to more than this is hostile.
+#: A chunk of a bag has about 1 MB; a larger unpacked size is hostile.
 MAX_UNPACKED = 2**30
 _PIECE = 2**16
 
 
 class CutError(Exception):
-    """A record is cut off, or is none."""
+    """A record is truncated or invalid."""
 
 
 def unpack(data: bytes | memoryview, method: str, size: int) -> bytes:
-    """Decompress a chunk (`none`, `bz2`, `lz4`, `zstd`); what is cut off or damaged gives what stands before.
+    """Decompress a chunk (`none`, `bz2`, `lz4`, `zstd`); of a damaged one, everything before the damage.
 
     Args:
-        data: the packed bytes.
-        method: how they are packed; empty means not at all.
-        size: how many bytes they claim to hold; more are not given.
+        data: the compressed bytes.
+        method: of compression; empty means none.
+        size: declared uncompressed size, and upper bound of the result.
 
     Raises:
-        CutError: an unknown method, or a size beyond reason.
+        CutError: unknown method, or implausible size.
     """
     if method in ("", "none"):
         return data if isinstance(data, bytes) else bytes(data)
     if size > MAX_UNPACKED:
-        raise CutError(f"a chunk claims to hold {size} bytes; up to {MAX_UNPACKED} are read")
+        raise CutError(f"a chunk declares {size} bytes; at most {MAX_UNPACKED} are read")
     try:
         step = _UNPACKERS[method]()
     except KeyError:
-        raise CutError(f"a chunk is packed with {method[:20]!r}, not with bz2, lz4 or zstd") from None
+        raise CutError(f"a chunk is compressed with {method[:20]!r}; expected bz2, lz4 or zstd") from None
     found, length = [], 0
-    # In pieces: a decompressor that meets an error gives nothing of the call it happened in.
+    # In pieces: a decompressor returns nothing from the call in which an error occurs.
     for start in range(0, len(data), _PIECE):
         try:
             piece = step(bytes(data[start : start + _PIECE]), size - length)
@@ -75,7 +75,7 @@ class _Unpacker(Protocol):
 
 
 def _drain(unpacker: _Unpacker, data: bytes, room: int) -> bytes:
-    """All that a piece of data gives, up to `room` bytes."""
+    """The decompressed piece, up to `room` bytes."""
     found, length = [], 0
     while not unpacker.eof and length < room:
         piece = unpacker.decompress(data, room - length)

@@ -1,4 +1,4 @@
-"""Files in a zip archive, read where they are: nothing is unpacked to disk."""
+"""Files in a zip archive, read without unpacking to disk."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from asyneio.errors import RecordingError
 
 MAGIC = b"PK\x03\x04"
 
-#: Text of events packs to a fifth; what unpacks to more than this many times its size is hostile.
+#: Event text compresses five times; a larger ratio than this is hostile.
 MAX_RATIO = 200
-#: Files other than the events are read whole.
+#: Files other than the events are read completely.
 MAX_TEXT_BYTES = 2**30
-#: What the zipfile module raises on damaged data.
+#: Exceptions of the zipfile module for damaged data.
 DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, struct.error)
 
 _ENCRYPTED = 1
@@ -40,7 +40,7 @@ class ZipMember:
         return self.member.rsplit("/", 1)[-1]
 
     def size(self) -> int:
-        """Its unpacked size as the archive says [bytes]. Raises RecordingError as `open`."""
+        """Its uncompressed size according to the archive [bytes]. Raises RecordingError like `open`."""
         with open_zip(self.archive) as archive:
             return self._info(archive).file_size
 
@@ -48,7 +48,7 @@ class ZipMember:
         """Open for reading.
 
         Raises:
-            RecordingError: it is encrypted, packed in an unknown way, or unpacks to far too much.
+            RecordingError: encrypted, unknown compression, or implausibly large.
         """
         archive = open_zip(self.archive)
         try:
@@ -56,21 +56,21 @@ class ZipMember:
         except DAMAGE as error:
             raise RecordingError(f"{self} cannot be unpacked: {error}; unpack the archive first") from error
         finally:
-            # The member keeps the file open until it is closed itself.
+            # The member keeps the file open until the member is closed.
             archive.close()
 
     def is_file(self) -> bool:
-        """True where the archive has it."""
+        """True if the archive contains it."""
         with open_zip(self.archive) as archive:
             return self.member in archive.namelist()
 
     def read_text(self, encoding: str | None = None, errors: str | None = None) -> str:
-        """Its text. Raises RecordingError: damaged, or as `open`."""
+        """Its text. Raises RecordingError: damaged, or like `open`."""
         try:
             with self.open() as stream:
                 data = stream.read(MAX_TEXT_BYTES + 1)
         except DAMAGE as error:
-            raise RecordingError(f"{self} is damaged: {error}; get the archive again") from error
+            raise RecordingError(f"{self} is damaged: {error}; download the archive again") from error
         if len(data) > MAX_TEXT_BYTES:
             raise RecordingError(f"{self} is larger than {MAX_TEXT_BYTES // 2**20} MiB")
         return data.decode(encoding or "utf-8", errors or "strict")
@@ -82,19 +82,19 @@ class ZipMember:
         packed = min(info.compress_size, self.archive.stat().st_size)
         if info.file_size > MAX_RATIO * max(packed, 1):
             raise RecordingError(
-                f"{self} claims to unpack from {packed} to {info.file_size} bytes, more than {MAX_RATIO} "
-                "times as much; no recording does"
+                f"{self} declares {info.file_size} bytes for {packed} compressed ones, a ratio above "
+                f"{MAX_RATIO}: rejected"
             )
         return info
 
 
 def open_zip(path: Path) -> zipfile.ZipFile:
-    """Open an archive. Raises RecordingError: unreadable, or cut off."""
+    """Open an archive. Raises RecordingError: unreadable or truncated."""
     try:
         return zipfile.ZipFile(path)
     except (*DAMAGE, ValueError) as error:
         raise RecordingError(
-            f"{path} is a damaged zip archive: {error}; was it cut off? Its list of files is at its end. Get "
+            f"{path} is a damaged zip archive: {error}; truncated? The list of files is at its end. Download "
             "the archive again"
         ) from error
     except OSError as error:

@@ -1,135 +1,114 @@
 """EVT 2.0 of Prophesee: 32-bit words (docs.prophesee.ai, "EVT 2.0 Format").
 
-| code (bits 28-31) | meaning |
-|---|---|
-| 0, 1 | event, darker or brighter: time [us] bits 22-27, column 11-21, row 0-10 |
-| 8 | high 28 bits of the time (34 bits in all, a turn is 4.77 h) |
-| 10 | external trigger |
-| 14, 15 | other data and its continuation, skipped |
+| code (bits 28-31) | name | content |
+|---|---|---|
+| 0, 1 | CD_OFF, CD_ON | event: time [us] bits 22-27, column 11-21, row 0-10 |
+| 8 | EVT_TIME_HIGH | high 28 bits of the time (34 bits in all, wraps after 4.77 h) |
+| 10 | EXT_TRIGGER | external trigger |
+| 14, 15 | OTHERS, CONTINUED | other data and its continuation, skipped |
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 from numba import njit
 
-from asyneio.io.recording.source import skipped_notes
-from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
+from asyneio.io.prophesee.high_time import (
+    CD_ON,
+    CONTINUED,
+    EVT_TIME_HIGH,
+    EXT_TRIGGER,
+    LOW_BITS,
+    OTHERS,
+    UNDECIDED,
+    WRONG,
+    unwrap_high,
+)
+from asyneio.io.prophesee.word_decoder import WordDecoder
+from asyneio.types import IntArray, RecordArray
 
-EVENT_OFF, EVENT_ON, TIME_HIGH = 0, 1, 8
-HIGH_BITS, LOW_BITS = 28, 6
-_TRIGGER, _OTHER, _CONTINUED = 10, 14, 15
-
-# State of `_decode_words`: high time (unwrapped), -1 before the first; counters.
-_HIGH, _TRIGGERS, _WRONG_HIGH, _EARLY, _UNKNOWN = range(5)
-
-#: A high time further from the last than this [64 us] is doubted (a wrong bit), unless the next confirms it.
-_MAX_STEP = 60_000_000 >> LOW_BITS
-#: Without another high time within so many words, a doubtful one is believed.
-_SEARCH_WORDS = 2**16
+_CODE_BIT = 28
 _US = 1000
 
+STATE_DTYPE = np.dtype(
+    [
+        ("high", "<i8"),  # unwrapped high time [64 us], -1 before the first
+        ("early", "<i8"),  # events before the first high time
+        ("triggers", "<i8"),
+        ("wrong_high", "<i8"),  # high times that the next one contradicts
+        ("unknown", "<i8"),  # words with another code
+    ]
+)
 
-class Evt2Decoder:
-    """Decodes words in pieces of any length; the state goes on from one piece to the next."""
+
+class Evt2Decoder(WordDecoder):
+    """See WordDecoder; words are uint32."""
+
+    counters: ClassVar[Mapping[str, str]] = {
+        "triggers": "external trigger(s)",
+        "wrong_high": "high time(s) that contradict the next",
+        "early": "event(s) before the first time",
+        "unknown": "word(s) of unknown type: is the file damaged?",
+    }
 
     def __init__(self) -> None:
-        self._state = np.zeros(5, dtype=np.int64)
-        self._state[_HIGH] = -1
-        self._words = 0
-        self._waiting = np.empty(0, dtype=np.uint32)
+        super().__init__(np.uint32, STATE_DTYPE)
 
-    def feed(self, words: np.ndarray, last: bool = False) -> RecordArray:
-        """Events of words (N,) uint32, in their order, EVENT_DTYPE; time is the sensor's, turns undone.
+    def _capacity(self, words: np.ndarray) -> int:
+        return words.size
 
-        Words after a doubtful high time wait for the next call, unless this is the `last`.
-        """
-        self._words += words.size
-        if self._waiting.size:
-            words = np.concatenate([self._waiting, words])
-        words = np.ascontiguousarray(words, dtype=np.uint32)
-        events = np.zeros(words.size, dtype=EVENT_DTYPE)
-        columns = (events[name] for name in ("t_ns", "x", "y", "p"))
-        done, count = map(int, _decode_words(words, last, self._state, *columns))
-        self._waiting = words[done:].copy()
-        return events[:count]
-
-    def notes(self, name: str) -> tuple[str, ...]:
-        """Sentences on words that are no events of a known time."""
-        kinds = {
-            "external trigger(s)": _TRIGGERS,
-            "high time(s) that contradict the next": _WRONG_HIGH,
-            "event(s) before the first time": _EARLY,
-            "word(s) of no known kind: is the file damaged?": _UNKNOWN,
-        }
-        counts = {what: int(self._state[index]) for what, index in kinds.items()}
-        return skipped_notes(name, counts, self._words, "words")
+    def _decode(self, words: np.ndarray, last: bool, *columns: np.ndarray) -> tuple[int, int]:
+        done, count = _decode_words(words, last, self._state, *columns)
+        return int(done), int(count)
 
 
 @njit(cache=True)
 def _decode_words(
     words: np.ndarray,
     last: bool,
-    state: IntArray,
+    state: RecordArray,
     t_ns: IntArray,
     x: np.ndarray,
     y: np.ndarray,
     p: np.ndarray,
 ) -> tuple[int, np.uint64]:
-    """Events of words (N,) uint32; returns how many words are done, and the count of events.
+    """Events of words (N,) uint32; returns the number of words done and of events.
 
-    Unsigned indices spare numba's test for negative ones.
+    Unsigned indices avoid numba's handling of negative ones.
     """
     one, events = np.uint64(1), np.uint64(0)
-    high = state[_HIGH]
+    counters = state[0]
+    high = counters.high
     base = (high << LOW_BITS) * _US
     done = words.size
     for k in range(words.size):
         word = np.int64(words[np.uint64(k)])
-        code = word >> 28
-        if code <= EVENT_ON:
+        code = word >> _CODE_BIT
+        if code <= CD_ON:
             if high < 0:
-                state[_EARLY] += 1
+                counters.early += 1
                 continue
             t_ns[events] = base + (word >> 22 & 0x3F) * _US
             x[events] = word >> 11 & 0x7FF
             y[events] = word & 0x7FF
             p[events] = code
             events += one
-        elif code == TIME_HIGH:
-            step = _signed_step(word, high) if high >= 0 else 0
-            if high < 0 or abs(step) > _MAX_STEP:
-                after = _next_high(words, k)
-                if after < 0 and not last and words.size - k < _SEARCH_WORDS:
-                    done = k
-                    break
-                # The first one has no time before it to return to: it is wrong where time then runs back.
-                back = _signed_step(after, word) < -_MAX_STEP if high < 0 else False
-                near = abs(_signed_step(after, high)) <= _MAX_STEP if high >= 0 else False
-                if after >= 0 and (back or near):
-                    state[_WRONG_HIGH] += 1
-                    continue
-            high = word & 0xFFFFFFF if high < 0 else max(high + step, 0)
+        elif code == EVT_TIME_HIGH:
+            unwrapped = unwrap_high(words, k, high, last, _CODE_BIT, 0)
+            if unwrapped == UNDECIDED:
+                done = k
+                break
+            if unwrapped == WRONG:
+                counters.wrong_high += 1
+                continue
+            high = unwrapped
             base = (high << LOW_BITS) * _US
-        elif code == _TRIGGER:
-            state[_TRIGGERS] += 1
-        elif code != _OTHER and code != _CONTINUED:
-            state[_UNKNOWN] += 1
-    state[_HIGH] = high
+        elif code == EXT_TRIGGER:
+            counters.triggers += 1
+        elif code != OTHERS and code != CONTINUED:
+            counters.unknown += 1
+    counters.high = high
     return done, events
-
-
-@njit(cache=True)
-def _signed_step(word: int, high: int) -> int:
-    """From the unwrapped high time to that of a word, the shorter way round the circle of 28 bits."""
-    step = (word - high) & 0xFFFFFFF
-    return step - 0x10000000 if step > 0x8000000 else step
-
-
-@njit(cache=True)
-def _next_high(words: np.ndarray, k: int) -> int:
-    """The next word with a high time after `k`, -1 where there is none near."""
-    for i in range(k + 1, min(words.size, k + _SEARCH_WORDS)):
-        if words[i] >> 28 == TIME_HIGH:
-            return int(words[i])
-    return -1

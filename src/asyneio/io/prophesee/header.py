@@ -1,12 +1,12 @@
-"""The header of Prophesee's files, RAW and DAT: lines `% keyword value`, ended by `% end` or by the data.
+"""The header of Prophesee's RAW and DAT files: lines `% keyword value`, ended by `% end` or by the data.
 
-Old and new cameras say the same things in different words (docs.prophesee.ai):
+Keywords differ between camera generations (docs.prophesee.ai):
 
-| what | keywords |
+| content | keywords |
 |---|---|
-| encoding of RAW | `format EVT3;height=720;width=1280`; `evt 3.0` |
-| sensor | `geometry 1280x720`; of DAT `Width`, `Height`; else by the generation in `plugin_name` |
-| version of DAT | `Version 2` |
+| encoding (RAW) | `format EVT3;height=720;width=1280`; `evt 3.0` |
+| sensor size | `geometry 1280x720`; DAT: `Width`, `Height`; else from the generation in `plugin_name` |
+| version (DAT) | `Version 2` |
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MAGIC = b"% "
 _MAX_HEADER_BYTES = 2**20
 _MAX_LINE_BYTES = 4096
 _MAX_PIXELS = 65_534
-#: Sensors by what the name of the plugin or of the sensor begins with.
+#: Sensor sizes by the start of the name of the plugin or sensor.
 _SENSORS = {
     "gen31": (640, 480),
     "gen3": (640, 480),
@@ -36,14 +36,14 @@ _SENSORS = {
 
 @dataclass(frozen=True)
 class Header:
-    """Keywords with their values, and where the data begin."""
+    """Keywords with their values, and the position of the data."""
 
     fields: Mapping[str, str]
     data_start: int
 
     @property
     def encoding(self) -> str:
-        """Name of the encoding of a RAW file, as "EVT2"; "" where none is named."""
+        """Encoding of a RAW file, such as "EVT2"; "" if not given."""
         named = self.fields.get("format", "").split(";")[0].strip().upper()
         if named:
             return named
@@ -53,35 +53,35 @@ class Header:
 
     @property
     def is_dat(self) -> bool:
-        """True for a DAT file: it has a version and no encoding."""
+        """True for a DAT file, which has a version but no encoding."""
         return not self.encoding and "version" in self.fields
 
     @property
     def big_endian(self) -> bool:
-        """True where the words of a RAW file begin with their high byte."""
+        """True if the words of a RAW file begin with their high byte."""
         return "endianness=big" in self.fields.get("format", "").replace(" ", "").lower() or (
             self.fields.get("endianness", "").strip().lower() == "big"
         )
 
     @property
     def high_half_first(self) -> bool | None:
-        """Whether a word of 64 bits begins with its high half; None where the header tells no byte order."""
-        told = f"{self.fields.get('format', '')};endianness={self.fields.get('endianness', '')}".lower()
-        if "endianness=legacy" in told.replace(" ", ""):
+        """Whether a 64-bit word begins with its high half; None if the header gives no byte order."""
+        text = f"{self.fields.get('format', '')};endianness={self.fields.get('endianness', '')}".lower()
+        if "endianness=legacy" in text.replace(" ", ""):
             return True
-        return False if re.search(r"endianness=(little|big)", told.replace(" ", "")) else None
+        return False if re.search(r"endianness=(little|big)", text.replace(" ", "")) else None
 
 
 def parse_header(start: bytes, path: Path) -> Header:
-    """The header in the first bytes of a file. Raises RecordingError: it does not begin with one."""
+    """The header in the first bytes of a file. Raises RecordingError: no header."""
     if not start.startswith(MAGIC):
-        raise RecordingError(f"{path} is no Prophesee file: it starts with {start[:16]!r}")
+        raise RecordingError(f"{path} is not a Prophesee file: it starts with {start[:16]!r}")
     fields: dict[str, str] = {}
     position = 0
     while start[position : position + 2] == MAGIC:
         end = start.find(b"\n", position, position + _MAX_LINE_BYTES)
         line = start[position:end]
-        # Data may begin with the two characters of a header line, but then no text follows.
+        # Data may start with the same two characters as a header line, but then no text follows.
         if end < 0 or not line.rstrip(b"\r").isascii() or any(byte < 32 for byte in line.strip()):
             break
         position = end + 1
@@ -93,7 +93,7 @@ def parse_header(start: bytes, path: Path) -> Header:
 
 
 def read_header(path: Path) -> Header:
-    """As `parse_header`, from a file. Raises RecordingError: unreadable, or no header."""
+    """Like `parse_header`, for a file. Raises RecordingError: unreadable, or no header."""
     try:
         with path.open("rb") as stream:
             return parse_header(stream.read(_MAX_HEADER_BYTES), path)
@@ -102,7 +102,7 @@ def read_header(path: Path) -> Header:
 
 
 def size_of(fields: Mapping[str, str]) -> tuple[tuple[int, int] | None, tuple[str, ...]]:
-    """Width and height of the sensor [px] that a header tells, None where it does not, and how it did."""
+    """Width and height of the sensor [px] (None if not given), and a note if derived from the sensor name."""
     pairs = [
         re.fullmatch(r"(\d{1,5})\s*x\s*(\d{1,5})", fields.get("geometry", "")),
         re.search(r"width=(\d{1,5});height=(\d{1,5})", _sorted_format(fields)),
@@ -114,11 +114,13 @@ def size_of(fields: Mapping[str, str]) -> tuple[tuple[int, int] | None, tuple[st
     named = f"{fields.get('plugin_name', '')} {fields.get('sensor_name', '')}".lower()
     for sensor, size in _SENSORS.items():
         if sensor in named:
-            return size, (f"the header names a {sensor} sensor: taken to be {size[0]} x {size[1]}",)
+            return size, (
+                f"sensor size assumed from the {sensor} named in the header: {size[0]} x {size[1]}",
+            )
     return None, ()
 
 
 def _sorted_format(fields: Mapping[str, str]) -> str:
-    """The parameters of the format, width before height."""
+    """Parameters of the format, width before height."""
     parameters = fields.get("format", "").replace(" ", "").lower().split(";")[1:]
     return ";".join(sorted(parameters, reverse=True))

@@ -1,1 +1,1 @@
-"""What every format is turned into: recording contents, and the checks, sidecar files and cache around it."""
+"""Recordings of any format: contents, sidecar files, checks, cache, assembly."""

@@ -1,4 +1,4 @@
-"""From what a reader found to a recording: events checked, samples in SI units, one clock, one sensor."""
+"""Turn the contents that a reader found into a recording: checked events, samples in SI units, one clock."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from asyneio.errors import CalibrationError, RecordingError
-from asyneio.io.calibration import CAMCHAIN_FILE, Wanted, settle
-from asyneio.io.parsing.stamps import (
+from asyneio.io.calibration import CAMCHAIN_FILE, CalibrationSelection, IncompleteCalibration
+from asyneio.io.parsing.stamp_checks import (
     check_overlap,
     check_rate,
     drop_equal_stamps,
@@ -17,16 +17,16 @@ from asyneio.io.parsing.stamps import (
     tick_of,
 )
 from asyneio.io.recording.cache import EventTable, load_events
-from asyneio.io.recording.checks import SensorSizeError
 from asyneio.io.recording.contents import Contents, Samples, split_samples
-from asyneio.io.recording.inertial_csv import InertialStreams, check_units
-from asyneio.io.recording.source import Progress
-from asyneio.types import INERTIAL_DTYPE, EventRecording, RecordArray
+from asyneio.io.recording.event_checks import SensorSizeError
+from asyneio.io.recording.event_source import Progress
+from asyneio.io.recording.inertial_units import InertialStreams, check_units
+from asyneio.types import INERTIAL_DTYPE, Calibration, EventRecording, RecordArray
 
-#: Sensors tried in this order where no file tells the size: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
+#: Sensor sizes tried in this order if no file contains it: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
 USUAL_SIZES = ((240, 180), (320, 240), (346, 260), (640, 480), (1280, 720))
 
-#: So many events show the step of their clock.
+#: Number of events from which the clock resolution is measured.
 _TICK_EVENTS = 10_000
 
 
@@ -34,50 +34,44 @@ def assemble(
     contents: Contents,
     progress: Progress | None = None,
     cache_from: int | None = None,
-    wanted: Wanted | None = None,
+    selection: CalibrationSelection | None = None,
     samples_needed: bool = True,
 ) -> EventRecording:
-    """Decode and check what a reader found.
+    """Decode and check the contents of a recording.
 
     Args:
-        contents: what it found.
-        progress: is told the fraction of the events converted.
+        contents: what the reader found.
+        progress: called with the fraction of the events converted.
         cache_from: see `load_events`.
-        wanted: which camera of the calibration, and a preset for what is missing in it.
-        samples_needed: false where trouble with the inertial samples, or with calibration files that were
-            found, is a note.
+        selection: which camera of the calibration, and a preset for missing values.
+        samples_needed: if false, errors in inertial samples, or in calibration files found next to the
+            recording, become notes.
 
     Raises:
-        RecordingError: events or samples that cannot be read or explained, or that do not share one clock.
-        CalibrationError: the calibration is malformed, leaves a choice, or speaks of another sensor size.
-        ConfigError: there is no such preset.
+        RecordingError: events or samples are unreadable or inconsistent, or do not share one clock.
+        CalibrationError: the calibration is malformed, ambiguous, or for another sensor size.
+        ConfigError: unknown preset.
     """
-    trouble = contents.rig.trouble
-    if trouble and samples_needed:
-        raise CalibrationError(trouble)
-    declared_hz = contents.rig.declared_hz
-    # Files of samples are small: what is wrong with them is said before the events are converted.
-    inertial = _inertial(contents.samples, declared_hz, samples_needed) if contents.samples else None
-    table, size, notes = _load(contents, wanted or Wanted(), progress, cache_from)
+    sources = contents.calibration
+    if sources.error and samples_needed:
+        raise CalibrationError(sources.error)
+    # Sample files are small: their errors are reported before the events are converted.
+    inertial = None
+    if contents.samples:
+        inertial = _inertial(contents.samples, sources.declared_hz, samples_needed)
+    table, size, notes = _load(contents, selection or CalibrationSelection(), progress, cache_from)
     if inertial is None:
         samples = split_samples(table.samples, f"the IMU of {contents.name}")
-        inertial = _inertial(samples, declared_hz, samples_needed)
+        inertial = _inertial(samples, sources.declared_hz, samples_needed)
     rate_hz = median_rate_hz(inertial.gyroscope["t_ns"]) if inertial.gyroscope.size else None
-    rig = settle(replace(contents.rig, trouble=""), size, wanted, contents.lens, rate_hz)
-    if trouble:
-        rig = replace(rig, notes=(f"the calibration is not used: {trouble}", *rig.notes))
-    if rig.camera is not None and (rig.camera.width, rig.camera.height) != size:
-        raise CalibrationError(
-            f"the calibration is for {rig.camera.width} x {rig.camera.height} pixels, but {contents.name} "
-            f"was recorded with {size[0]} x {size[1]}; use the calibration of this camera"
-        )
-    timeshift_ns = rig.calibration.timeshift_ns if rig.calibration else 0
+    resolved, calibration_notes = _resolve(contents, size, selection, rate_hz)
+    calibration = resolved if isinstance(resolved, Calibration) else None
     try:
-        _check_clocks(table, inertial, timeshift_ns)
+        _check_clocks(table, inertial, calibration.timeshift_ns if calibration else 0)
     except RecordingError as error:
         if samples_needed:
             raise
-        inertial = _without(str(error), inertial.notes)
+        inertial = _without_samples(str(error), inertial.notes)
     return EventRecording(
         name=contents.name,
         events=table.events,
@@ -85,11 +79,31 @@ def assemble(
         height=size[1],
         gyroscope=inertial.gyroscope,
         accelerometer=inertial.accelerometer,
-        camera=rig.camera,
-        calibration=rig.calibration,
-        ground_truth=contents.truth,
-        notes=rig.notes + table.notes + notes + inertial.notes + contents.notes,
+        camera=resolved.camera,
+        calibration=calibration,
+        ground_truth=contents.ground_truth,
+        notes=calibration_notes + table.notes + notes + inertial.notes + contents.notes,
     )
+
+
+def _resolve(
+    contents: Contents,
+    size: tuple[int, int],
+    selection: CalibrationSelection | None,
+    rate_hz: float | None,
+) -> tuple[Calibration | IncompleteCalibration, tuple[str, ...]]:
+    """The calibration, and notes. Raises CalibrationError, also for another sensor size."""
+    sources = contents.calibration
+    resolved, notes = replace(sources, error="").resolve(size, selection, contents.intrinsics, rate_hz)
+    if sources.error:
+        notes = (f"the calibration is not used: {sources.error}", *notes)
+    camera = resolved.camera
+    if camera is not None and (camera.width, camera.height) != size:
+        raise CalibrationError(
+            f"the calibration is for {camera.width} x {camera.height} pixels, but {contents.name} "
+            f"was recorded with {size[0]} x {size[1]}; use the calibration of this camera"
+        )
+    return resolved, notes
 
 
 def _check_clocks(table: EventTable, inertial: InertialStreams, timeshift_ns: int) -> None:
@@ -97,7 +111,7 @@ def _check_clocks(table: EventTable, inertial: InertialStreams, timeshift_ns: in
     for sensor, stream in (("gyroscope", inertial.gyroscope), ("accelerometer", inertial.accelerometer)):
         if not stream.size:
             continue
-        # Two events, not the whole: they may be larger than memory.
+        # Only the first and last event: all of them may exceed the memory.
         ends_ns = table.events["t_ns"][[0, -1]] + timeshift_ns
         tick_ns = tick_of(table.events["t_ns"][:_TICK_EVENTS])
         same = np.array_equal(inertial.gyroscope["t_ns"], inertial.accelerometer["t_ns"])
@@ -106,47 +120,47 @@ def _check_clocks(table: EventTable, inertial: InertialStreams, timeshift_ns: in
 
 
 def _inertial(samples: Samples, declared_hz: float | None, needed: bool) -> InertialStreams:
-    """As `prepare_samples`; where samples are not needed, trouble with them leaves none and a note."""
+    """Like `prepare_samples`; if samples are not needed, an error leaves empty streams and a note."""
     try:
         return prepare_samples(samples, declared_hz)
     except RecordingError as error:
         if needed:
             raise
-        return _without(str(error), samples.notes)
+        return _without_samples(str(error), samples.notes)
 
 
-def _without(trouble: str, notes: tuple[str, ...]) -> InertialStreams:
-    said = f"the samples of the IMU are not used: {trouble}"
-    return InertialStreams(np.empty(0, INERTIAL_DTYPE), np.empty(0, INERTIAL_DTYPE), (*notes, said))
+def _without_samples(reason: str, notes: tuple[str, ...]) -> InertialStreams:
+    note = f"the inertial samples are not used: {reason}"
+    return InertialStreams(np.empty(0, INERTIAL_DTYPE), np.empty(0, INERTIAL_DTYPE), (*notes, note))
 
 
 def prepare_samples(samples: Samples, declared_hz: float | None) -> InertialStreams:
-    """Samples as they stand in a file as two checked streams in SI units.
+    """Convert samples as stored in a file to two checked streams in SI units.
 
     Raises:
-        RecordingError: time or units that cannot be explained.
+        RecordingError: inconsistent times or units.
     """
-    if samples.trouble:
-        raise RecordingError(samples.trouble)
+    if samples.error:
+        raise RecordingError(samples.error)
     gyroscope, accelerometer, name = samples.gyroscope, samples.accelerometer, samples.name
     notes = samples.notes
     if min(gyroscope.size, accelerometer.size) < 2:
         if gyroscope.size or accelerometer.size:
-            counts = f"{gyroscope.size} sample(s) of the gyroscope, {accelerometer.size} of the accelerometer"
-            notes += (f"{name} holds {counts}: too few, left out",)
+            counts = f"{gyroscope.size} gyroscope and {accelerometer.size} accelerometer sample(s)"
+            notes += (f"{name} contains {counts}: too few, not used",)
         return InertialStreams(gyroscope[:0], accelerometer[:0], notes)
     if np.array_equal(gyroscope["t_ns"], accelerometer["t_ns"]):
-        # One sensor with six axes: what is wrong with one half concerns the other.
+        # One sensor with six axes: an invalid half invalidates the other.
         good = _finite(gyroscope) & _finite(accelerometer)
-        gyroscope, said = _in_order(gyroscope, good, declared_hz, name)
+        gyroscope, added = _in_order(gyroscope, good, declared_hz, name)
         accelerometer, _ = _in_order(accelerometer, good, None, name)
-        notes += said
+        notes += added
     else:
-        gyroscope, said = _in_order(gyroscope, _finite(gyroscope), declared_hz, f"{name}, gyroscope")
-        notes += said
+        gyroscope, added = _in_order(gyroscope, _finite(gyroscope), declared_hz, f"{name}, gyroscope")
+        notes += added
         good = _finite(accelerometer)
-        accelerometer, said = _in_order(accelerometer, good, None, f"{name}, accelerometer")
-        notes += said
+        accelerometer, added = _in_order(accelerometer, good, None, f"{name}, accelerometer")
+        notes += added
     return check_units(gyroscope, accelerometer, notes)
 
 
@@ -166,10 +180,10 @@ def _in_order(
 
 
 def _load(
-    contents: Contents, wanted: Wanted, progress: Progress | None, cache_from: int | None
+    contents: Contents, selection: CalibrationSelection, progress: Progress | None, cache_from: int | None
 ) -> tuple[EventTable, tuple[int, int], tuple[str, ...]]:
-    """Events, the size of the sensor, and a sentence where it was guessed."""
-    size = contents.size or contents.rig.size or wanted.size
+    """Events, sensor size, and a note if the size was guessed."""
+    size = contents.size or contents.calibration.size or selection.size
     if size is not None:
         table = load_events(contents.decode(), *size, progress, cache_from, contents.variant)
         return table, size, ()
@@ -178,9 +192,12 @@ def _load(
             table = load_events(contents.decode(), *usual, progress, cache_from, contents.variant)
         except SensorSizeError:
             continue
-        text = f"no file tells the sensor's size: taken to be {usual[0]} x {usual[1]}, which holds the events"
-        return table, usual, (text,)
+        return (
+            table,
+            usual,
+            (f"sensor size not in any file; assumed from the events: {usual[0]} x {usual[1]}",),
+        )
     raise RecordingError(
-        f"the events of {contents.name} fit no usual sensor (up to {usual[0]} x {usual[1]}); give "
-        f"the size as the resolution in {CAMCHAIN_FILE}"
+        f"the events of {contents.name} fit no common sensor size (up to {usual[0]} x {usual[1]}); set the "
+        f"resolution in {CAMCHAIN_FILE}"
     )

@@ -1,9 +1,10 @@
-"""Events of any source as one array: in memory when few, as a memory map of a cached conversion when many.
+"""Events of any source as one array: in memory for small sources, as a memory map of a cached file for large
+ones.
 
-A conversion is kept in `ASYNEIO_CACHE`, or `asyneio` below `XDG_CACHE_HOME` or `~/.cache`; it is recognised
-by the path, size and time of change of its source, by the sensor's size and by READER_VERSION. Its parts:
-the events as a flat `.npy` file, the inertial samples of the same source as another, and a `.json` file with
-the notes, written last: where it is, the others are whole.
+The cache is in `ASYNEIO_CACHE`, or in `asyneio` below `XDG_CACHE_HOME` or `~/.cache`. An entry is identified
+by path, size and modification time of its source, by the sensor size and by READER_VERSION. It consists of
+the events as a flat `.npy` file, the inertial samples of the source as another one, and a `.json` file with
+the notes. The `.json` file is written last: if it exists, the others are complete.
 """
 
 from __future__ import annotations
@@ -21,22 +22,22 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_file, make_folder, write_text
-from asyneio.io.recording.checks import EventChecker, SensorSizeError, check_span
-from asyneio.io.recording.lone_stamps import LoneStamps
-from asyneio.io.recording.source import SAMPLE_DTYPE, EventSource, Progress, join_events
+from asyneio.io.recording.event_checks import EventChecker, SensorSizeError, check_span
+from asyneio.io.recording.event_source import SAMPLE_DTYPE, EventSource, Progress, join_events
+from asyneio.io.recording.isolated_events import IsolatedEventFilter
 from asyneio.types import EVENT_DTYPE, RecordArray
 
-#: Counts up whenever a decoder or a check changes what comes out.
+#: Increased whenever a decoder or a check changes its output.
 READER_VERSION = 2
-#: Smaller sources are converted in less time than a user notices.
+#: Smaller sources are converted fast enough without a cache.
 CACHE_FROM_BYTES = 32 * 2**20
-#: A conversion is at most this many times as large as its source (text of eight bytes a line gives two).
+#: Upper bound on the size of an entry relative to its source (two for text with eight bytes per line).
 _GROWTH = 2
 
 
 @dataclass(frozen=True)
 class EventTable:
-    """Checked events (EVENT_DTYPE, ascending, read-only when cached) and what the source held beside them
+    """Checked events (EVENT_DTYPE, ascending, read-only if cached) and the samples of the source
     (SAMPLE_DTYPE)."""
 
     events: RecordArray
@@ -52,18 +53,18 @@ def load_events(
     cache_from: int | None = None,
     variant: str = "",
 ) -> EventTable:
-    """Decode, check and keep the events of a source.
+    """Decode and check the events of a source, through the cache if it is large.
 
     Args:
-        source: what to read.
+        source: the decoder.
         width, height: of the sensor [px].
-        progress: is told the fraction converted.
-        cache_from: bytes of the source from which on the conversion is cached; None: CACHE_FROM_BYTES.
-        variant: tells apart what different options make of one file.
+        progress: called with the fraction converted.
+        cache_from: smallest source that is cached [bytes]; None: CACHE_FROM_BYTES.
+        variant: distinguishes what different options read from one file.
 
     Raises:
-        SensorSizeError: more events outside the sensor than chance explains.
-        RecordingError: unreadable, no event, time that jumps backwards, or the disk is full.
+        SensorSizeError: too many events outside the sensor.
+        RecordingError: unreadable, no events, time that jumps backwards, or disk full.
     """
     status = _stat(source.path)
     if status.st_size < (CACHE_FROM_BYTES if cache_from is None else cache_from):
@@ -85,13 +86,13 @@ def load_events(
     try:
         return _convert(source, width, height, progress, stem)
     except SensorSizeError as error:
-        # Kept as well: where the size is guessed, the next run would find out anew what does not fit.
-        write_text(_notes_file(stem), json.dumps({"refused": str(error)}))
+        # Cached as well: if the size is guessed, the next run would repeat the failing attempts.
+        write_text(_notes_file(stem), json.dumps({"error": str(error)}))
         raise
 
 
 def cache_folder() -> Path:
-    """Where conversions are kept; it need not exist."""
+    """The folder of the cache, which may not exist yet."""
     named = os.environ.get("ASYNEIO_CACHE")
     if named:
         return Path(named)
@@ -100,11 +101,11 @@ def cache_folder() -> Path:
 
 
 class _Checks:
-    """What events go through: isolated wrong stamps first, then everything else."""
+    """The checks of events: first isolated wrong stamps, then everything else."""
 
     def __init__(self, source: EventSource, width: int, height: int) -> None:
         self._source = source
-        self._lone = LoneStamps(source.path.name)
+        self._lone = IsolatedEventFilter(source.path.name)
         self._checker = EventChecker(source.path.name, width, height)
 
     def events(self, progress: Progress | None) -> Iterator[RecordArray]:
@@ -117,7 +118,7 @@ class _Checks:
         yield self._checker.finish()
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences on all that was skipped, dropped and sorted."""
+        """Notes on everything that was skipped, dropped and sorted."""
         return self._source.notes() + self._lone.notes() + self._checker.notes()
 
 
@@ -145,31 +146,35 @@ def _convert(
         stream.seek(0)
         _write_header(stream, count)
         if stream.tell() != start:
-            raise RecordingError(f"cannot cache {source.path}: the header of {count} events has another size")
+            raise RecordingError(
+                f"cannot cache {source.path}: the header for {count} events has another size"
+            )
     with atomic_file(_samples_file(stem)) as stream:
         np.save(stream, source.samples(), allow_pickle=False)
     notes = checks.notes()
     write_text(_notes_file(stem), json.dumps({"events": count, "notes": notes}))
     table = _reopen(stem)
     if table is None:
-        raise RecordingError(f"the conversion of {source.path} vanished from {stem.parent}; try again")
+        raise RecordingError(
+            f"the cached conversion of {source.path} disappeared from {stem.parent}; try again"
+        )
     return table
 
 
 def _reopen(stem: Path) -> EventTable | None:
-    """A conversion made earlier, or None where there is none that is whole.
+    """An earlier conversion, or None if there is no complete one.
 
     Raises:
         SensorSizeError: the earlier conversion found too many events outside this sensor.
     """
     try:
         summary = json.loads(_notes_file(stem).read_text(encoding="utf-8"))
-        if "refused" in summary:
-            raise SensorSizeError(str(summary["refused"]))
+        if "error" in summary:
+            raise SensorSizeError(str(summary["error"]))
         events = np.load(_events_file(stem), mmap_mode="r", allow_pickle=False)
         samples = np.load(_samples_file(stem), allow_pickle=False)
         notes = tuple(map(str, summary["notes"]))
-        # Equal field by field, but read back without the flag that marks the layout as a compiler's.
+        # The stored type has equal fields, but lacks the flag for aligned C structures.
         whole = events.dtype == EVENT_DTYPE and samples.dtype == SAMPLE_DTYPE
         whole = whole and events.shape == (summary["events"],)
     except (OSError, ValueError, KeyError, TypeError, EOFError):
@@ -177,23 +182,23 @@ def _reopen(stem: Path) -> EventTable | None:
     return EventTable(events.view(EVENT_DTYPE), samples, notes) if whole else None
 
 
-def _obstacle(folder: Path, bytes_wanted: int) -> str:
-    """A sentence on why the cache cannot be used, empty when it can."""
+def _obstacle(folder: Path, bytes_needed: int) -> str:
+    """Why the cache cannot be used; empty if it can."""
     try:
         make_folder(folder)
         free = shutil.disk_usage(folder).free
     except (OSError, RecordingError) as error:
-        return f"the conversion was not kept, the next run repeats it: {error} (see ASYNEIO_CACHE)"
-    if free < bytes_wanted:
+        return f"the conversion is not cached, the next run repeats it: {error} (see ASYNEIO_CACHE)"
+    if free < bytes_needed:
         return (
-            f"the conversion was not kept, the next run repeats it: {folder} has {free / 1e9:.1f} GB free, "
-            f"up to {bytes_wanted / 1e9:.1f} GB are needed (see ASYNEIO_CACHE)"
+            f"the conversion is not cached, the next run repeats it: {folder} has {free / 1e9:.1f} GB free, "
+            f"up to {bytes_needed / 1e9:.1f} GB are needed (see ASYNEIO_CACHE)"
         )
     return ""
 
 
 def _write_header(stream: IO[bytes], count: int) -> None:
-    """The head of a `.npy` file; numpy pads it so that its size does not depend on the count."""
+    """The header of a `.npy` file. NumPy pads it, so its size does not depend on the count."""
     np.lib.format.write_array_header_1_0(
         stream,
         {"descr": np.lib.format.dtype_to_descr(EVENT_DTYPE), "fortran_order": False, "shape": (count,)},

@@ -1,4 +1,4 @@
-"""What a reader finds in a recording before anything is checked, decoded or repaired."""
+"""What a reader finds in a recording, before anything is decoded, checked or repaired."""
 
 from __future__ import annotations
 
@@ -8,26 +8,25 @@ from pathlib import Path
 
 import numpy as np
 
-from asyneio.io.calibration import Rig as Rig
-from asyneio.io.calibration import Wanted
-from asyneio.io.recording.source import EventSource
+from asyneio.io.calibration import CalibrationSelection, CalibrationSources
+from asyneio.io.recording.event_source import EventSource
 from asyneio.types import INERTIAL_DTYPE, CameraIntrinsics, PoseTrajectory, RecordArray
 
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What the user says about a recording; each is found out where it is None.
+    """The user's choices for a recording; None means automatic.
 
     Attributes:
-        calibration: file of the camera's calibration, of any understood kind.
-        imu: file of the IMU's noise, of any understood kind.
-        events: which events, where there are several: a topic, a stream, a camera.
-        samples: which inertial samples, where there are several: a topic or a stream; or the file that holds
-            them where the events come without.
-        camera: which camera of the calibration, by name or topic, where it holds several.
-        preset: model of the camera, whose published figures fill in what no file tells.
-        samples_needed: false where the inertial samples may be missing: trouble with them, or with
-            calibration files that were found, is then a note.
+        calibration: camera calibration file in any supported format.
+        imu: file with the IMU noise in any supported format.
+        events: which events, if there are several: a topic, a stream, a camera.
+        samples: which inertial samples, if there are several: a topic or a stream; or the file that contains
+            them if the events come without.
+        camera: which camera of the calibration, by name or topic, if it contains several.
+        preset: camera model whose published values fill in what no file contains.
+        samples_needed: whether inertial samples are required. If not, errors in the samples, or in
+            calibration files found next to the recording, become notes.
     """
 
     calibration: Path | None = None
@@ -39,56 +38,56 @@ class ReadOptions:
     samples_needed: bool = True
 
     @property
-    def wanted(self) -> Wanted:
-        """What the user says of the rig."""
-        return Wanted(self.camera, self.preset)
+    def selection(self) -> CalibrationSelection:
+        """The choices that concern the calibration."""
+        return CalibrationSelection(self.camera, self.preset)
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Inertial samples as they stand in a file, in whatever order and unit.
+    """Inertial samples as stored in a file, in any order and unit.
 
-    `gyroscope`, `accelerometer` INERTIAL_DTYPE; `name` says for messages where they come from. `trouble`
-    is why a file of samples that is there could not be read: a run stops, what needs no samples goes on.
+    `gyroscope`, `accelerometer` INERTIAL_DTYPE; `name` is their source, for messages. `error` says why an
+    existing file of samples could not be read: a run stops there, commands that need no samples continue.
     """
 
     gyroscope: RecordArray
     accelerometer: RecordArray
     name: str
     notes: tuple[str, ...] = ()
-    trouble: str = ""
+    error: str = ""
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What is in a recording of events.
+    """Contents of an event recording.
 
     Attributes:
         name: of the recording.
-        decode: makes a decoder of its events; it may be called again.
-        size: width and height of the sensor [px]; None where no file tells.
-        rig: its calibration.
-        samples: inertial samples; None where `decode` gathers them (`EventSource.samples`).
-        lens: from the size to the lens, where a file gives it without the size.
-        truth: true poses, IMU clock.
-        variant: tells apart what different options make of one file.
-        notes: sentences for the user.
+        decode: creates a decoder of its events; may be called repeatedly.
+        size: width and height of the sensor [px], None if unknown.
+        calibration: where its calibration comes from.
+        samples: inertial samples; None if `decode` collects them (`EventSource.samples`).
+        intrinsics: from sensor size to intrinsics, if a file contains them without the size.
+        ground_truth: reference poses, IMU clock.
+        variant: distinguishes what different options read from one file.
+        notes: messages for the user.
     """
 
     name: str
     decode: Callable[[], EventSource]
     size: tuple[int, int] | None
-    rig: Rig = field(default_factory=Rig)
+    calibration: CalibrationSources = field(default_factory=CalibrationSources)
     samples: Samples | None = None
-    lens: Callable[[int, int], CameraIntrinsics] | None = None
-    truth: PoseTrajectory | None = None
+    intrinsics: Callable[[int, int], CameraIntrinsics] | None = None
+    ground_truth: PoseTrajectory | None = None
     variant: str = ""
     notes: tuple[str, ...] = ()
 
 
-def no_samples(name: str, trouble: str = "") -> Samples:
-    """For a recording that has no IMU, or whose samples cannot be read."""
-    return Samples(np.empty(0, INERTIAL_DTYPE), np.empty(0, INERTIAL_DTYPE), name, trouble=trouble)
+def no_samples(name: str, error: str = "") -> Samples:
+    """For a recording without an IMU, or whose samples cannot be read."""
+    return Samples(np.empty(0, INERTIAL_DTYPE), np.empty(0, INERTIAL_DTYPE), name, error=error)
 
 
 def split_samples(rows: RecordArray, name: str, notes: tuple[str, ...] = ()) -> Samples:

@@ -1,4 +1,4 @@
-"""Units of inertial samples: what gravity says of them, by its length and by how it turns."""
+"""Units of inertial samples, checked by gravity: by its magnitude and by its rotation in the body frame."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from asyneio.types import NS_PER_S, FloatArray, RecordArray
 STANDARD_GRAVITY = 9.80665
 _DEGREE = float(np.pi / 180.0)
 
-#: Bounds on the median specific force [m/s^2]: outside the first a note, outside the second a stop.
+#: Bounds on the median specific force [m/s^2]: outside the first, a note; outside the second, an error.
 _EXPECTED_FORCE = (8.8, 10.8)
 _USABLE_FORCE = (4.0, 30.0)
-#: An accelerometer in g reads about one.
+#: Median norm of an accelerometer in g.
 _FORCE_IN_G = (0.8, 1.25)
-#: No common gyroscope measures more than 2000 deg/s = 35 rad/s; deg/s of a hand-held motion do exceed 35.
+#: Common gyroscopes measure up to 2000 deg/s = 35 rad/s; hand-held motion in deg/s does exceed 35.
 _LARGEST_RATE = 35.0
 
-#: Gravity's direction is the mean of readings over so long [s], compared after so long [s].
+#: The direction of gravity is averaged over the first [s], and compared after the second [s].
 _SMOOTH_S, _LATER_S = 0.1, 0.3
-#: Comparisons that are made, at most, and at least.
+#: Largest and smallest number of comparisons.
 _PAIRS = (400, 20)
-#: A reading that turns by less [rad] over the time tells nothing of its unit; a unit is wrong where gravity
-#: lies further [rad] from where it should be, and the other one explains it so many times better.
+#: Smallest rotation [rad] that determines the unit; smallest error of gravity [rad] that rejects a unit, and
+#: by which factor the other unit must be better.
 _LEAST_TURN, _WRONG_TURN, _BETTER = 0.6, 0.4, 3.0
 
 _FACTORS: dict[str, dict[float, tuple[str, ...]]] = {
@@ -44,7 +44,7 @@ _FACTORS: dict[str, dict[float, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class InertialStreams:
-    """Gyroscope [rad/s] and accelerometer [m/s^2], INERTIAL_DTYPE ascending, and what was repaired."""
+    """Gyroscope [rad/s] and accelerometer [m/s^2], INERTIAL_DTYPE ascending, and notes on repairs."""
 
     gyroscope: RecordArray
     accelerometer: RecordArray
@@ -52,64 +52,67 @@ class InertialStreams:
 
 
 def factor_of(sensor: str, unit: str) -> float | None:
-    """The SI value of a unit (lower case, without blanks); None where it is not known."""
+    """The SI value of a unit (lower case, without blanks); None if unknown."""
     return next((factor for factor, names in _FACTORS[sensor].items() if unit in names), None)
 
 
 def check_units(
     gyroscope: RecordArray, accelerometer: RecordArray, notes: tuple[str, ...]
 ) -> InertialStreams:
-    """Repair exchanged columns, g and deg/s where gravity proves the case; otherwise say or stop.
+    """Repair swapped columns and convert g and deg/s, if gravity shows that this is necessary.
 
-    `notes` come first in those of the result.
+    `notes` precede those added here.
 
     Raises:
-        RecordingError: the accelerometer cannot be explained by gravity in any known unit.
+        RecordingError: gravity explains the accelerometer in no known unit.
     """
     if _exchanged(gyroscope, accelerometer):
         gyroscope, accelerometer = accelerometer, gyroscope
-        notes += ("gravity stands in the gyroscope columns: gyroscope and accelerometer were swapped back",)
+        notes += ("gravity is in the gyroscope columns: gyroscope and accelerometer were swapped",)
     force = _median_norm(accelerometer)
     in_g = _within(force, _FORCE_IN_G)
     if in_g:
         accelerometer = _scaled(accelerometer, STANDARD_GRAVITY)
         force *= STANDARD_GRAVITY
-        notes += (f"the accelerometer reads about one, so it is in g: multiplied by {STANDARD_GRAVITY}",)
-    in_degrees, said = _in_degrees(gyroscope, accelerometer, in_g)
+        notes += (
+            "the median norm of the accelerometer is about one, so it is in g: multiplied by "
+            f"{STANDARD_GRAVITY}",
+        )
+    in_degrees, unit_notes = _in_degrees(gyroscope, accelerometer, in_g)
     if in_degrees:
         gyroscope = _scaled(gyroscope, _DEGREE)
-    notes += said
+    notes += unit_notes
     if not _within(force, _USABLE_FORCE):
         raise RecordingError(
-            f"the accelerometer's median norm is {force:.4g}; expected about 9.81 m/s^2 (gravity included). "
+            f"the median norm of the accelerometer is {force:.4g}; expected about 9.81 m/s^2 (with gravity). "
             "Check the unit, the column order, and that gravity was not removed"
         )
     if not _within(force, _EXPECTED_FORCE):
-        notes += (f"the accelerometer's median norm is {force:.2f} m/s^2, expected about 9.81",)
+        notes += (f"the median norm of the accelerometer is {force:.2f} m/s^2, expected about 9.81",)
     return InertialStreams(gyroscope, accelerometer, notes)
 
 
 def _in_degrees(
     gyroscope: RecordArray, accelerometer: RecordArray, in_g: bool
 ) -> tuple[bool, tuple[str, ...]]:
-    """Whether the gyroscope is in deg/s, and the sentence on it."""
+    """Whether the gyroscope is in deg/s, and a note on it."""
     if float(np.percentile(_norms(gyroscope), 95.0)) > _LARGEST_RATE:
-        said = f"the gyroscope exceeds {_LARGEST_RATE:g} rad/s, so it is in deg/s: converted to rad/s"
-        return True, (said,)
-    told = turns_in_degrees(gyroscope, accelerometer)
-    if told:
-        return True, ("gravity turns as a gyroscope in deg/s says, not in rad/s: converted to rad/s",)
-    if in_g and told is None:
-        said = "the gyroscope was taken to be in rad/s; an accelerometer in g often comes with deg/s: check"
-        return False, (said,)
+        note = f"the gyroscope exceeds {_LARGEST_RATE:g} rad/s, so it is in deg/s: converted to rad/s"
+        return True, (note,)
+    in_degrees = turns_in_degrees(gyroscope, accelerometer)
+    if in_degrees:
+        return True, ("the rotation of gravity fits a gyroscope in deg/s, not rad/s: converted to rad/s",)
+    if in_g and in_degrees is None:
+        note = "the gyroscope is assumed to be in rad/s; an accelerometer in g often comes with deg/s: check"
+        return False, (note,)
     return False, ()
 
 
 def turns_in_degrees(gyroscope: RecordArray, accelerometer: RecordArray) -> bool | None:
-    """Whether gravity turns, as the accelerometer sees it, as the gyroscope says in deg/s and not in rad/s.
+    """Whether the rotation of gravity in the accelerometer fits the gyroscope in deg/s and not in rad/s.
 
-    A vector at rest in the world turns in the body by the inverse of the body's rotation. None where the
-    readings are too small, or too few, to tell.
+    A vector that is constant in the world rotates in the body frame by the inverse of the body rotation. None
+    if the rotation is too small, or the samples are too few, to decide.
     """
     starts = _starts(gyroscope["t_ns"], accelerometer["t_ns"])
     if starts.size < _PAIRS[1]:
@@ -125,7 +128,7 @@ def turns_in_degrees(gyroscope: RecordArray, accelerometer: RecordArray) -> bool
 
 
 def _starts(gyroscope_ns: np.ndarray, accelerometer_ns: np.ndarray) -> np.ndarray:
-    """Times from which gravity is looked at, where both sensors have samples; none where that is short."""
+    """Start times of the comparisons, while both sensors have samples; empty if that time is short."""
     begin, end = max(gyroscope_ns[0], accelerometer_ns[0]), min(gyroscope_ns[-1], accelerometer_ns[-1])
     end -= round((_LATER_S + _SMOOTH_S) * NS_PER_S)
     if end <= begin:
@@ -135,7 +138,7 @@ def _starts(gyroscope_ns: np.ndarray, accelerometer_ns: np.ndarray) -> np.ndarra
 
 
 def _directions(accelerometer: RecordArray, t_ns: np.ndarray) -> FloatArray:
-    """Unit vectors (N,3) of the mean reading from each time on; NaN without samples."""
+    """Unit vectors (N,3) of the specific force averaged from each time on; NaN without samples."""
     sums = np.concatenate([np.zeros((1, 3)), np.cumsum(accelerometer["xyz"], axis=0)])
     first, last = (
         np.searchsorted(accelerometer["t_ns"], t_ns + after) for after in (0, round(_SMOOTH_S * NS_PER_S))
@@ -148,7 +151,7 @@ def _directions(accelerometer: RecordArray, t_ns: np.ndarray) -> FloatArray:
 def _errors(
     gyroscope: RecordArray, t_ns: np.ndarray, before: FloatArray, after: FloatArray, factor: float
 ) -> tuple[float, float]:
-    """Medians of the angle turned [rad] and of the angle between gravity as predicted and as seen."""
+    """Medians of the rotation angle [rad] and of the angle between predicted and measured gravity [rad]."""
     rates = factor * gyroscope["xyz"]
     stamps = (gyroscope["t_ns"] - gyroscope["t_ns"][0]) / NS_PER_S
     start = (t_ns - gyroscope["t_ns"][0]) / NS_PER_S
@@ -168,9 +171,9 @@ def _errors(
 
 
 def _exchanged(gyroscope: RecordArray, accelerometer: RecordArray) -> bool:
-    """True when the gyroscope columns hold gravity: a norm near 9.81, steadier than the other's.
+    """True if the gyroscope columns contain gravity: a norm near 9.81 that varies less than the other one.
 
-    The second condition keeps a gyroscope in deg/s, beside an accelerometer in g, from passing for gravity.
+    The second condition excludes a gyroscope in deg/s together with an accelerometer in g.
     """
     return (
         _within(_median_norm(gyroscope), _EXPECTED_FORCE)
@@ -191,7 +194,7 @@ def _scaled(stream: RecordArray, factor: float) -> RecordArray:
 
 
 def _norms(stream: RecordArray) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    # Overflow of absurd readings gives inf, which the bounds then refuse.
+    # Absurd values overflow to inf, which is outside the bounds.
     with np.errstate(over="ignore"):
         return np.asarray(np.sqrt((stream["xyz"] ** 2).sum(axis=1)))
 

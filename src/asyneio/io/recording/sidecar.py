@@ -1,4 +1,4 @@
-"""Files of inertial samples and true poses beside events that come without."""
+"""Sidecar files: inertial samples and ground truth next to a file of events."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pathlib import Path
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.zip_member import ZipMember
 from asyneio.io.recording.contents import ReadOptions, Samples, no_samples
-from asyneio.io.recording.inertial_text import read_inertial_file, read_sensor_file
-from asyneio.io.recording.trajectory_text import read_trajectory
+from asyneio.io.recording.inertial_reader import read_inertial_file, read_sensor_file
+from asyneio.io.recording.trajectory_reader import read_trajectory
 from asyneio.types import PoseTrajectory
 
-#: Looked for in this order: ours, UZH, TUM-VIE, EuRoC.
+#: Searched in this order: asyneio, UZH, TUM-VIE, EuRoC.
 SAMPLE_FILES = ("imu.csv", "imu.txt", "imu_data.txt", "imu0/data.csv", "mav0/imu0/data.csv")
-#: One file for each sensor, where none of those is there.
+#: One file per sensor, if none of those exists.
 SENSOR_FILES = ("gyroscope.csv", "accelerometer.csv")
-TRUTH_FILES = (
+GROUND_TRUTH_FILES = (
     "groundtruth.tum",
     "groundtruth.txt",
     "groundtruth.csv",
@@ -30,70 +30,71 @@ TRUTH_FILES = (
 )
 
 
-def samples_beside(folder: Path, options: ReadOptions, names: Sequence[str] = SAMPLE_FILES) -> Samples:
-    """Samples of the file the user named, or else of the first of `names` that is in the folder, or none.
+def find_samples(folder: Path, options: ReadOptions, names: Sequence[str] = SAMPLE_FILES) -> Samples:
+    """Samples from the file that the user named, else from the first of `names` in the folder, else none.
 
     Raises:
-        RecordingError: the named file is not there.
+        RecordingError: the named file does not exist.
     """
     if options.samples is not None:
         for path in (Path(options.samples), folder / options.samples):
             if path.is_file():
-                return samples_of(path)
+                return read_samples(path)
         raise RecordingError(
-            f"there is no file {options.samples} of inertial samples, here or in {folder}; expected one, as "
-            "these events come without an IMU"
+            f"inertial samples {options.samples} not found, neither here nor in {folder}; expected a file, "
+            "as these events come without an IMU"
         )
     found = first_file(folder, names)
     if found is not None:
-        return samples_of(found)
+        return read_samples(found)
     sensors = [folder / name for name in SENSOR_FILES]
     if names and all(path.is_file() for path in sensors):
-        return _of_two_files(sensors[0], sensors[1])
+        return _read_two_files(sensors[0], sensors[1])
     return no_samples(f"the IMU of {folder.name}")
 
 
-def samples_of(path: Path | ZipMember, accelerometer_first: bool = False) -> Samples:
-    """Samples of a file; where it cannot be read, none, with the reason as `trouble`."""
+def read_samples(path: Path | ZipMember, accelerometer_first: bool = False) -> Samples:
+    """Samples of a file; none if it cannot be read, with the reason as `error`."""
     try:
         return read_inertial_file(path, accelerometer_first)
     except RecordingError as error:
         return no_samples(path.name, str(error))
 
 
-def _of_two_files(gyroscope: Path, accelerometer: Path) -> Samples:
-    """Samples of one file for each sensor."""
+def _read_two_files(gyroscope: Path, accelerometer: Path) -> Samples:
+    """Samples from one file per sensor."""
     name = f"{gyroscope.name} and {accelerometer.name}"
     try:
-        rates, said = read_sensor_file(gyroscope, "gyroscope")
+        rates, notes = read_sensor_file(gyroscope, "gyroscope")
         forces, more = read_sensor_file(accelerometer, "accelerometer")
     except RecordingError as error:
         return no_samples(name, str(error))
-    return Samples(rates, forces, name, (*said, *more))
+    return Samples(rates, forces, name, (*notes, *more))
 
 
-def truth_beside(
-    folder: Path, names: Sequence[str] = TRUTH_FILES
+def find_ground_truth(
+    folder: Path, names: Sequence[str] = GROUND_TRUTH_FILES
 ) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
-    """True poses of the first of `names` that can be read, how they were read, and what could not be."""
-    return truth_of([folder / name for name in names])
+    """Ground truth from the first readable file of `names`, with notes on what was read and what could not
+    be."""
+    return read_ground_truth([folder / name for name in names])
 
 
-def truth_of(files: Sequence[Path | ZipMember]) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
-    """As `truth_beside`, of given files. Nobody needs the truth to run: what is wrong with it is a note."""
+def read_ground_truth(files: Sequence[Path | ZipMember]) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+    """Like `find_ground_truth`, for given files. Errors become notes, as a run does not need ground truth."""
     notes: tuple[str, ...] = ()
     for file in files:
         if not file.is_file():
             continue
         try:
-            truth, said = read_trajectory(file)
+            truth, added = read_trajectory(file)
         except RecordingError as error:
-            notes += (f"not used as truth: {error}",)
+            notes += (f"not used as ground truth: {error}",)
             continue
-        return truth, notes + said
+        return truth, notes + added
     return None, notes
 
 
 def first_file(folder: Path, names: Sequence[str]) -> Path | None:
-    """The first of the names that is a file in the folder."""
+    """The first of the names that exists as a file in the folder."""
     return next((folder / name for name in names if (folder / name).is_file()), None)

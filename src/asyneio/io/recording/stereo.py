@@ -1,4 +1,4 @@
-"""Recordings with a left and a right event camera: which one is read."""
+"""Recordings with a left and a right event camera: selection of one."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from asyneio.errors import RecordingError
 LEFT, RIGHT = "left", "right"
 
 
-def choose_side(sides: Sequence[str], wanted: str | None, path: Path) -> tuple[str, tuple[str, ...]]:
-    """The camera the user wants, else the left one, and a sentence where there was a choice.
+def choose_side(sides: Sequence[str], selected: str | None, path: Path) -> tuple[str, tuple[str, ...]]:
+    """The selected camera, else the left one, and a note if there was a choice.
 
     Raises:
-        RecordingError: there is no such camera.
+        RecordingError: no such camera.
     """
-    if wanted is not None and wanted not in sides:
+    if selected is not None and selected not in sides:
         raise RecordingError(
-            f"{path} has no events of the camera {wanted!r}; it has those of {' and '.join(sides)}"
+            f"{path} has no events of a camera {selected!r}; available: {' and '.join(sides)}"
         )
-    chosen = wanted or (LEFT if LEFT in sides else sides[0])
-    if len(sides) == 1 or wanted is not None:
+    chosen = selected or (LEFT if LEFT in sides else sides[0])
+    if len(sides) == 1 or selected is not None:
         return chosen, ()
-    return chosen, (f"read the events of the {chosen} camera of {' and '.join(sides)} (--events)",)
+    return chosen, (f"events read from the {chosen} camera (--events selects {' or '.join(sides)})",)

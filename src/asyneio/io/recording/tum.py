@@ -1,4 +1,4 @@
-"""Trajectories written in the TUM layout: `t[s] px py pz qx qy qz qw`, stamps exact to the nanosecond."""
+"""The TUM trajectory format: `t[s] px py pz qx qy qz qw`, with stamps exact to the nanosecond."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.io.parsing.atomic import write_text
-from asyneio.io.parsing.seconds_table import format_seconds
+from asyneio.io.parsing.decimal_seconds import format_seconds
 from asyneio.types import PoseTrajectory, RecordArray
 
 HEADER = "# t[s] px py pz qx qy qz qw: pose of the body (IMU) in the world\n"
 
 #: One pose: position [m], quaternion x y z w.
 POSE_DTYPE = np.dtype([("t_ns", "<i8"), ("p", "<f8", (3,)), ("q", "<f8", (4,))])
-#: Printed quaternions are of unit length to their digits; further off they are something else.
+#: Printed quaternions have unit norm up to rounding; a larger error means another content.
 MAX_NORM_ERROR = 1e-2
-#: Below this a quaternion is left as it was printed.
+#: Quaternions with a smaller error are not normalized.
 _EXACT_NORM_ERROR = 1e-6
 
 
@@ -30,9 +30,9 @@ def poses_of(rows: RecordArray) -> PoseTrajectory:
 
 
 def write_tum(path: Path, trajectory: PoseTrajectory, header: str = HEADER) -> None:
-    """Write a trajectory, whole or not at all; reading it back gives the identical numbers.
+    """Write a trajectory, complete or not at all; reading it back gives identical numbers.
 
-    `header` goes before the poses: comment lines, or nothing.
+    `header` is written before the poses: comment lines, or an empty text.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -41,7 +41,7 @@ def write_tum(path: Path, trajectory: PoseTrajectory, header: str = HEADER) -> N
 
 
 def tum_text(trajectory: PoseTrajectory, header: str = HEADER) -> str:
-    """What `write_tum` writes."""
+    """The text that `write_tum` writes."""
     lines = [header]
     values = np.hstack([trajectory.position, trajectory.quaternion]).tolist()
     for t_ns, row in zip(trajectory.t_ns.tolist(), values, strict=True):

@@ -1,9 +1,9 @@
-"""`estimates.npz`: everything the estimator said, without loss: poses, velocity, biases, covariance.
+"""`estimates.npz`: all estimates without loss: poses, velocity, biases, covariance.
 
 | array | shape | meaning |
 |---|---|---|
 | t_ns | (N,) int64 | time, IMU clock |
-| segment | (N,) int64 | number of the segment; each has a world of its own |
+| segment | (N,) int64 | number of the segment; each has its own world frame |
 | T_w_b | (N,4,4) | body to world |
 | velocity_w | (N,3) | m/s, world |
 | angular_velocity_b | (N,3) | rad/s, body |
@@ -36,7 +36,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "bias_accelerometer": (3,),
     "covariance": (STATE_DOF, STATE_DOF),
 }
-#: A day at 20 knots a second needs 9 GB; a file that unpacks to more than this is hostile or not ours.
+#: A day at 20 knots per second needs 9 GB; a larger unpacked size is hostile.
 _MAX_BYTES = 16 * 2**30
 
 
@@ -51,7 +51,7 @@ def stack_estimates(estimates: Sequence[Estimate]) -> dict[str, FloatArray]:
 
 
 def write_estimates(path: Path, estimates: Sequence[Estimate]) -> None:
-    """Write the file, whole or not at all, without pickled objects.
+    """Write the file, complete or not at all, without pickled objects.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -69,10 +69,10 @@ def write_estimates(path: Path, estimates: Sequence[Estimate]) -> None:
 
 
 def read_estimates(path: Path) -> list[Estimate]:
-    """Read the file back.
+    """Read the file.
 
     Raises:
-        RecordingError: unreadable, an array is missing or has a wrong shape, or the state order differs.
+        RecordingError: unreadable, an array is missing or has another shape, or the state order differs.
     """
     arrays = _load(path)
     blocks = tuple(map(str, arrays["state_blocks"].reshape(-1).tolist()))
@@ -101,10 +101,10 @@ def to_trajectory(estimates: Sequence[Estimate]) -> PoseTrajectory:
     """Poses of the estimates as a trajectory with unit quaternions, w not negative.
 
     Raises:
-        RecordingError: the estimates are of several segments, whose worlds differ.
+        RecordingError: the estimates belong to several segments, which have different world frames.
     """
     if len(split_segments(estimates)) > 1:
-        raise RecordingError("found estimates of several segments; expected one: their worlds differ")
+        raise RecordingError("estimates of several segments; expected one: their world frames differ")
     if not estimates:
         return PoseTrajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
     T_w_b = np.array([estimate.T_w_b for estimate in estimates])
@@ -116,23 +116,23 @@ def to_trajectory(estimates: Sequence[Estimate]) -> PoseTrajectory:
 
 
 def _load(path: Path) -> dict[str, np.ndarray]:
-    """All arrays of the archive, sizes checked before anything is unpacked."""
-    wanted = ("t_ns", "segment", "state_blocks", *_SHAPES)
+    """All arrays of the archive; the total size is checked before decompression."""
+    names = ("t_ns", "segment", "state_blocks", *_SHAPES)
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
         if size > _MAX_BYTES:
             raise RecordingError(f"{path} unpacks to {size} bytes; at most {_MAX_BYTES} are read")
         with np.load(path, allow_pickle=False) as archive:
-            missing = [name for name in wanted if name not in archive.files]
+            missing = [name for name in names if name not in archive.files]
             if missing:
                 raise RecordingError(
                     f"{path} lacks the arrays {', '.join(missing)}; expected an estimates.npz"
                 )
-            return {name: archive[name] for name in wanted}
+            return {name: archive[name] for name in names}
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}; check the path") from error
     except (ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
         raise RecordingError(
-            f"{path} is no readable estimates.npz: {error}; expected what `asyneio run` writes"
+            f"{path} is not a readable estimates.npz: {error}; expected the output of `asyneio run`"
         ) from error

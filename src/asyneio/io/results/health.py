@@ -1,4 +1,4 @@
-"""`health.csv`: the estimator's state at each step. `attitude.csv`: attitudes while there is no pose."""
+"""`health.csv`: health of the estimator at each step. `attitude.csv`: attitudes while there is no pose."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.io.parsing.atomic import write_text
-from asyneio.io.parsing.seconds_table import format_seconds
+from asyneio.io.parsing.decimal_seconds import format_seconds
 from asyneio.types import Attitude, StepReport
 
 HEALTH_COLUMNS = ("t[s]", "health", "segment", "reason")
@@ -19,7 +19,7 @@ ATTITUDE_COLUMNS = ("t[s]", "qx", "qy", "qz", "qw", "tilt_sigma[deg]")
 
 
 def write_health(path: Path, reports: Iterable[StepReport]) -> None:
-    """State, segment and reason at every step, whole or not at all.
+    """Write health, segment and reason of every step, complete or not at all.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -29,7 +29,7 @@ def write_health(path: Path, reports: Iterable[StepReport]) -> None:
 
 
 def write_attitudes(path: Path, attitudes: Iterable[Attitude]) -> None:
-    """Gravity-aligned attitudes body to world as quaternions, with the sigma of roll and pitch.
+    """Write gravity-aligned attitudes, body to world, as quaternions with the sigma of roll and pitch.
 
     Raises:
         RecordingError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""What every container of ROS messages offers: its topics, and its messages from front to back."""
+"""The interface of containers of ROS messages: topics, and messages from front to back."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from asyneio.io.parsing.unpack import MAX_UNPACKED, CutError
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic: its name, the type of its messages, their definition (empty: not in the bag), and whether
-    they are encoded as in ROS 2."""
+    """A topic: name, message type, message definition (empty: not in the bag), and whether messages are
+    encoded as in ROS 2 (CDR)."""
 
     name: str
     type: str
@@ -23,15 +23,15 @@ class Topic:
 
 @dataclass(frozen=True)
 class Message:
-    """A message as it stands in the bag, and when it was recorded [ns]."""
+    """A message as stored in the bag, and its recording time [ns]."""
 
     topic: Topic
     logged_ns: int
     data: bytes | memoryview
 
 
-class Damage:
-    """What a container met that is damaged, as sentences added to `notes`."""
+class DamageLog:
+    """Collects damage found in a container, as messages added to `notes`."""
 
     def __init__(self, name: str, notes: list[str]) -> None:
         self._name, self._notes = name, notes
@@ -39,28 +39,28 @@ class Damage:
         self._first = ""
 
     def record(self, at: int, error: CutError) -> None:
-        """A record is damaged, but what follows it can be found."""
+        """A record is damaged, but the next one can be found."""
         self._records += 1
         self._first = self._first or f"the first at byte {at}: {error}"
 
     def cut(self, at: int, size: int, count: int, error: CutError) -> None:
-        """Nothing can be read from byte `at` on, after so many messages."""
+        """Nothing can be read from byte `at` on, after `count` messages."""
         self._notes.append(
-            f"{self._name} is damaged or cut off at byte {at} of {size} ({error}): read up to there, "
+            f"{self._name} is damaged or truncated at byte {at} of {size} ({error}): read up to there, "
             f"{count} message(s)"
         )
 
     def end(self) -> None:
-        """No more is read."""
+        """The end of the container."""
         if self._records:
             self._notes.append(
-                f"{self._name}: {self._records} damaged record(s), {self._first}; what stood in them from "
-                "there on is missing"
+                f"{self._name}: {self._records} damaged record(s), {self._first}; their content from "
+                "there on is lost"
             )
 
 
 class Bag(Protocol):
-    """A container of messages that is read from front to back, as often as wanted."""
+    """A container of messages that can be read repeatedly from front to back."""
 
     @property
     def path(self) -> Path:
@@ -68,27 +68,27 @@ class Bag(Protocol):
 
     @property
     def identity(self) -> str:
-        """Tells apart recordings that share `path`: empty for one file."""
+        """Distinguishes recordings with the same `path`; empty for a single file."""
 
     def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
-        """All messages, with the fraction read; sentences on what is damaged are added to `notes`.
+        """All messages, with the fraction read; messages on damage are added to `notes`.
 
         Raises:
             RecordingError: unreadable, or damaged before the first message.
         """
 
     def topics(self) -> list[Topic]:
-        """The topics met so far, or all of them where the container lists them; complete after `messages`."""
+        """The topics found so far, or all if the container lists them; complete after `messages`."""
 
 
-def take(stream: IO[bytes], length: int, size: int, wanted: bool) -> tuple[bytes, int]:
-    """The content of a record, or none where it is not wanted, and how much of it a file of `size` lacks.
+def read_content(stream: IO[bytes], length: int, size: int, needed: bool) -> tuple[bytes, int]:
+    """The content of a record (empty unless needed), and the number of bytes missing in a file of `size`.
 
     Raises:
-        CutError: the record is longer than any is.
+        CutError: implausible length.
     """
     left = size - stream.tell()
-    if not wanted:
+    if not needed:
         stream.seek(min(length, left), 1)
         return b"", max(length - left, 0)
     if length > MAX_UNPACKED:

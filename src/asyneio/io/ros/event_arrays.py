@@ -1,7 +1,7 @@
-"""Messages that hold events one by one: dvs_msgs/EventArray and whatever has its fields under another name.
+"""Messages with an array of events: dvs_msgs/EventArray, and types with the same fields under other names.
 
-An event is column, row, time and polarity. ROS 1 packs it into 13 bytes. CDR aligns every number to its size,
-which makes it 16 bytes, but only from the second event on: the first has no gap before it.
+An event consists of column, row, time and polarity. ROS 1 packs it into 13 bytes. CDR aligns every number to
+its size, which results in 16 bytes, but only from the second event on: the first has no padding before it.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.io.recording.source import FAR_OUTSIDE
-from asyneio.io.ros.field_offsets import Locator, Place, item_places
+from asyneio.io.recording.event_source import FAR_OUTSIDE
+from asyneio.io.ros.field_offsets import FieldOffset, LayoutFinder, item_fields
+from asyneio.io.ros.number_table import stamp_of
 from asyneio.io.ros.schema import Schema
-from asyneio.io.ros.tables import stamp_of
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 
 _TIMES = ("ts", "t", "time", "timestamp", "stamp")
@@ -22,7 +22,7 @@ _POLARITIES = ("polarity", "p", "pol", "on")
 
 @dataclass(frozen=True)
 class EventFields:
-    """The names of an event's fields; `time` is a number of unknown unit unless `split` in seconds and
+    """Names of the fields of an event; `time` is a number of unknown unit, unless `split` into seconds and
     nanoseconds."""
 
     sequence: str
@@ -33,9 +33,9 @@ class EventFields:
 
 @dataclass(frozen=True)
 class EventMessage:
-    """The events of one message, EVENT_DTYPE, its stamp [ns] (0: none) and the sensor's size (0: not said).
+    """Events of one message, EVENT_DTYPE, its stamp [ns] (0: none) and the sensor size (0: unknown).
 
-    Where the time of an event is one number, `t_ns` is that number.
+    If the time of an event is one number, `t_ns` is that number.
     """
 
     events: RecordArray
@@ -45,7 +45,7 @@ class EventMessage:
 
 
 def event_fields(schema: Schema) -> EventFields | None:
-    """The fields of events in a message of this type; None where it holds no sequence of events."""
+    """The fields of events in messages of this type; None if they contain no events."""
     paths = schema.paths()
     for field in schema.types.get(schema.root, ()):
         items = f"{field.name}[]."
@@ -64,28 +64,28 @@ class EventArrayDecoder:
 
     def __init__(self, schema: Schema, cdr: bool, fields: EventFields) -> None:
         self._schema, self._cdr, self._fields = schema, cdr, fields
-        self._locator = Locator(schema, cdr)
-        #: Places of the events' fields by where the sequence starts, modulo the largest alignment.
+        self._locator = LayoutFinder(schema, cdr)
+        #: Memory layouts of events by the start of the sequence, modulo the largest alignment.
         self._forms: dict[tuple[int, str], _Form] = {}
 
     def decode(self, data: bytes | memoryview) -> EventMessage:
-        """The events of a message. Raises ValueError: it ends before its events do, or they vary in size."""
-        located = self._locator.locate(data)
-        place = located.places[self._fields.sequence]
-        size = [located.number(data, name) if name in located.places else 0 for name in ("width", "height")]
-        key = (place.offset % 8, located.order)
+        """Events of a message. Raises ValueError: the message is too short, or events vary in size."""
+        layout = self._locator.find_layout(data)
+        field = layout.fields[self._fields.sequence]
+        size = [layout.number(data, name) if name in layout.fields else 0 for name in ("width", "height")]
+        key = (field.offset % 8, layout.order)
         if key not in self._forms:
-            self._forms[key] = _Form.of(self._schema, place, self._cdr, self._fields, located.order)
-        events = self._forms[key].read(data, place)
-        return EventMessage(events, stamp_of(located, data), size[0], size[1])
+            self._forms[key] = _Form.of(self._schema, field, self._cdr, self._fields, layout.order)
+        events = self._forms[key].read(data, field)
+        return EventMessage(events, stamp_of(layout, data), size[0], size[1])
 
 
 @dataclass(frozen=True)
 class _Form:
-    """How events stand in a sequence: those before `regular` one by one, the others evenly.
+    """Memory layout of a sequence of events: the first ones individually, the others at a constant stride.
 
-    `singles` are dtype and offset from the start of the sequence; `dtype`, `offset` and `stride` are those of
-    the others.
+    `singles`: dtype and offset from the start of the sequence for each of the first events; `dtype`, `offset`
+    and `stride` are those of the others.
     """
 
     singles: tuple[tuple[np.dtype[np.void], int], ...]
@@ -95,19 +95,19 @@ class _Form:
     split: bool
 
     @classmethod
-    def of(cls, schema: Schema, place: Place, cdr: bool, fields: EventFields, order: str) -> _Form:
+    def of(cls, schema: Schema, field: FieldOffset, cdr: bool, fields: EventFields, order: str) -> _Form:
         time = [f"{fields.time}.sec", f"{fields.time}.nanosec"] if fields.split else [fields.time]
-        wanted = ["x", "y", *time, fields.polarity]
-        start = place.offset % 8 + 8
-        items = item_places(schema, place.kind, cdr, start, 6)
-        if any(name not in item or item[name].count != 1 for item in items for name in wanted):
+        names_in = ["x", "y", *time, fields.polarity]
+        start = field.offset % 8 + 8
+        items = item_fields(schema, field.kind, cdr, start, 6)
+        if any(name not in item or item[name].count != 1 for item in items for name in names_in):
             raise ValueError("an event lacks a field")
-        offsets = np.array([[item[name].offset - start for name in wanted] for item in items])
+        offsets = np.array([[item[name].offset - start for name in names_in] for item in items])
         steps = np.diff(offsets, axis=0)
         regular = next((k for k in (0, 1) if (steps[k:] == steps[k, 0]).all()), None)
         if regular is None:
-            raise ValueError("the events are not evenly spaced")
-        types = [items[0][name].dtype for name in wanted]
+            raise ValueError("events have no constant stride")
+        types = [items[0][name].dtype for name in names_in]
         names = ["x", "y", *(["sec", "nanosec"] if fields.split else ["t"]), "p"]
         ends = offsets + np.array([int(kind[1]) for kind in types])
 
@@ -126,22 +126,22 @@ class _Form:
         singles = tuple((dtype(k), int(offsets[k].min())) for k in range(regular))
         stride = int(steps[regular, 0])
         if stride <= 0:
-            raise ValueError("an event has no size")
+            raise ValueError("an event has size 0")
         return cls(singles, dtype(regular), int(offsets[regular].min()), stride, fields.split)
 
-    def read(self, data: bytes | memoryview, place: Place) -> RecordArray:
-        even = max(place.count - len(self.singles), 0)
-        last = place.offset + self.offset + (even - 1) * self.stride + self.dtype.itemsize
+    def read(self, data: bytes | memoryview, field: FieldOffset) -> RecordArray:
+        even = max(field.count - len(self.singles), 0)
+        last = field.offset + self.offset + (even - 1) * self.stride + self.dtype.itemsize
         if even and last > len(data):
-            raise ValueError(f"the message claims {place.count} events, more than it can hold")
-        events = np.zeros(place.count, dtype=EVENT_DTYPE)
-        for k, (dtype, offset) in enumerate(self.singles[: place.count]):
-            if place.offset + offset + dtype.itemsize > len(data):
+            raise ValueError(f"the message declares {field.count} events, more than fit into it")
+        events = np.zeros(field.count, dtype=EVENT_DTYPE)
+        for k, (dtype, offset) in enumerate(self.singles[: field.count]):
+            if field.offset + offset + dtype.itemsize > len(data):
                 raise ValueError("the message ends early")
-            self._put(events[k : k + 1], np.frombuffer(data, dtype, 1, place.offset + offset))
+            self._put(events[k : k + 1], np.frombuffer(data, dtype, 1, field.offset + offset))
         if even:
             rows: np.ndarray = np.ndarray(
-                (even,), self.dtype, memoryview(data), place.offset + self.offset, (self.stride,)
+                (even,), self.dtype, memoryview(data), field.offset + self.offset, (self.stride,)
             )
             self._put(events[len(self.singles) :], rows)
         return events

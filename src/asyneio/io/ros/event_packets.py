@@ -1,11 +1,11 @@
-"""The encodings of event_camera_msgs/EventPacket (event_array_msgs/EventArray, as it was called before).
+"""The encodings of event_camera_msgs/EventPacket (formerly event_array_msgs/EventArray).
 
 | encoding | events | time [ns] |
 |---|---|---|
-| `evt3` | see `evt3` | of the sensor, from the words alone |
+| `evt3` | see `evt3` | sensor time, from the words only |
 | `mono` | 64 bits: time bits 0-31, x 32-47, y 48-62, polarity 63 | `time_base` + bits |
-| `libcaer` | polarity bit 1, y 2-16, x 17-31, time [us] 32-63, turns at 2^31 | `time_base` + bits |
-| `libcaer_cmp` | words of 16 bits, code in the four high ones, see below | `time_base` + bits [us] |
+| `libcaer` | polarity bit 1, y 2-16, x 17-31, time [us] 32-63, wraps at 2^31 | `time_base` + bits |
+| `libcaer_cmp` | 16-bit words with the code in the four high bits, see below | `time_base` + bits [us] |
 | `trigger` | no events | |
 
 `libcaer_cmp`: 0, 1 high and low 12 bits of the time; 2 column; 3 event: row (bits 0-10), polarity (bit 11);
@@ -20,23 +20,23 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from asyneio.io.prophesee.evt3 import TURN_NS, Evt3Decoder
-from asyneio.io.recording.source import FAR_OUTSIDE, pack_events
+from asyneio.io.prophesee.evt3 import EVT_TIME_HIGH, EVT_TIME_LOW, WRAP_NS, Evt3Decoder
+from asyneio.io.recording.event_source import FAR_OUTSIDE, pack_events
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 ENCODINGS = ("evt3", "mono", "libcaer", "libcaer_cmp")
 TRIGGER = "trigger"
 
-_LIBCAER_TURN_US = 2**31
+_LIBCAER_WRAP_US = 2**31
 _US = 1000
 _LIMIT_NS = 2**62
-#: So many words of evt3 are decoded at once: a call costs as much as some thousand.
+#: Number of words of evt3 decoded at once: a call costs as much as some thousand words.
 _LEAST_WORDS = 2**15
 
 
 @dataclass(frozen=True)
 class Packet:
-    """What a message holds: encoded bytes (N,) uint8, `time_base` [ns], `stamp_ns` of its header."""
+    """Content of a message: encoded bytes (N,) uint8, `time_base` [ns], `stamp_ns` of its header."""
 
     encoding: str
     data: np.ndarray
@@ -46,7 +46,7 @@ class Packet:
 
 
 class PacketDecoder:
-    """Decodes packets of one topic in their order, times those of the sensor."""
+    """Decodes the packets of one topic in order, with sensor times."""
 
     def __init__(self) -> None:
         self._evt3 = Evt3Decoder()
@@ -55,21 +55,21 @@ class PacketDecoder:
         self._lost = self._gaps = self._triggers = self._rest = self._unknown = 0
 
     def decode(self, packet: Packet) -> RecordArray:
-        """Events, EVENT_DTYPE, of a packet and those that waited; evt3 waits, for packets may be small.
+        """Events of a packet, EVENT_DTYPE, and those that waited; evt3 words wait, as packets may be small.
 
         Raises:
-            ValueError: an encoding of another name.
+            ValueError: unknown encoding.
         """
         lost_ns = self._count_lost(packet)
         base = min(packet.time_base, _LIMIT_NS)
         if packet.encoding == "evt3":
-            return self._decode_evt3(self._whole(packet.data, np.dtype("<u2")), lost_ns)
+            return self._decode_evt3(self._complete_words(packet.data, np.dtype("<u2")), lost_ns)
         if packet.encoding == "mono":
-            return _decode_mono(self._whole(packet.data, np.dtype("<u8")), base)
+            return _decode_mono(self._complete_words(packet.data, np.dtype("<u8")), base)
         if packet.encoding == "libcaer":
-            return _decode_libcaer(self._whole(packet.data, np.dtype("<u8")), base)
+            return _decode_libcaer(self._complete_words(packet.data, np.dtype("<u8")), base)
         if packet.encoding == "libcaer_cmp":
-            words = self._whole(packet.data, np.dtype("<u2"))
+            words = self._complete_words(packet.data, np.dtype("<u2"))
             events = np.zeros(int(_count_cmp(words)), dtype=EVENT_DTYPE)
             columns = (events[name] for name in ("t_ns", "x", "y", "p"))
             self._unknown += int(_decode_cmp(words, base, *columns))
@@ -77,28 +77,28 @@ class PacketDecoder:
         if packet.encoding == TRIGGER:
             self._triggers += 1
             return np.empty(0, dtype=EVENT_DTYPE)
-        raise ValueError(f"the encoding {packet.encoding[:20]!r} is not known")
+        raise ValueError(f"unknown encoding {packet.encoding[:20]!r}")
 
     def finish(self) -> RecordArray:
-        """Events that waited for what follows."""
+        """The remaining events."""
         if self._last is None or self._last.encoding != "evt3":
             return np.empty(0, dtype=EVENT_DTYPE)
         return self._feed(last=True)
 
     def notes(self, name: str) -> tuple[str, ...]:
-        """Sentences on packets that were lost and data that are no events."""
+        """Notes on lost packets and on data that are not events."""
         notes = self._evt3.notes(name)
         if self._lost:
             notes += (f"{name}: {self._lost} packet(s) were lost before recording, in {self._gaps} gap(s)",)
         counts = {
-            "packet(s) of triggers": self._triggers,
+            "trigger packet(s)": self._triggers,
             "byte(s) at the ends of packets, less than a word": self._rest,
-            "word(s) of no known kind: is the file damaged?": self._unknown,
+            "word(s) of unknown type: is the file damaged?": self._unknown,
         }
         return notes + tuple(f"{name}: skipped {count} {what}" for what, count in counts.items() if count)
 
     def _count_lost(self, packet: Packet) -> int | None:
-        """How much time the host counted [ns] since the packet before, where some were lost between."""
+        """Host time since the previous packet [ns] if packets were lost in between, else None."""
         before, self._last = self._last, packet
         if before is None or packet.seq <= before.seq + 1:
             return None
@@ -121,30 +121,31 @@ class PacketDecoder:
         self._held = []
         return self._evt3.feed(words, last)
 
-    def _whole(self, data: np.ndarray, dtype: np.dtype[np.generic]) -> np.ndarray:
+    def _complete_words(self, data: np.ndarray, dtype: np.dtype[np.generic]) -> np.ndarray:
         rest = data.size % dtype.itemsize
         self._rest += rest
         return data[: data.size - rest].view(dtype)
 
 
 def first_time(packet: Packet) -> int | None:
-    """The sensor's time of the first event of a packet [ns], for evt3 within one turn; None: not told."""
+    """Sensor time of the first event of a packet [ns], for evt3 modulo the wrap of its clock; None:
+    unknown."""
     data, base = packet.data, min(packet.time_base, _LIMIT_NS)
     if packet.encoding == "evt3":
         time = int(_first_evt3(data[: data.size // 2 * 2].view("<u2")))
         return time * _US if time >= 0 else None
     if packet.encoding in ("mono", "libcaer") and data.size >= 8:
         low, high = (int(value) for value in data[:8].view("<u4"))
-        return base + low if packet.encoding == "mono" else base + (high & (_LIBCAER_TURN_US - 1)) * _US
+        return base + low if packet.encoding == "mono" else base + (high & (_LIBCAER_WRAP_US - 1)) * _US
     return base if packet.encoding == "libcaer_cmp" else None
 
 
 def unwrap_first_times(sensor_ns: IntArray, host_ns: IntArray) -> IntArray:
-    """Times (N,) of the EVT3 clock, each within one turn, with the turns that went by on the host's clock."""
+    """Times (N,) of the EVT3 clock, unwrapped with the host clock."""
     if sensor_ns.size == 0:
         return sensor_ns
     steps = np.diff(sensor_ns)
-    steps += np.rint((np.diff(host_ns) - steps) / TURN_NS).astype(np.int64) * TURN_NS
+    steps += np.rint((np.diff(host_ns) - steps) / WRAP_NS).astype(np.int64) * WRAP_NS
     return sensor_ns[0] + np.concatenate([[0], np.cumsum(steps)])
 
 
@@ -156,26 +157,26 @@ def _decode_mono(words: np.ndarray, base: int) -> RecordArray:
 def _decode_libcaer(words: np.ndarray, base: int) -> RecordArray:
     t_us = (words >> 32 & 0x7FFFFFFF).astype(np.int64)
     if t_us.size:
-        # A turn is a fall by most of the range; events may be a little out of order without one.
-        t_us[1:] += np.cumsum(np.diff(t_us) < -_LIBCAER_TURN_US // 2) * _LIBCAER_TURN_US
+        # A wrap is a step back by most of the range; smaller steps are disorder.
+        t_us[1:] += np.cumsum(np.diff(t_us) < -_LIBCAER_WRAP_US // 2) * _LIBCAER_WRAP_US
     return pack_events(t_us * _US + base, words >> 17 & 0x7FFF, words >> 2 & 0x7FFF, words >> 1 & 1)
 
 
 @njit(cache=True)
 def _first_evt3(words: np.ndarray) -> int:
-    """The first whole time of words (N,) uint16 [us]; -1 where there is none."""
+    """The first complete time in words (N,) uint16 [us]; -1 if there is none."""
     high = -1
     for word in words:
-        if word >> 12 == 8:
+        if word >> 12 == EVT_TIME_HIGH:
             high = int(word & 0xFFF)
-        elif word >> 12 == 6 and high >= 0:
+        elif word >> 12 == EVT_TIME_LOW and high >= 0:
             return high << 12 | int(word & 0xFFF)
     return -1
 
 
 @njit(cache=True)
 def _count_cmp(words: np.ndarray) -> int:
-    """Count of events in words (N,) uint16 of libcaer_cmp."""
+    """Number of events in words (N,) uint16 of libcaer_cmp."""
     count = 0
     for word in words:
         code = word >> 12
@@ -193,9 +194,9 @@ def _count_cmp(words: np.ndarray) -> int:
 def _decode_cmp(
     words: np.ndarray, base: int, t_ns: IntArray, x: np.ndarray, y: np.ndarray, p: np.ndarray
 ) -> int:
-    """Events of words (N,) uint16 of libcaer_cmp; returns the count of words of no known kind.
+    """Events of words (N,) uint16 of libcaer_cmp; returns the number of words of unknown type.
 
-    Unsigned indices spare numba's test for negative ones.
+    Unsigned indices avoid numba's handling of negative ones.
     """
     one, events = np.uint64(1), np.uint64(0)
     high, low, column, row, polarity = 0, 0, FAR_OUTSIDE, FAR_OUTSIDE, 0

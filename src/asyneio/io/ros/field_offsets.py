@@ -1,7 +1,7 @@
-"""Where the fields of a message stand, in the encodings of ROS 1 and of ROS 2 (CDR).
+"""Offsets of the fields of a message in the encodings of ROS 1 and of ROS 2 (CDR).
 
-ROS 1 packs values one after the other. CDR puts each at a multiple of its size, counted from behind the four
-bytes that say in which order the bytes of numbers are.
+ROS 1 packs values without gaps. CDR aligns each value to a multiple of its size, counted from the end of a
+header of four bytes, which contains the byte order.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from asyneio.io.ros.schema import (
     full_name,
 )
 
-#: Only plain CDR is understood.
+#: Only plain CDR is supported.
 _CDR_HEADERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where a value stands: offset [bytes], numpy's type (empty: items of a type) and the count of values."""
+class FieldOffset:
+    """A field: offset [bytes], NumPy type (empty: a sequence of messages) and number of values."""
 
     offset: int
     dtype: str
@@ -38,32 +38,32 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Located:
-    """The places of a message's fields by dotted name; `lengths` are the offsets of all length words.
+class MessageLayout:
+    """The fields of a message by dotted name; `lengths` are the offsets of all length words.
 
-    `open_end` names the field that the message ends with, if it may hold any number of values.
+    `open_end` names the last field of the message, if it is a sequence of any length.
     """
 
-    places: dict[str, Place]
+    fields: dict[str, FieldOffset]
     lengths: tuple[int, ...]
     order: str
     open_end: str = ""
 
-    def place(self, name: str) -> Place:
-        """Where a field of numbers stands. Raises ValueError: the message has no such field."""
-        place = self.places.get(name)
-        if place is None or not place.dtype:
+    def field(self, name: str) -> FieldOffset:
+        """A field of numbers. Raises ValueError: the message has no such field."""
+        field = self.fields.get(name)
+        if field is None or not field.dtype:
             raise ValueError(f"the message lacks the field {name}")
-        return place
+        return field
 
     def values(self, data: bytes | memoryview, name: str) -> np.ndarray:
-        """The values of a field of numbers, as an array. Raises ValueError: the message has no such field."""
-        place = self.place(name)
-        return np.frombuffer(data, dtype=self.order + place.dtype, count=place.count, offset=place.offset)
+        """The values of a field of numbers. Raises ValueError: the message has no such field."""
+        field = self.field(name)
+        return np.frombuffer(data, dtype=self.order + field.dtype, count=field.count, offset=field.offset)
 
     def number(self, data: bytes | memoryview, name: str) -> int:
-        """The value of a whole number. Raises ValueError as above."""
-        if not self.place(name).count:
+        """The value of an integer. Raises ValueError as above."""
+        if not self.field(name).count:
             raise ValueError(f"the field {name} is empty")
         return int(self.values(data, name)[0])
 
@@ -74,17 +74,17 @@ class Located:
 
 @dataclass
 class _Walk:
-    """State of `locate`."""
+    """State of `find_layout`."""
 
     types: Types
     data: bytes | memoryview
     cdr: bool
     order: str
     at: int
-    places: dict[str, Place] = field(default_factory=dict)
+    fields: dict[str, FieldOffset] = field(default_factory=dict)
     lengths: list[int] = field(default_factory=list)
     open_end: str = ""
-    #: Set where a sequence of items ends the walk: what comes after it is not needed.
+    #: Set at a sequence of messages, after which no field is needed.
     ended: bool = False
 
     def align(self, size: int) -> None:
@@ -94,7 +94,7 @@ class _Walk:
     def length(self) -> int:
         self.align(4)
         if self.at + 4 > len(self.data):
-            raise ValueError("the message ends early")
+            raise ValueError("the message is too short")
         self.lengths.append(self.at)
         (count,) = struct.unpack_from(self.order + "I", self.data, self.at)
         self.at += 4
@@ -105,10 +105,10 @@ class _Walk:
         if count:
             self.align(size)
         if count * size > len(self.data) - self.at:
-            raise ValueError("the message ends early")
-        if len(self.places) > MAX_FIELDS:
+            raise ValueError("the message is too short")
+        if len(self.fields) > MAX_FIELDS:
             raise ValueError("the message has too many fields")
-        self.places[name] = Place(self.at, dtype, count)
+        self.fields[name] = FieldOffset(self.at, dtype, count)
         self.at += count * size
         self.open_end = ""
 
@@ -121,7 +121,7 @@ class _Walk:
             name = prefix + part.name
             if part.count is not None and part.kind not in PRIMITIVES:
                 count = self.length() if part.count < 0 else part.count
-                self.places[name] = Place(self.at, "", count, full_name(self.types, part.kind, kind))
+                self.fields[name] = FieldOffset(self.at, "", count, full_name(self.types, part.kind, kind))
                 self.open_end = name if part.count < 0 else ""
                 self.ended = True
             elif part.kind in PRIMITIVES:
@@ -137,16 +137,16 @@ class _Walk:
                 self.walk(full_name(self.types, part.kind, kind), f"{name}.", kind, depth + 1)
 
 
-def locate(schema: Schema, data: bytes | memoryview, cdr: bool) -> Located:
-    """The places of all fields up to and with the first sequence of items.
+def find_layout(schema: Schema, data: bytes | memoryview, cdr: bool) -> MessageLayout:
+    """All fields up to and including the first sequence of messages.
 
     Args:
         schema: the type of the message.
-        data: the message as the bag holds it.
-        cdr: encoded as in ROS 2, with four bytes in front that say how; otherwise as in ROS 1.
+        data: the message as stored in the bag.
+        cdr: encoded as in ROS 2, with a header of four bytes; otherwise as in ROS 1.
 
     Raises:
-        ValueError: the message ends before its fields do, or is encoded in another way.
+        ValueError: the message is too short, or has another encoding.
     """
     order = "<"
     if cdr:
@@ -156,80 +156,80 @@ def locate(schema: Schema, data: bytes | memoryview, cdr: bool) -> Located:
         order = found
     walk = _Walk(schema.types, data, cdr, order, 4 if cdr else 0)
     walk.walk(schema.root, "", schema.root, 0)
-    return Located(walk.places, tuple(walk.lengths), order, walk.open_end)
+    return MessageLayout(walk.fields, tuple(walk.lengths), order, walk.open_end)
 
 
-class Locator:
-    """`locate` for many messages of a type: most have their fields where the one before had them."""
+class LayoutFinder:
+    """`find_layout` for many messages of one type, of which most have the layout of the previous one."""
 
     def __init__(self, schema: Schema, cdr: bool) -> None:
         self._schema, self._cdr = schema, cdr
-        self._known: Located | None = None
-        #: The bytes of all length words but that of the open end, by offset.
+        self._known: MessageLayout | None = None
+        #: Bytes of all length words except that of the open end, by offset.
         self._same: tuple[tuple[int, bytes], ...] = ()
         self._bytes = 0
 
-    def locate(self, data: bytes | memoryview) -> Located:
-        """See the function. Raises ValueError as it does."""
+    def find_layout(self, data: bytes | memoryview) -> MessageLayout:
+        """Like `find_layout`, including its ValueError."""
         known = self._known
         if known is None or any(data[at : at + 4] != value for at, value in self._same):
-            return self._afresh(data)
+            return self._parse(data)
         if not known.open_end:
-            return known if len(data) >= self._bytes else self._afresh(data)
-        place, at = known.places[known.open_end], known.lengths[-1]
+            return known if len(data) >= self._bytes else self._parse(data)
+        field, at = known.fields[known.open_end], known.lengths[-1]
         count = int.from_bytes(data[at : at + 4], "little" if known.order == "<" else "big")
-        if not 0 < count * self._bytes <= len(data) - place.offset:
-            return self._afresh(data)
-        places = {**known.places, known.open_end: Place(place.offset, place.dtype, count, place.kind)}
-        return Located(places, known.lengths, known.order, known.open_end)
+        if not 0 < count * self._bytes <= len(data) - field.offset:
+            return self._parse(data)
+        fields = {**known.fields, known.open_end: FieldOffset(field.offset, field.dtype, count, field.kind)}
+        return MessageLayout(fields, known.lengths, known.order, known.open_end)
 
-    def _afresh(self, data: bytes | memoryview) -> Located:
-        found = locate(self._schema, data, self._cdr)
-        end = found.places.get(found.open_end)
-        sized = all(place.dtype for name, place in found.places.items() if name != found.open_end)
-        # An empty sequence does not tell where one with items would begin.
-        self._known = found if sized and found.places and (end is None or end.count) else None
+    def _parse(self, data: bytes | memoryview) -> MessageLayout:
+        found = find_layout(self._schema, data, self._cdr)
+        end = found.fields.get(found.open_end)
+        sized = all(field.dtype for name, field in found.fields.items() if name != found.open_end)
+        # An empty sequence does not show where its items would start.
+        self._known = found if sized and found.fields and (end is None or end.count) else None
         lengths = found.lengths[:-1] if end else found.lengths
         self._same = tuple((at, bytes(data[at : at + 4])) for at in lengths)
         if self._cdr:
             self._same = ((0, bytes(data[:4])), *self._same)
-        # What the open end needs for each item, or the whole message where there is no open end.
+        # Bytes per item of the open end, or of the whole message without an open end.
         ends = [
-            place.offset + place.count * int(place.dtype[1]) for place in found.places.values() if place.dtype
+            field.offset + field.count * int(field.dtype[1]) for field in found.fields.values() if field.dtype
         ]
         self._bytes = int(end.dtype[1]) if end and end.dtype else 1 if end else max(ends, default=0)
         return found
 
 
-def each_item(
+def item_layouts(
     schema: Schema, kind: str, data: bytes | memoryview, cdr: bool, start: int, items: int
-) -> Iterator[Located]:
-    """The places of the fields of each item of a sequence that starts at `start`, whatever their sizes.
+) -> Iterator[MessageLayout]:
+    """The layout of each item of a sequence that starts at `start`; items may vary in size.
 
     Raises:
-        ValueError: the message ends before its items do.
+        ValueError: the message is too short.
     """
     order = "<" if not cdr else _CDR_HEADERS.get(bytes(data[:2]), "<")
     walk = _Walk(schema.types, data, cdr, order, start)
     for _ in range(items):
-        walk.places, walk.lengths = {}, []
+        walk.fields, walk.lengths = {}, []
         walk.walk(kind, "", kind, 0)
-        yield Located(walk.places, tuple(walk.lengths), order)
+        yield MessageLayout(walk.fields, tuple(walk.lengths), order)
 
 
-def item_places(schema: Schema, kind: str, cdr: bool, start: int, items: int) -> list[dict[str, Place]]:
-    """The places of the fields of the first `items` items of a sequence that starts at `start`.
+def item_fields(schema: Schema, kind: str, cdr: bool, start: int, items: int) -> list[dict[str, FieldOffset]]:
+    """The fields of the first `items` items of a sequence that starts at `start`.
 
     Raises:
-        ValueError: items are not all of one size.
+        ValueError: items vary in size.
     """
-    # Items of one size hold no length words, so nothing is read from the data but its size.
+    # Items of constant size have no length words, so only the size of the data matters.
     walk = _Walk(schema.types, bytes(start + items * MAX_FIELDS), cdr, "<", start)
     found = []
     for _ in range(items):
-        walk.places = {}
+        walk.fields = {}
         walk.walk(kind, "", kind, 0)
         if walk.lengths or walk.ended:
-            raise ValueError("the items differ in size")
-        found.append(walk.places)
+            raise ValueError("the items vary in size")
+        found.append(walk.fields)
     return found

@@ -1,7 +1,7 @@
 """MCAP, the container of ROS 2 since Iron, read from front to back without its index (mcap.dev/spec).
 
-Records are `code (1), length (8), content`. A file that was cut off has neither index nor summary; here all
-before the cut is read. Chunks are packed with lz4 or zstd or not at all.
+Records are `code (1), length (8), content`. A truncated file has neither index nor summary; everything before
+the truncation is read. Chunks are compressed with lz4 or zstd, or not at all.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.unpack import CutError, unpack
-from asyneio.io.ros.bag import Damage, Message, Topic, take
+from asyneio.io.ros.bag import DamageLog, Message, Topic, read_content
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -20,13 +20,13 @@ _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = _READ = 3, 4, 5, 6
 _DATA_END = 15
 _HEAD = struct.Struct("<BQ")
 _MAX_TOPICS = 2**16
-#: Stamps are unsigned there.
+#: Stamps are unsigned in MCAP.
 _LATEST_NS = 2**63 - 1
 _ENCODINGS = {"cdr": True, "ros1": False}
 
 
 class McapFile:
-    """A Bag on one MCAP file."""
+    """A Bag for one MCAP file."""
 
     identity = ""
 
@@ -36,27 +36,27 @@ class McapFile:
         self._channels: dict[int, Topic | None] = {}
 
     def topics(self) -> list[Topic]:
-        """See Bag: those met so far."""
+        """See Bag: the topics found so far."""
         return list(dict.fromkeys(topic for topic in self._channels.values() if topic))
 
     def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
-        """See Bag. Raises RecordingError: unreadable, or no MCAP."""
-        count, damage = 0, Damage(self.path.name, notes)
+        """See Bag. Raises RecordingError: unreadable, or not MCAP."""
+        count, damage = 0, DamageLog(self.path.name, notes)
         try:
             with self.path.open("rb") as stream:
                 size = self.path.stat().st_size
                 if stream.read(len(MAGIC)) != MAGIC:
-                    raise RecordingError(f"{self.path} is no MCAP file")
+                    raise RecordingError(f"{self.path} is not an MCAP file")
                 start = stream.tell()
                 try:
                     while True:
                         head = stream.read(_HEAD.size)
                         if len(head) < _HEAD.size:
-                            raise CutError("it has no end")
+                            raise CutError("unexpected end of file")
                         code, length = _HEAD.unpack(head)
                         if code == _DATA_END:
                             break
-                        content, missing = take(stream, length, size, code in _READ)
+                        content, missing = read_content(stream, length, size, code in _READ)
                         try:
                             if code == _CHUNK or not missing:
                                 for message in self._record(code, content):
@@ -89,7 +89,7 @@ class McapFile:
             elif code == _MESSAGE:
                 number, _, logged_ns = struct.unpack_from("<HIQ", content)
                 if number not in self._channels:
-                    raise CutError("a message of an unknown channel")
+                    raise CutError("message of an unknown channel")
                 topic = self._channels[number]
                 if topic is not None:
                     yield Message(topic, min(logged_ns, _LATEST_NS), content[22:])
@@ -110,23 +110,23 @@ class McapFile:
     def _chunk(self, content: bytes | memoryview) -> Iterator[Message]:
         (size,) = struct.unpack_from("<Q", content, 16)
         method, at = _text(content, 28)
-        (packed,) = struct.unpack_from("<Q", content, at)
-        inner = memoryview(unpack(memoryview(content)[at + 8 : at + 8 + packed], method, size))
+        (compressed,) = struct.unpack_from("<Q", content, at)
+        inner = memoryview(unpack(memoryview(content)[at + 8 : at + 8 + compressed], method, size))
         at = 0
         while at + _HEAD.size <= len(inner):
             code, length = _HEAD.unpack_from(inner, at)
             at += _HEAD.size
             if length > len(inner) - at:
-                raise CutError("a message in a chunk is cut off")
+                raise CutError("truncated message in a chunk")
             if code != _CHUNK:
                 yield from self._record(code, inner[at : at + length])
             at += length
         if len(inner) < size:
-            raise CutError("a chunk is cut off or damaged")
+            raise CutError("truncated or damaged chunk")
 
 
 def _text(content: bytes | memoryview, at: int) -> tuple[str, int]:
-    """A text with its length in front, and the position after it."""
+    """A text preceded by its length, and the position after it."""
     (length,) = struct.unpack_from("<I", content, at)
     end = at + 4 + length
     if end > len(content):

@@ -1,8 +1,8 @@
-"""Bags of ROS 2 that are packed with zstd: as whole files, or message by message.
+"""ROS 2 bags compressed with zstd, file by file or message by message.
 
-`ros2 bag record --compression-mode file` packs each file when it is complete and adds `.zstd` to its name;
-`--compression-mode message` packs the data of each message. `metadata.yaml` tells which, but may be lost:
-both are recognised by the four bytes that a frame of zstd begins with, and no message in CDR does.
+`ros2 bag record --compression-mode file` compresses each complete file and adds `.zstd` to its name;
+`--compression-mode message` compresses the data of each message. `metadata.yaml` contains the mode but may be
+missing: both are recognised by the first four bytes of a zstd frame, with which no CDR message begins.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _PIECE = 2**20
 
 
 class PackedMessages:
-    """A Bag whose messages may be packed one by one."""
+    """A Bag whose messages may be compressed individually."""
 
     def __init__(self, inner: Bag) -> None:
         self._inner = inner
@@ -43,11 +43,11 @@ class PackedMessages:
 
 
 class PackedFile:
-    """A Bag on a file that is packed as a whole: unpacked into a temporary folder when it is first read.
+    """A Bag for a compressed file, which is decompressed to a temporary folder when it is first read.
 
     Args:
-        path: the packed file.
-        open_bag: opens what it unpacks to.
+        path: the compressed file.
+        open_bag: opens the decompressed file.
     """
 
     identity = ""
@@ -56,7 +56,7 @@ class PackedFile:
         self.path = path
         self._open = open_bag
         self._inner: Bag | None = None
-        #: Removed with this object.
+        #: Deleted with this object.
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     def topics(self) -> list[Topic]:
@@ -64,7 +64,7 @@ class PackedFile:
         return self._inner.topics() if self._inner else []
 
     def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
-        """See Bag. Raises RecordingError: also where there is no room to unpack."""
+        """See Bag. Raises RecordingError, also if there is no space for decompression."""
         if self._inner is None:
             self._inner = self._open(self._unpack(notes))
         yield from self._inner.messages(notes)
@@ -75,28 +75,26 @@ class PackedFile:
             target = Path(self._folder.name) / unpacked_name(self.path)
             with zstd.open(self.path, "rb") as packed, target.open("wb") as stream:
                 try:
-                    # Pieces as they come: what stands before a cut is kept.
+                    # Pieces as they are available: everything before a truncation is kept.
                     while piece := packed.read1(_PIECE):
                         stream.write(piece)
                 except (EOFError, zstd.ZstdError) as error:
-                    notes.append(f"{self.path.name} is damaged or cut off ({error}): read up to there")
+                    notes.append(f"{self.path.name} is damaged or truncated ({error}): read up to there")
         except OSError as error:
             raise RecordingError(
-                f"cannot unpack {self.path} into {tempfile.gettempdir()}: {error.strerror or error}; "
-                "unpack it "
-                f"where there is room (zstd -d {self.path.name}) and give the same folder again, or set "
-                "TMPDIR"
+                f"cannot decompress {self.path} to {tempfile.gettempdir()}: {error.strerror or error}; "
+                f"decompress it in its folder (zstd -d {self.path.name}) and run again, or set TMPDIR"
             ) from error
         return target
 
 
 def unpacked_name(path: Path) -> str:
-    """The name of a packed file without the ending that says so."""
+    """The name of a compressed file without its compression suffix."""
     return path.name.removesuffix(".zstd").removesuffix(".zst")
 
 
 def unpacked_head(path: Path, size: int) -> bytes:
-    """The first bytes of what a file unpacks to; none where it is not packed with zstd, or damaged there."""
+    """The first decompressed bytes of a file; empty if it is not compressed with zstd, or damaged."""
     try:
         with zstd.open(path, "rb") as stream:
             return bytes(stream.read(size))

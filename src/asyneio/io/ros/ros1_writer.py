@@ -1,4 +1,4 @@
-"""Recordings as ROS 1 bags; see `ros_records` for the topics."""
+"""Recordings as ROS 1 bags; topics: see `written_messages`."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from rosbags.typesys import Stores
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_path
-from asyneio.io.recording.source import Progress
-from asyneio.io.ros.records import TYPES, records_of, typestore
+from asyneio.io.recording.event_source import Progress
+from asyneio.io.ros.written_messages import TYPES, records_of, typestore
 from asyneio.types import NS_PER_S, EventRecording, RecordArray
 
 _PACKED = np.dtype([("x", "<u2"), ("y", "<u2"), ("sec", "<u4"), ("nsec", "<u4"), ("polarity", "u1")])
 
 
 class _Ros1:
-    """An Encoding without gaps."""
+    """An Encoding without padding."""
 
     def header(self, number: int, t_ns: int, frame: bytes) -> bytes:
         return struct.pack("<IIII3s", number, *divmod(t_ns, NS_PER_S), len(frame), frame)
@@ -30,18 +30,18 @@ class _Ros1:
         packed["sec"], packed["nsec"] = np.divmod(events["t_ns"], NS_PER_S)
         return struct.pack("<I", events.size) + packed.tobytes()
 
-    def lens(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
+    def intrinsics(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
         numbers = struct.pack(f"<I{len(d)}d{len(others)}d", len(d), *d, *others)
         return struct.pack("<I", len(model)) + model + numbers
 
 
 def write_rosbag(recording: EventRecording, path: Path, progress: Progress | None = None) -> None:
-    """Write a recording as a bag, whole or not at all; events are read in pieces.
+    """Write a recording as a bag, complete or not at all; events are read in pieces.
 
     Args:
         recording: what to write.
-        path: the bag; one that is there is replaced.
-        progress: is told the fraction of the events written.
+        path: the bag; replaced if it exists.
+        progress: called with the fraction of the events written.
 
     Raises:
         RecordingError: the bag cannot be written, gyroscope and accelerometer have different times, or a time
@@ -56,7 +56,7 @@ def write_rosbag(recording: EventRecording, path: Path, progress: Progress | Non
                 add = writer.add_connection
                 connections = {name: add(name, kind, typestore=store) for name, kind in TYPES.items()}
                 for logged_ns, topic, data in records:
-                    # Time 0 is no time in ROS.
+                    # Time 0 is invalid in ROS.
                     writer.write(connections[topic], max(logged_ns, 1), data)
     except WriterError as error:
         raise RecordingError(f"cannot write {path}: {error}") from error

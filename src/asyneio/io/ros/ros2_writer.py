@@ -1,4 +1,4 @@
-"""Recordings of ROS 2: a folder with an MCAP file; see `ros_records` for the topics."""
+"""Recordings of ROS 2: a folder with an MCAP file; topics: see `written_messages`."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores
 
 from asyneio.errors import RecordingError
-from asyneio.io.recording.source import Progress
-from asyneio.io.ros.records import TYPES, records_of, typestore
+from asyneio.io.recording.event_source import Progress
 from asyneio.io.ros.rosbag2 import METADATA_FILE
+from asyneio.io.ros.written_messages import TYPES, records_of, typestore
 from asyneio.types import NS_PER_S, EventRecording, RecordArray
 
-#: Sixteen bytes from the row of an event to the column of the next one: CDR has a gap after polarity.
+#: Sixteen bytes from the row of an event to the column of the next one: CDR has padding after the polarity.
 _ROW = np.dtype(
     {
         "names": ["y", "sec", "nsec", "polarity", "next_x"],
@@ -28,7 +28,8 @@ _ROW = np.dtype(
 
 
 class _Cdr:
-    """An Encoding that puts numbers at multiples of their size, counted from behind the first four bytes."""
+    """An Encoding that aligns numbers to multiples of their size, counted from the end of the first four
+    bytes."""
 
     def header(self, number: int, t_ns: int, frame: bytes) -> bytes:
         return struct.pack("<BBBBiII4s", 0, 1, 0, 0, *divmod(t_ns, NS_PER_S), len(frame) + 1, frame)
@@ -38,11 +39,11 @@ class _Cdr:
         rows["y"], rows["polarity"] = events["y"], events["p"]
         rows["sec"], rows["nsec"] = np.divmod(events["t_ns"], NS_PER_S)
         rows["next_x"][:-1] = events["x"][1:]
-        # Only before the first event there is no gap: its column and row stand where others have the row.
+        # The first event has no padding before it: its column and row are where others have the row.
         first = struct.pack("<IHH", events.size, events["x"][0], events["y"][0])
         return first + rows.tobytes()[4:-3]
 
-    def lens(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
+    def intrinsics(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
         # A header and the size take 24 bytes.
         name = struct.pack("<I", len(model) + 1) + model + b"\0"
         name += bytes(-len(name) % 4)
@@ -52,31 +53,33 @@ class _Cdr:
 
 
 def files_of(folder: Path) -> tuple[Path, Path]:
-    """What a recording in a folder consists of."""
+    """The files of a recording in a folder."""
     return folder / f"{folder.name}.mcap", folder / METADATA_FILE
 
 
 def write_rosbag2(recording: EventRecording, folder: Path, progress: Progress | None = None) -> None:
-    """Write a recording as a folder of ROS 2, whole or not at all; events are read in pieces.
+    """Write a recording as a ROS 2 folder, complete or not at all; events are read in pieces.
 
     Args:
         recording: what to write.
-        folder: where; an earlier recording written there is replaced.
-        progress: is told the fraction of the events written.
+        folder: output; an earlier recording in it is replaced.
+        progress: called with the fraction of the events written.
 
     Raises:
-        RecordingError: the folder holds other files or cannot be written, gyroscope and accelerometer have
+        RecordingError: the folder contains other files or cannot be written, gyroscope and accelerometer have
             different times, or a time does not fit ROS 2 (before 1970 or after 2038).
     """
     earlier = list(folder.iterdir()) if folder.is_dir() else [folder] if folder.exists() else []
     if not {*earlier} <= {*files_of(folder)}:
-        raise RecordingError(f"{folder} holds other files than a recording; name another folder")
+        raise RecordingError(
+            f"{folder} contains files that are not part of a recording; choose another folder"
+        )
     records = records_of(recording, _Cdr(), 2**31, progress)
     store = typestore(Stores.ROS2_HUMBLE, "builtin_interfaces/Time")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary:
-            # The file in it is named after the folder.
+            # The file is named after the folder.
             path = Path(temporary) / folder.name
             with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
                 add = writer.add_connection

@@ -1,8 +1,8 @@
 """The container of ROS 1: `#ROSBAG V2.0`, read from front to back without its index.
 
-A bag that was cut off has no index, and a reader that asks for one refuses it; here everything before the
-cut is read. Records are `length, header, length, data`; chunks hold further records, packed with bz2 or lz4
-or not at all (wiki.ros.org/Bags/Format/2.0).
+A truncated bag has no index, and readers that need one reject it; here everything before the truncation is
+read. Records are `length, header, length, data`; chunks contain other records, compressed with bz2 or lz4, or
+not at all (wiki.ros.org/Bags/Format/2.0).
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from pathlib import Path
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.unpack import CutError, unpack
-from asyneio.io.ros.bag import Damage, Message, Topic, take
+from asyneio.io.ros.bag import DamageLog, Message, Topic, read_content
 from asyneio.types import NS_PER_S
 
 MAGIC = b"#ROSBAG V2.0\n"
 
 _MESSAGE, _CHUNK, _CONNECTION = _READ = 2, 5, 7
-#: Headers are some dozen bytes, those of connections hold a definition in their data.
+#: Headers have some dozen bytes; connections have the definition in their data.
 _MAX_HEADER = 2**16
 _MAX_TOPICS = 2**16
 _U32 = struct.Struct("<I")
 
 
 class Rosbag1:
-    """A Bag on one ROS 1 bag."""
+    """A Bag for one ROS 1 bag."""
 
     identity = ""
 
@@ -35,22 +35,22 @@ class Rosbag1:
         self._connections: dict[int, Topic] = {}
 
     def topics(self) -> list[Topic]:
-        """See Bag: those met so far."""
+        """See Bag: the topics found so far."""
         return list(dict.fromkeys(self._connections.values()))
 
     def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
-        """See Bag. Raises RecordingError: unreadable, or no bag of version 2.0."""
-        count, damage = 0, Damage(self.path.name, notes)
+        """See Bag. Raises RecordingError: unreadable, or not a bag of version 2.0."""
+        count, damage = 0, DamageLog(self.path.name, notes)
         try:
             with self.path.open("rb") as stream:
                 size = self.path.stat().st_size
                 if stream.read(len(MAGIC)) != MAGIC:
-                    raise RecordingError(f"{self.path} is no ROS bag of version 2.0")
+                    raise RecordingError(f"{self.path} is not a ROS bag of version 2.0")
                 start = stream.tell()
                 try:
                     while start < size:
                         op, header, length = _read_head(stream.read, size - start)
-                        data, missing = take(stream, length, size, op in _READ)
+                        data, missing = read_content(stream, length, size, op in _READ)
                         try:
                             if op == _CHUNK or not missing:
                                 for message in self._record(op, header, data):
@@ -81,15 +81,15 @@ class Rosbag1:
         while at < len(content):
             op, inner, length = _read_head(read, len(content) - at)
             if length > len(content) - at:
-                raise CutError("a message in a chunk is cut off")
+                raise CutError("truncated message in a chunk")
             if op != _CHUNK:
                 yield from self._record(op, inner, content[at : at + length])
             at += length
         if len(content) < _u32(header, b"size"):
-            raise CutError("a chunk is cut off or damaged")
+            raise CutError("truncated or damaged chunk")
 
     def _record(self, op: int, header: dict[bytes, bytes], data: bytes | memoryview) -> Iterator[Message]:
-        """The messages in a record; connections are noted."""
+        """The messages in a record; connections are stored."""
         if op == _CHUNK:
             yield from self._chunk(header, data)
         elif op == _CONNECTION:
@@ -98,7 +98,7 @@ class Rosbag1:
             topic = self._connections.get(_u32(header, b"conn"))
             time = header.get(b"time", b"")
             if topic is None or len(time) != 8:
-                raise CutError("a message of an unknown connection")
+                raise CutError("message of an unknown connection")
             seconds, nanoseconds = struct.unpack("<II", time)
             yield Message(topic, seconds * NS_PER_S + nanoseconds, data)
 
@@ -117,24 +117,25 @@ class Rosbag1:
 
 
 def _read_head(read: Callable[[int], bytes], left: int) -> tuple[int, dict[bytes, bytes], int]:
-    """Kind, header and length of the data of the record that is next.
+    """Type, header and data length of the next record.
 
-    Raises CutError where what is left is no whole header.
+    Raises:
+        CutError: incomplete or invalid header.
     """
     head = read(4) if left >= 8 else b""
     length = _U32.unpack(head)[0] if len(head) == 4 else 0
     if not 0 < length <= min(left - 8, _MAX_HEADER):
-        raise CutError("what follows is no record")
+        raise CutError("invalid record")
     header = _parse_header(read(length))
     op = header.get(b"op", b"")
     data_length = read(4)
     if len(op) != 1 or len(data_length) != 4:
-        raise CutError("what follows is no record")
+        raise CutError("invalid record")
     return op[0], header, int(_U32.unpack(data_length)[0])
 
 
 def _parse_header(data: bytes) -> dict[bytes, bytes]:
-    """Fields `length, name=value`; those after a broken one are left out."""
+    """Fields `length, name=value`; those after a damaged one are ignored."""
     fields: dict[bytes, bytes] = {}
     at = 0
     while at + 4 <= len(data):
@@ -150,5 +151,5 @@ def _parse_header(data: bytes) -> dict[bytes, bytes]:
 def _u32(header: dict[bytes, bytes], name: bytes) -> int:
     value = header.get(name, b"")
     if len(value) != 4:
-        raise CutError(f"a record lacks its {name.decode('latin-1')}")
+        raise CutError(f"a record lacks the field {name.decode('latin-1')}")
     return int(_U32.unpack(value)[0])

@@ -1,4 +1,4 @@
-"""Recordings of ROS 2: SQLite or MCAP files, alone or in a folder with `metadata.yaml`."""
+"""ROS 2 recordings: SQLite or MCAP files, single or in a folder with `metadata.yaml`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from asyneio.errors import RecordingError
-from asyneio.io.calibration.documents import load_mapping
+from asyneio.io.calibration.yaml_json import load_mapping
 from asyneio.io.ros.bag import Bag, Message, Topic
 from asyneio.io.ros.mcap import MAGIC as MCAP_MAGIC
 from asyneio.io.ros.mcap import McapFile
@@ -21,7 +21,7 @@ _SUFFIXES = (".db3", ".mcap", ".zstd", ".zst")
 
 
 class SqliteBag:
-    """A Bag on one SQLite file."""
+    """A Bag for one SQLite file."""
 
     identity = ""
 
@@ -30,13 +30,13 @@ class SqliteBag:
         self._topics: dict[int, Topic] = {}
 
     def topics(self) -> list[Topic]:
-        """See Bag: all."""
+        """See Bag: all topics."""
         return list(self._topics.values())
 
     def messages(self, notes: list[str]) -> Iterator[tuple[Message, float]]:
-        """See Bag. Raises RecordingError: no database of ROS messages, or damaged before the first."""
+        """See Bag. Raises RecordingError: not a database of ROS messages, or damaged before the first."""
         count = 0
-        # What a recorder that was killed left in its log is read too; without one, nothing is written beside.
+        # The log of a killed recorder is read as well; without a log, nothing is written to the folder.
         logs = [self.path.with_name(f"{self.path.name}{end}") for end in ("-wal", "-journal")]
         logged = any(log.is_file() for log in logs)
         uri = f"{self.path.resolve().as_uri()}?mode=ro" + ("" if logged else "&immutable=1")
@@ -58,7 +58,7 @@ class SqliteBag:
         except (sqlite3.Error, UnicodeDecodeError) as error:
             if count == 0:
                 raise RecordingError(
-                    f"{self.path} is no readable SQLite file of ROS 2: {error}; if it was cut off, try "
+                    f"{self.path} is not a readable SQLite file of ROS 2: {error}; if it is truncated, try "
                     f"sqlite3 {self.path.name} .recover | sqlite3 repaired.db3"
                 ) from error
             notes.append(f"{self.path.name} is damaged ({error}): read up to there, {count} message(s)")
@@ -83,7 +83,7 @@ class SqliteBag:
 
 
 class SplitBag:
-    """A Bag on the files of one recording, one after the other."""
+    """A Bag for the consecutive files of one recording."""
 
     def __init__(self, parts: list[Bag]) -> None:
         self._parts = parts
@@ -103,7 +103,7 @@ class SplitBag:
 
 
 def is_rosbag2_folder(path: Path) -> bool:
-    """True for a folder whose `metadata.yaml` says that it is a recording of ROS 2."""
+    """True for a folder whose `metadata.yaml` is that of a ROS 2 recording."""
     try:
         with (path / METADATA_FILE).open("rb") as stream:
             return _INFORMATION.encode() in stream.read(4096)
@@ -112,24 +112,24 @@ def is_rosbag2_folder(path: Path) -> bool:
 
 
 def is_rosbag2_sqlite(head: bytes) -> bool:
-    """True for the start of a database that has a table of topics."""
+    """True for the start of a database with a table of topics."""
     return head.startswith(SQLITE_MAGIC) and b"serialization_format" in head
 
 
 def is_packed_rosbag2(path: Path, head: bytes) -> bool:
-    """True for a file that is packed with zstd and unpacks to MCAP or SQLite."""
+    """True for MCAP or SQLite compressed with zstd."""
     if not head.startswith(ZSTD_MAGIC):
         return False
     return unpacked_head(path, len(SQLITE_MAGIC)).startswith((MCAP_MAGIC, SQLITE_MAGIC))
 
 
 def open_rosbag2(path: Path) -> Bag:
-    """The bag in a file, or of the files in a folder as its `metadata.yaml` lists them.
+    """The bag in a file, or in the files of a folder that its `metadata.yaml` lists.
 
-    Of a file that is listed as packed, the unpacked one is taken where it is there.
+    If a listed compressed file also exists uncompressed, the latter is used.
 
     Raises:
-        RecordingError: the folder lists a file that is not there.
+        RecordingError: a listed file does not exist.
     """
     if path.is_file():
         return open_rosbag2_file(path)
@@ -138,22 +138,22 @@ def open_rosbag2(path: Path) -> Bag:
         names = [Path(str(name)).name for name in information["relative_file_paths"]]
     except (KeyError, TypeError, AttributeError) as error:
         raise RecordingError(f"{path / METADATA_FILE} does not list the files of a recording") from error
-    # Only names count: a path that leads elsewhere is none of this recording.
+    # Only the file name is used: a path outside the folder is not part of the recording.
     found = [_present(path / name) for name in names]
     files = [file for file in found if file is not None]
     if len(files) < len(names) or not files:
         missing = [name for name, file in zip(names, found, strict=True) if file is None]
         there = sorted(file.name for file in path.iterdir() if file.suffix in _SUFFIXES)
         raise RecordingError(
-            f"{path / METADATA_FILE} lists {', '.join(missing) or 'no file'}, which is not there; the "
-            "folder holds "
-            f"{', '.join(there) or 'no bag'}; name the file to read, or list it in {METADATA_FILE}"
+            f"{path / METADATA_FILE} lists {', '.join(missing) or 'no file'}, which does not exist; the "
+            f"folder contains {', '.join(there) or 'no bag'}; name the file to read, or list it in "
+            f"{METADATA_FILE}"
         )
     return SplitBag([open_rosbag2_file(file) for file in files])
 
 
 def open_rosbag2_file(path: Path) -> Bag:
-    """The bag in a file, which may be packed. Raises RecordingError: it is none."""
+    """The bag in a file, which may be compressed. Raises RecordingError: not a bag."""
     head = _head(path)
     if is_packed_rosbag2(path, head):
         return PackedFile(path, open_rosbag2_file)
@@ -162,12 +162,12 @@ def open_rosbag2_file(path: Path) -> Bag:
     if head.startswith(SQLITE_MAGIC):
         return PackedMessages(SqliteBag(path))
     if head.startswith(ZSTD_MAGIC):
-        raise RecordingError(f"{path} is damaged or cut off: nothing of it can be unpacked")
+        raise RecordingError(f"{path} is damaged or truncated: nothing can be decompressed")
     raise RecordingError(f"{path} is neither MCAP nor SQLite; is it damaged?")
 
 
 def _present(listed: Path) -> Path | None:
-    """The file that is listed, unpacked or packed; None where neither is there."""
+    """The listed file, uncompressed or compressed; None if neither exists."""
     plain = listed.with_name(unpacked_name(listed))
     candidates = (plain, listed, *(plain.with_name(plain.name + end) for end in (".zstd", ".zst")))
     return next((file for file in candidates if file.is_file()), None)

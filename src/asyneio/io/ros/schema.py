@@ -1,6 +1,6 @@
-"""Definitions of ROS messages, as bags embed them.
+"""Definitions of ROS messages, as embedded in bags.
 
-They say what a message is, not its name: packages rename and copy types.
+Messages are identified by their definition and not by their type name, as packages rename and copy types.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from asyneio.errors import RecordingError
 
-#: numpy's codes of the primitive types; `char` and `byte` differ between ROS 1 and 2 by the sign only.
+#: NumPy codes of the primitive types; `char` and `byte` differ between ROS 1 and 2 only in their sign.
 PRIMITIVES = {
     "bool": "u1", "byte": "u1", "char": "u1",
     "int8": "i1", "int16": "i2", "int32": "i4", "int64": "i8",
@@ -19,15 +19,15 @@ PRIMITIVES = {
 }  # fmt: skip
 TIMES = ("time", "duration")
 
-#: A definition deeper, or a message of more fields than this, is hostile.
+#: A deeper definition, or a message with more fields, is hostile.
 MAX_DEPTH, MAX_FIELDS = 16, 4096
 _FIELD = re.compile(r"^([\w/]+)(?:<=\d+)?(\[(?:<=)?\d*\])?\s+(\w+)\s*([^\s].*)?$")
 
 
 @dataclass(frozen=True)
 class Field:
-    """A field of a definition: `kind` a primitive, `string` or a type's name; `count` None for one value, -1
-    for any number, otherwise that many."""
+    """A field of a definition: `kind` is a primitive, `string` or a type name; `count` is None for one value,
+    -1 for a sequence, otherwise the length of an array."""
 
     name: str
     kind: str
@@ -46,9 +46,9 @@ class Schema:
     types: Types
 
     def paths(self) -> frozenset[str]:
-        """The dotted names of all fields outside sequences, and those of sequences with `[]` at the end.
+        """The dotted names of all fields; names of sequences end in `[]`.
 
-        Fields in a sequence have its name in front: `events[].x`. Empty for a definition that is hostile.
+        Fields in a sequence are preceded by its name: `events[].x`. Empty for a hostile definition.
         """
         found: set[str] = set()
         try:
@@ -59,10 +59,11 @@ class Schema:
 
 
 def parse_schema(name: str, text: str) -> Schema:
-    """The definition of a type and those it needs, as a bag embeds them (`.msg`, sections after `===`).
+    """Parse the definition of a type and of those it uses, as embedded in a bag (`.msg`, sections after
+    `===`).
 
     Raises:
-        RecordingError: it holds what is no field.
+        RecordingError: malformed definition.
     """
     root = plain_name(name)
     types: Types = {}
@@ -82,7 +83,7 @@ def parse_schema(name: str, text: str) -> Schema:
         if match is None:
             if "=" in line:
                 continue
-            raise RecordingError(f"the definition of {name} has a line that is no field: {line[:60]!r}")
+            raise RecordingError(f"the definition of {name} has an invalid line: {line[:60]!r}")
         kind, array, field_name, rest = match.groups()
         if rest and rest.startswith("="):
             continue
@@ -94,7 +95,7 @@ def parse_schema(name: str, text: str) -> Schema:
 
 
 def plain_name(name: str) -> str:
-    """`package/Type` of a type's name in either form."""
+    """`package/Type` from a type name in either form."""
     return name.replace("/msg/", "/")
 
 
@@ -103,19 +104,19 @@ def _base_kind(kind: str) -> str:
 
 
 def fields_of(types: Types, kind: str, within: str) -> tuple[Field, ...]:
-    """The fields of a type that is used `within` another. Raises ValueError: it is not defined."""
+    """The fields of a type used `within` another. Raises ValueError: undefined type."""
     package = within.split("/")[0]
     for name in (kind, f"{package}/{kind}"):
         if name in types:
             return types[name]
     known = STANDARD.get(kind)
     if known is None:
-        raise ValueError(f"the type {kind} is not defined")
+        raise ValueError(f"undefined type {kind}")
     return known
 
 
 def full_name(types: Types, kind: str, within: str) -> str:
-    """The name with its package of a type that is used `within` another."""
+    """The name, with package, of a type used `within` another."""
     return kind if "/" in kind or kind in types else f"{within.split('/')[0]}/{kind}"
 
 
@@ -138,7 +139,7 @@ def _standard(*fields: tuple[str, str]) -> tuple[Field, ...]:
     return tuple(Field(name, kind, None) for name, kind in fields)
 
 
-#: What ROS 2 definitions may take for granted.
+#: Types that ROS 2 definitions may use without defining them.
 STANDARD: Types = {
     "builtin_interfaces/Time": _standard(("sec", "int32"), ("nanosec", "uint32")),
     "std_msgs/Header": _standard(("stamp", "builtin_interfaces/Time"), ("frame_id", "string")),

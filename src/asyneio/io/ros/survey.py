@@ -1,6 +1,6 @@
-"""One pass over a bag that decodes no events: topics, counts, inertial samples, poses, lens, clocks.
+"""One pass over a bag without decoding events: topics, counts, inertial samples, poses, intrinsics, clocks.
 
-Topics are told apart by the fields of their messages, not by their names or the names of their types.
+Topics are classified by the fields of their messages, not by topic or type names.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.ros.bag import Bag, Message, Topic
-from asyneio.io.ros.definitions import schema_of
 from asyneio.io.ros.event_arrays import EventArrayDecoder, EventFields, event_fields
 from asyneio.io.ros.event_packets import Packet, first_time
-from asyneio.io.ros.field_offsets import Located, Locator, locate
+from asyneio.io.ros.field_offsets import LayoutFinder, MessageLayout, find_layout
+from asyneio.io.ros.known_definitions import schema_of
+from asyneio.io.ros.number_table import STAMP, NumberTable, stamp_of
 from asyneio.io.ros.schema import Schema
-from asyneio.io.ros.tables import STAMP, NumberTable, stamp_of
 
 _XYZ, _XYZW = "xyz", "xyzw"
 IMU_NAMES = tuple(
@@ -25,7 +25,7 @@ IMU_NAMES = tuple(
 )
 _PACKET_PATHS = {"encoding", "events[]", "time_base", "seq"}
 _PATH_PATHS = {f"poses[].{STAMP}.sec", "poses[].pose.position.x", "poses[].pose.orientation.w"}
-#: Position and orientation of the kinds of messages that hold a pose.
+#: Position and orientation in the types of messages with a pose.
 _POSES = (
     ("pose.position", "pose.orientation"),
     ("transform.translation", "transform.rotation"),
@@ -35,13 +35,13 @@ _POSES = (
 
 @dataclass
 class EventTopic:
-    """What the survey knows of a topic of events; `decoder` where events stand one by one, else packets.
+    """A topic of events; `decoder` is set for event arrays and None for packets.
 
-    `sensor_ns` and `host_ns` pair the sensor's time of a message's first event with the message's stamp,
-    where the sensor has a clock of its own.
+    `sensor_ns` and `host_ns` are sensor time of the first event and stamp of each message, if the sensor has
+    its own clock.
     """
 
-    locator: Locator
+    finder: LayoutFinder
     fields: EventFields | None
     decoder: EventArrayDecoder | None
     size: tuple[int, int] = (0, 0)
@@ -52,11 +52,11 @@ class EventTopic:
     seen: bool = False
 
     def packet(self, message: Message) -> Packet:
-        """The packet in a message. Raises ValueError: the message ends early."""
-        return packet_of(self._located(message), message)
+        """The packet in a message. Raises ValueError: the message is too short."""
+        return packet_of(self._layout(message), message)
 
-    def see(self, message: Message) -> None:
-        """Take what is needed of a message before decoding. Raises ValueError: it ends early."""
+    def add(self, message: Message) -> None:
+        """Collect what is needed before decoding. Raises ValueError: the message is too short."""
         if self.decoder is not None:
             if self.fields is not None and self.fields.split and self.seen:
                 return
@@ -66,55 +66,55 @@ class EventTopic:
                 self.sensor_ns.append(int(found.events["t_ns"][0]))
                 self.host_ns.append(found.stamp_ns or message.logged_ns)
             return
-        located = self._located(message)
-        packet = packet_of(located, message)
+        layout = self._layout(message)
+        packet = packet_of(layout, message)
         self.encodings[packet.encoding] = self.encodings.get(packet.encoding, 0) + 1
         if not self.size[0]:
-            sides = [located.number(message.data, name) for name in ("width", "height")]
+            sides = [layout.number(message.data, name) for name in ("width", "height")]
             self.size = (sides[0], sides[1])
-        if "is_bigendian" in located.places:
-            self.big_endian |= bool(located.number(message.data, "is_bigendian"))
+        if "is_bigendian" in layout.fields:
+            self.big_endian |= bool(layout.number(message.data, "is_bigendian"))
         time_ns = first_time(packet)
         if time_ns is not None:
             self.sensor_ns.append(time_ns)
             self.host_ns.append(packet.stamp_ns)
 
-    def _located(self, message: Message) -> Located:
-        return self.locator.locate(message.data)
+    def _layout(self, message: Message) -> MessageLayout:
+        return self.finder.find_layout(message.data)
 
 
 @dataclass
 class PathTopic:
-    """Poses in a sequence, each message with all that went before: the longest, and its definition."""
+    """A topic whose messages contain all previous poses: the longest message, and its definition."""
 
     schema: Schema
     data: bytes = b""
 
     def add(self, message: Message) -> None:
-        """Take a message."""
+        """Add a message."""
         if len(message.data) >= len(self.data):
             self.data = bytes(message.data)
 
 
 @dataclass
 class Survey:
-    """What is in a bag: the count of messages of each topic, and what was read of those that matter.
+    """Content of a bag: number of messages of each topic, and data of the relevant topics.
 
-    `broken` counts messages of lenses that end early; `cameras` are the first CameraInfo of each topic.
+    `broken` counts damaged CameraInfo messages; `cameras` are the first CameraInfo of each topic.
     """
 
     counts: dict[Topic, int] = field(default_factory=dict)
     events: dict[Topic, EventTopic] = field(default_factory=dict)
     imus: dict[Topic, NumberTable] = field(default_factory=dict)
     poses: dict[Topic, NumberTable] = field(default_factory=dict)
-    cameras: dict[Topic, tuple[Located, bytes]] = field(default_factory=dict)
+    cameras: dict[Topic, tuple[MessageLayout, bytes]] = field(default_factory=dict)
     paths: dict[Topic, PathTopic] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     broken: int = 0
 
 
 def survey(bag: Bag) -> Survey:
-    """Read a bag once. Raises RecordingError: as the bag says."""
+    """Read a bag once. Raises RecordingError like the bag."""
     found = Survey()
     roles: dict[Topic, _Role] = {}
     for message, _ in bag.messages(found.notes):
@@ -125,22 +125,20 @@ def survey(bag: Bag) -> Survey:
         found.counts[topic] += 1
         role = roles[topic]
         try:
-            if isinstance(role, NumberTable | PathTopic):
+            if isinstance(role, NumberTable | PathTopic | EventTopic):
                 role.add(message)
-            elif isinstance(role, EventTopic):
-                role.see(message)
             elif isinstance(role, Schema) and topic not in found.cameras:
                 data = bytes(message.data)
-                found.cameras[topic] = locate(role, data, topic.cdr), data
+                found.cameras[topic] = find_layout(role, data, topic.cdr), data
         except ValueError:
-            # Of messages with events it is said when they are decoded.
+            # Damaged event messages are reported when they are decoded.
             found.broken += not isinstance(role, EventTopic)
     for topic in bag.topics():
         found.counts.setdefault(topic, 0)
     return found
 
 
-#: What becomes of a topic's messages: rows of numbers, events, a lens (its schema), or nothing.
+#: Use of the messages of a topic: rows of numbers, poses, events, intrinsics (its schema), or none.
 _Role = NumberTable | PathTopic | EventTopic | Schema | None
 
 
@@ -155,10 +153,10 @@ def _role(found: Survey, topic: Topic) -> _Role:
     fields = event_fields(schema)
     if fields is not None:
         decoder = EventArrayDecoder(schema, topic.cdr, fields)
-        found.events[topic] = EventTopic(Locator(schema, topic.cdr), fields, decoder)
+        found.events[topic] = EventTopic(LayoutFinder(schema, topic.cdr), fields, decoder)
         return found.events[topic]
     if paths >= _PACKET_PATHS:
-        found.events[topic] = EventTopic(Locator(schema, topic.cdr), None, None)
+        found.events[topic] = EventTopic(LayoutFinder(schema, topic.cdr), None, None)
         return found.events[topic]
     if paths >= _PATH_PATHS:
         found.paths[topic] = PathTopic(schema)
@@ -177,15 +175,15 @@ def _role(found: Survey, topic: Topic) -> _Role:
     return schema if is_camera else None
 
 
-def packet_of(located: Located, message: Message) -> Packet:
-    """The packet in a message. Raises ValueError: it has no events."""
+def packet_of(layout: MessageLayout, message: Message) -> Packet:
+    """The packet in a message. Raises ValueError: the message is too short."""
     data = message.data
-    if "events" not in located.places:
-        raise ValueError("the message ends early")
+    if "events" not in layout.fields:
+        raise ValueError("the message is too short")
     return Packet(
-        encoding=located.text(data, "encoding"),
-        data=np.ascontiguousarray(located.values(data, "events")),
-        time_base=located.number(data, "time_base"),
-        seq=located.number(data, "seq"),
-        stamp_ns=stamp_of(located, data) or message.logged_ns,
+        encoding=layout.text(data, "encoding"),
+        data=np.ascontiguousarray(layout.values(data, "events")),
+        time_base=layout.number(data, "time_base"),
+        seq=layout.number(data, "seq"),
+        stamp_ns=stamp_of(layout, data) or message.logged_ns,
     )

@@ -1,1 +1,1 @@
-"""Events as text, one event a line."""
+"""Event text, one event per line."""

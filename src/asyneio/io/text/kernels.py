@@ -1,7 +1,7 @@
-"""Compiled loops over lines of events: the usual layout, and any other one.
+"""Compiled loops over lines of events: one for the usual layout, one for any other.
 
-Lines that a loop does not understand stop it; Python looks at them. The line feed at the end stops every
-inner loop. Unsigned indices spare numba's test for negative ones, which halves the time.
+A loop stops at a line that it cannot parse, which is then parsed in Python. The line feed at the end
+terminates every inner loop. Unsigned indices avoid numba's handling of negative ones, which halves the time.
 """
 
 from __future__ import annotations
@@ -9,21 +9,21 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from asyneio.io.recording.checks import MAX_STAMP_NS
-from asyneio.io.recording.source import FAR_OUTSIDE
+from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.io.recording.event_source import FAR_OUTSIDE
 from asyneio.types import NS_PER_S, IntArray
 
-#: What a column is, for `parse_columns`.
+#: Roles of columns, for `parse_columns`.
 IGNORED, TIME, COLUMN, ROW, POLARITY = range(5)
 
 _BLANK, _TAB, _RETURN, _NEWLINE, _POINT, _MINUS, _ZERO = (ord(c) for c in " \t\r\n.-0")
 _COMMA, _SEMICOLON = ord(","), ord(";")
-#: Nanoseconds of the last digit, by the count of decimals.
+#: Nanoseconds of the last digit, by the number of decimals.
 _SCALE = 10 ** np.arange(9, -1, -1)
-#: Larger seconds than this do not fit; they go the slow way and are refused there.
+#: Larger values do not fit; they are left to Python, which rejects them.
 _MAX_SECONDS = MAX_STAMP_NS // NS_PER_S
-#: Digits that 64 bits hold.
-_MOST_DIGITS = 19
+#: Digits that fit into 64 bits.
+_MAX_DIGITS = 19
 
 
 @njit(cache=True)
@@ -38,8 +38,8 @@ def parse_columns(
     p: np.ndarray,
     met: np.ndarray,
 ) -> tuple[np.int64, np.int64]:
-    """As `parse_lines`, for columns in any order (`roles`, one for each), parted by blank, tab, comma or
-    semicolon, and for time in any unit."""
+    """Like `parse_lines`, for columns in any order (`roles`, one per column), separated by blank, tab, comma
+    or semicolon, with the time in any unit."""
     line, count = np.int64(start), np.int64(0)
     while line < data.size:
         i, column, good = line, 0, True
@@ -50,7 +50,7 @@ def parse_columns(
             first = i
             i, value = _signed_digits(data, i)
             role = roles[column]
-            good = bool(i > first and i - first <= _MOST_DIGITS and value >= 0)
+            good = bool(i > first and i - first <= _MAX_DIGITS and value >= 0)
             if data[i] == _POINT and good:
                 point = i + 1
                 i, fraction = _signed_digits(data, point)
@@ -100,10 +100,9 @@ def parse_lines(
 ) -> tuple[np.uint64, np.uint64]:
     """Parse `data` (uint8, ends in a line feed) from `start` up to the first unusual line.
 
-    Returns the position where it stopped (the start of a line, or the end) and the count of events.
-    Usual: digits with up to nine decimals, whole x and y, polarity 0, 1 or -1, parted by one blank or tab.
-    The line feed at the end stops every inner loop. Unsigned indices spare numba's test for negative ones,
-    which halves the time.
+    Returns the position where it stopped (the start of a line, or the end) and the number of events. A usual
+    line has digits with up to nine decimals, integers x and y, and polarity 0, 1 or -1, separated by one
+    blank or tab.
     """
     one, size = np.uint64(1), np.uint64(data.size)
     count, line = np.uint64(0), np.uint64(start)
@@ -157,7 +156,7 @@ def parse_lines(
 
 @njit(cache=True)
 def _digits(data: np.ndarray, i: np.uint64) -> tuple[np.uint64, np.int64]:
-    """Position after the decimal digits at `i`, and their value (wrong, without harm, beyond 18 digits)."""
+    """Position after the decimal digits at `i`, and their value (invalid and unused beyond 18 digits)."""
     value = np.int64(0)
     digit = np.uint8(data[i] - np.uint8(_ZERO))
     while digit <= 9:
@@ -169,6 +168,6 @@ def _digits(data: np.ndarray, i: np.uint64) -> tuple[np.uint64, np.int64]:
 
 @njit(cache=True)
 def _signed_digits(data: np.ndarray, i: np.int64) -> tuple[np.int64, np.int64]:
-    """As `_digits`, with signed positions."""
+    """Like `_digits`, with signed positions."""
     end, value = _digits(data, np.uint64(i))
     return np.int64(end), value

@@ -1,4 +1,4 @@
-"""The layout of a text file of events, from its first lines."""
+"""Detection of the layout of event text from its first lines."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ import re
 import numpy as np
 
 from asyneio.io.parsing.column_meaning import Meaning, columns_by_name, columns_by_values, unit_of_time
-from asyneio.io.parsing.seconds_table import parse_seconds
+from asyneio.io.parsing.decimal_seconds import parse_seconds
 
-#: So many bytes of a file tell its layout.
+#: Number of bytes from which the layout is determined.
 HEAD_BYTES = 4096
 _BOM = b"\xef\xbb\xbf"
 _LINES = 200
 _WORDS = {"true": 1.0, "false": 0.0}
-#: The layout that files without names have.
-USUAL = Meaning((0, 1, 2, 3), 4, "s", "as of events.txt")
+#: The default layout of files without column names.
+USUAL = Meaning((0, 1, 2, 3), 4, "s", "like events.txt")
 
 
 def without_bom(data: bytes) -> bytes:
-    """Bytes without the mark of UTF-8 that editors of Windows put at the start of a file."""
+    """Bytes without the byte order mark that Windows editors write at the start of UTF-8 files."""
     return data.removeprefix(_BOM)
 
 
 def text_meaning(head: bytes) -> Meaning | None:
-    """What the columns of text mean, by its first bytes; None where they are no events.
+    """The meaning of the columns from the first bytes of a text; None if it is not event text.
 
-    A line of names may stand before the numbers, as a comment or not. But for comments, no other line may.
+    One line of names may precede the numbers, as a comment or not; apart from it, only comments may.
     """
     names, rows = _first_rows(without_bom(head))
     if not rows:
@@ -37,24 +37,24 @@ def text_meaning(head: bytes) -> Meaning | None:
         return None
     named = columns_by_name(names) if len(names) == count else None
     if named is not None:
-        place, unit = named
-        default, layout = "us", "cameras' exports"
+        position, unit = named
+        default, layout = "us", "camera exports"
     else:
         found = columns_by_values(numbers)
         if found is None:
             return USUAL if _is_usual(rows[0], numbers[0]) else None
-        place, unit = found, ""
-        usual = tuple(place[letter] for letter in "txyp") == (0, 1, 2, 3)
-        default, layout = ("s", "events.txt") if usual else ("us", "cameras' exports")
-    told_by = "by its name"
+        position, unit = found, ""
+        usual = tuple(position[letter] for letter in "txyp") == (0, 1, 2, 3)
+        default, layout = ("s", "events.txt") if usual else ("us", "camera exports")
+    unit_source = "by its name"
     if not unit:
-        unit, told_by = unit_of_time(numbers[:, place["t"]], default, layout)
-    columns = (place["t"], place["x"], place["y"], place["p"])
-    return Meaning(columns, count, unit, told_by, named is not None)
+        unit, unit_source = unit_of_time(numbers[:, position["t"]], default, layout)
+    columns = (position["t"], position["x"], position["y"], position["p"])
+    return Meaning(columns, count, unit, unit_source, named is not None)
 
 
 def is_event_text(head: bytes) -> bool:
-    """True when the start of a file is text of events in any order of columns."""
+    """True if the start of a file is event text with columns in any order."""
     return text_meaning(head) is not None
 
 
@@ -64,14 +64,14 @@ def split(line: str) -> list[str]:
 
 
 def _first_rows(head: bytes) -> tuple[list[str], list[list[str]]]:
-    """Names of the columns, where a line holds some, and the lines of numbers after it, in columns."""
+    """Column names, if a line contains them, and the columns of the following lines of numbers."""
     lines = head.decode("utf-8", errors="replace").split("\n")
     if len(head) >= HEAD_BYTES - 3 and len(lines) > 1:
-        # The last one may be cut off.
+        # The last line may be incomplete.
         lines.pop()
     names: list[str] = []
     rows: list[list[str]] = []
-    strange = 0
+    unparsed = 0
     for line in lines[:_LINES]:
         text, _, comment = line.partition("#")
         tokens = split(text)
@@ -79,8 +79,8 @@ def _first_rows(head: bytes) -> tuple[list[str], list[list[str]]]:
             names = _names(comment) if comment.strip() and not rows else names
             continue
         if _numbers(tokens) is None:
-            strange += 1
-            if not rows and strange > 1:
+            unparsed += 1
+            if not rows and unparsed > 1:
                 return [], []
             names = _names(text) if not rows else names
         elif len(tokens) > 2 or rows:
@@ -110,5 +110,5 @@ def _as_numbers(rows: list[list[str]]) -> np.ndarray:
 
 
 def _is_usual(tokens: list[str], values: np.ndarray) -> bool:
-    """Whether one line alone could be t x y p, where the others are damaged."""
+    """Whether a single line can be t x y p, if all others are damaged."""
     return len(tokens) == 4 and parse_seconds(tokens[0]) is not None and values[3] in (-1.0, 0.0, 1.0)

@@ -1,16 +1,16 @@
-"""Checks and repairs of feature tracks: repeats, the sensor's border, cutting into shorter tracks."""
+"""Checks and repairs of feature tracks: duplicates, sensor border, cutting into shorter tracks."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.parsing.stamps import MAX_BAD_SHARE
+from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
 from asyneio.types import NS_PER_S, CameraIntrinsics, RecordArray
 
-#: Conventions put the centre of the first pixel at 0 or at 0.5; both are inside.
+#: The centre of the first pixel is at 0 or at 0.5, depending on the convention; both are inside.
 _BORDER_PX = 1.0
-#: 2^64 divided by the golden ratio: multiples of it, modulo 2^64, are spread evenly (a Weyl sequence).
+#: 2^64 divided by the golden ratio: its multiples modulo 2^64 are evenly distributed (Weyl sequence).
 _GOLDEN = np.uint64(11400714819323198485)
 
 
@@ -18,7 +18,7 @@ def drop_outside(rows: RecordArray, camera: CameraIntrinsics) -> tuple[RecordArr
     """Drop observations outside the sensor, with a note.
 
     Raises:
-        RecordingError: more than MAX_BAD_SHARE of them lie outside.
+        RecordingError: more than MAX_BAD_SHARE of them are outside.
     """
     inside = (
         (rows["u"] >= -_BORDER_PX)
@@ -31,7 +31,7 @@ def drop_outside(rows: RecordArray, camera: CameraIntrinsics) -> tuple[RecordArr
         return rows, ()
     if outside > MAX_BAD_SHARE * rows.size:
         raise RecordingError(
-            f"{outside} of {rows.size} observations lie outside the {camera.width} x {camera.height} sensor "
+            f"{outside} of {rows.size} observations are outside the {camera.width} x {camera.height} sensor "
             f"(u up to {rows['u'].max():.1f}, v up to {rows['v'].max():.1f}): wrong resolution in the "
             "calibration, or u and v exchanged?"
         )
@@ -39,10 +39,10 @@ def drop_outside(rows: RecordArray, camera: CameraIntrinsics) -> tuple[RecordArr
 
 
 def drop_repeated(rows: RecordArray) -> tuple[RecordArray, tuple[str, ...]]:
-    """Keep the first observation where an id occurs twice at one time (rows ascending in time), with a note.
+    """Keep the first of observations with the same id and time (rows ascending in time), with a note.
 
     Raises:
-        RecordingError: more than MAX_BAD_SHARE of them repeat.
+        RecordingError: more than MAX_BAD_SHARE of them are duplicates.
     """
     order = np.lexsort((rows["id"], rows["t_ns"]))
     t_ns, ids = rows["t_ns"][order], rows["id"][order]
@@ -53,23 +53,26 @@ def drop_repeated(rows: RecordArray) -> tuple[RecordArray, tuple[str, ...]]:
         return rows, ()
     if count > MAX_BAD_SHARE * rows.size:
         raise RecordingError(
-            f"{count} of {rows.size} observations repeat an id at the same time; every feature of one "
-            "instant needs its own id (two cameras or two recordings in one file?)"
+            f"{count} of {rows.size} observations repeat an id at the same time; features observed at the "
+            "same time need different ids (two cameras or two recordings in one file?)"
         )
-    return rows[~repeats], (f"tracks: dropped {count} repeated observation(s) of one id at one time",)
+    return rows[~repeats], (f"tracks: dropped {count} duplicate observation(s)",)
 
 
 def cut_tracks(rows: RecordArray, max_seconds: float) -> RecordArray:
-    """Cut every track into pieces that span less than `max_seconds`, each with a new id (0, 1, ...).
+    """Cut every track into pieces shorter than `max_seconds`, each with a new id (0, 1, ...).
 
-    The first cut of a track comes after a fraction of `max_seconds` that depends on its id and is spread
-    evenly over ids, so that tracks do not all end together. Deterministic; times, pixels and row order stay.
+    The first cut of a track is after a fraction of `max_seconds` that depends on its id; fractions are evenly
+    distributed, so that tracks do not all end together. Deterministic; times, pixels and row order are
+    unchanged.
 
     Raises:
         RecordingError: `max_seconds` is not positive and finite.
     """
     if not (np.isfinite(max_seconds) and max_seconds > 0.0):
-        raise RecordingError(f"the longest track is {max_seconds} s; expected a positive number of seconds")
+        raise RecordingError(
+            f"the maximum track length is {max_seconds} s; expected a positive number of seconds"
+        )
     length_ns = max(1, round(min(max_seconds, 1e9) * NS_PER_S))
     ids, index = np.unique(rows["id"], return_inverse=True)
     first_ns = np.full(ids.size, np.iinfo(np.int64).max)

@@ -1,4 +1,4 @@
-"""Write a recording as a tracks folder; reading it back gives the identical numbers."""
+"""Write a recording as a tracks folder; reading it back gives identical numbers."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from asyneio.types import RecordArray, Recording
 
 
 def write_tracks_folder(recording: Recording, path: Path) -> None:
-    """Write tracks, inertial samples, calibration and ground truth (if there is one), each file atomically.
+    """Write tracks, inertial samples, calibration and ground truth (if any), each file atomically.
 
-    Gyroscope and accelerometer share `imu.csv` when their stamps are the same, otherwise each has its own.
-    A file of the other layout, or an old ground truth, left from an earlier call is removed.
+    Gyroscope and accelerometer share `imu.csv` if their stamps are equal, otherwise each has its own file.
+    Files of an earlier call in the other layout, and an old ground truth, are removed.
 
     Raises:
         RecordingError: a file cannot be written.
@@ -43,7 +43,7 @@ def write_tracks_folder(recording: Recording, path: Path) -> None:
 
 
 def write_csv(path: Path, header: str, columns: Iterable[list[int] | list[float]]) -> None:
-    """Write columns of equal length under a header; floats in the shortest form that reads back identical."""
+    """Write columns of equal length under a header; floats in the shortest exact form."""
     rows = zip(*columns, strict=True)
     write_text(path, "\n".join([header, *(",".join(map(repr, row)) for row in rows)]) + "\n")
 

@@ -1,1 +1,1 @@
-"""Folders and zip files in the layout of the UZH event camera dataset."""
+"""Folders and zip files in the layout of the UZH event camera data set."""

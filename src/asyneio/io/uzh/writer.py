@@ -1,4 +1,4 @@
-"""Write an event recording as a folder of the UZH event camera data set (layout: see `uzh_folder`)."""
+"""Write an event recording as a folder of the UZH event camera data set (layout: see `folder_reader`)."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from asyneio.errors import RecordingError
 from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
 from asyneio.io.calibration.kalibr_writer import camchain_text, camera_text, imu_noise_text
 from asyneio.io.parsing.atomic import atomic_file, write_text
-from asyneio.io.parsing.seconds_table import format_seconds
-from asyneio.io.recording.source import pieces_of
+from asyneio.io.parsing.decimal_seconds import format_seconds
+from asyneio.io.recording.event_source import pieces_of
 from asyneio.io.recording.tum import tum_text
-from asyneio.io.uzh.folder import EVENTS_FILE, LENS_FILE, SAMPLES_FILE, TRUTH_FILE
+from asyneio.io.uzh.folder_reader import EVENTS_FILE, GROUND_TRUTH_FILE, INTRINSICS_FILE, SAMPLES_FILE
 from asyneio.types import NS_PER_S, CameraIntrinsics, Distortion, EventRecording, IntArray, RecordArray
 
 _PIECE = 2**15
-#: Sign, ten digits, point, nine digits, three times a blank and five digits, line feed: at most this.
+#: Upper bound: sign, ten digits, point, nine digits, three times a blank and five digits, line feed.
 _LONGEST_LINE = 48
 _BLANK, _NEWLINE, _POINT, _MINUS, _ZERO = (ord(c) for c in " \n.-0")
 
@@ -27,20 +27,20 @@ _BLANK, _NEWLINE, _POINT, _MINUS, _ZERO = (ord(c) for c in " \n.-0")
 def write_uzh_folder(
     recording: EventRecording, folder: Path, events: Iterable[RecordArray] | None = None
 ) -> None:
-    """Write events, samples, ground truth and calibration, each file whole or not at all.
+    """Write events, samples, ground truth and calibration, each file complete or not at all.
 
-    Reading it back gives identical numbers. What the recording lacks, and an earlier call left, is removed.
+    Reading it back gives identical numbers. Files of an earlier call that the recording lacks are removed.
 
     Args:
         recording: what to write.
-        folder: where; made if it is not there.
-        events: pieces (EVENT_DTYPE) that follow each other in time, written in place of `recording.events`.
+        folder: output; created if it does not exist.
+        events: consecutive pieces (EVENT_DTYPE), written instead of `recording.events`.
 
     Raises:
         RecordingError: a file cannot be written, or gyroscope and accelerometer have different times, which
-            `imu.txt` cannot hold.
+            `imu.txt` cannot store.
     """
-    texts = beside_texts(recording)
+    texts = sidecar_texts(recording)
     with atomic_file(folder / EVENTS_FILE) as stream:
         for piece in pieces_of(recording, _PIECE) if events is None else events:
             for start in range(0, piece.size, _PIECE):
@@ -52,8 +52,8 @@ def write_uzh_folder(
             write_text(folder / name, text)
 
 
-def beside_texts(recording: EventRecording) -> dict[str, str | None]:
-    """The files of a folder but the events: their texts, None for what the recording lacks.
+def sidecar_texts(recording: EventRecording) -> dict[str, str | None]:
+    """Texts of all files of a folder except the events; None for what the recording lacks.
 
     Raises:
         RecordingError: gyroscope and accelerometer have different times.
@@ -61,15 +61,16 @@ def beside_texts(recording: EventRecording) -> dict[str, str | None]:
     gyroscope, accelerometer = recording.gyroscope, recording.accelerometer
     if not np.array_equal(gyroscope["t_ns"], accelerometer["t_ns"]):
         raise RecordingError(
-            f"{SAMPLES_FILE} holds both sensors at one time, but their times differ; write HDF5 instead"
+            f"{SAMPLES_FILE} stores both sensors at the same times, but their times differ; write HDF5 "
+            "instead"
         )
     truth = recording.ground_truth
     return {
         SAMPLES_FILE: _samples_text(gyroscope, accelerometer) if gyroscope.size else None,
-        LENS_FILE: _lens_text(recording.camera) if recording.camera else None,
+        INTRINSICS_FILE: _calib_text(recording.camera) if recording.camera else None,
         CAMCHAIN_FILE: _camchain_text(recording),
         IMU_FILE: imu_noise_text(recording.calibration.noise) if recording.calibration else None,
-        TRUTH_FILE: tum_text(truth, header="") if truth is not None else None,
+        GROUND_TRUTH_FILE: tum_text(truth, header="") if truth is not None else None,
     }
 
 
@@ -81,8 +82,9 @@ def _samples_text(gyroscope: RecordArray, accelerometer: RecordArray) -> str:
     )
 
 
-def _lens_text(camera: CameraIntrinsics) -> str | None:
-    """`calib.txt`, which knows radtan up to k3; None for another lens, which the Kalibr file holds."""
+def _calib_text(camera: CameraIntrinsics) -> str | None:
+    """`calib.txt`, which supports radtan up to k3; None for other models, which only the Kalibr file
+    contains."""
     if camera.distortion is Distortion.EQUIDISTANT or any(camera.coefficients[5:]):
         return None
     coefficients = (*camera.coefficients, *(0.0,) * 5)[:5]
@@ -97,7 +99,7 @@ def _camchain_text(recording: EventRecording) -> str | None:
 
 
 def event_lines(events: RecordArray) -> memoryview:
-    """Events as lines of `events.txt`; some thousands at a time, as the text is made in memory."""
+    """Events as lines of `events.txt`. The text is built in memory: pass some thousands at a time."""
     text = np.empty(events.size * _LONGEST_LINE, dtype=np.uint8)
     length = int(_print_events(events["t_ns"], events["x"], events["y"], events["p"], text))
     return text[:length].data
@@ -105,7 +107,7 @@ def event_lines(events: RecordArray) -> memoryview:
 
 @njit(cache=True)
 def _print_events(t_ns: IntArray, x: np.ndarray, y: np.ndarray, p: np.ndarray, text: np.ndarray) -> np.uint64:
-    """Print events as lines into `text` (uint8); returns the count of bytes."""
+    """Print events as lines into `text` (uint8); returns the number of bytes."""
     one, second = np.uint64(1), np.uint64(NS_PER_S)
     i = np.uint64(0)
     for k in range(t_ns.size):
@@ -129,7 +131,7 @@ def _print_events(t_ns: IntArray, x: np.ndarray, y: np.ndarray, p: np.ndarray, t
 
 @njit(cache=True)
 def _print_number(text: np.ndarray, i: np.uint64, value: np.uint64, least: int) -> np.uint64:
-    """Print a whole number with at least so many digits; returns the position after it."""
+    """Print an integer with at least `least` digits; returns the position after it."""
     ten = np.uint64(10)
     digits, rest = 1, value // ten
     while rest > 0:

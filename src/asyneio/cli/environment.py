@@ -1,0 +1,74 @@
+"""The process environment of a command: environment variables, and output streams that may be closed
+early."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from typing import Any, TextIO
+
+#: Disables numba's compilation. Some kernels do not run without it, and the estimator is unusably slow.
+_NO_COMPILATION = "NUMBA_DISABLE_JIT"
+
+
+def prepare_environment() -> None:
+    """Set what must be set before numpy and numba are imported; print a note on what is overridden.
+
+    Linear algebra uses one thread, unless the user has set another number. The matrices of the window are
+    small: a second thread gains little on an idle machine, is up to fifty times slower on a busy one
+    (measured), and makes results depend on the number of cores.
+    """
+    for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    if os.environ.pop(_NO_COMPILATION, "0") not in ("", "0"):
+        print(f"note: {_NO_COMPILATION} is ignored: asyneio requires compiled code", file=sys.stderr)
+
+
+def prepare_streams() -> None:
+    """Replace standard output and error by streams that never fail.
+
+    If the reader closes the pipe (`asyneio doctor RECORDING | head`), the command continues, writes its files
+    and exits with its own status. Characters that the terminal cannot display are escaped.
+    """
+    sys.stdout, sys.stderr = _tolerant(sys.stdout), _tolerant(sys.stderr)
+
+
+def _tolerant(stream: TextIO) -> TextIO:
+    try:
+        file_number = stream.fileno()
+    except (OSError, ValueError, AttributeError):
+        # The stream is not a file: it was replaced, for example by a test, or there is none.
+        return stream
+    raw = _PipeWriter(file_number)
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding=stream.encoding,
+        errors="backslashreplace",
+        line_buffering=raw.isatty() or stream is sys.stderr,
+    )
+
+
+class _PipeWriter(io.RawIOBase):
+    """An open file for writing. After the reader has closed the pipe, output is discarded."""
+
+    def __init__(self, file_number: int) -> None:
+        self._file_number = file_number
+
+    def fileno(self) -> int:
+        return self._file_number
+
+    def writable(self) -> bool:
+        return True
+
+    def isatty(self) -> bool:
+        return os.isatty(self._file_number)
+
+    def write(self, data: Any) -> int:
+        try:
+            return os.write(self._file_number, data)
+        except BrokenPipeError:
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, self._file_number)
+            os.close(null)
+            return len(memoryview(data).cast("B"))

@@ -1,0 +1,134 @@
+"""Events in HDF5 as one data set of four columns, (N,4), such as `events` of v2e.
+
+v2e writes t [us], x, y, p as unsigned 32-bit numbers; a polarity of -1 becomes 4 294 967 295.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from asyneio.errors import RecordingError
+from asyneio.io.calibration import find_calibration
+from asyneio.io.hdf5.columns import PolarityCheck, blocks, nanoseconds, pixels, signed
+from asyneio.io.parsing.column_meaning import Meaning, columns_by_values, unit_of_time
+from asyneio.io.parsing.safe_hdf5 import check_columns, dataset, open_hdf5
+from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.io.recording.event_source import SAMPLE_DTYPE, pack_events
+from asyneio.io.recording.sidecar import find_ground_truth, find_samples
+from asyneio.types import RecordArray
+
+_SAMPLE = 4096
+_EXPECTED = (
+    "events/x, y, t, p (or xs, ys, ts, ps) as data sets, or one data set of four columns with t, x, y, p"
+)
+_MAX_LISTED = 12
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Name of the data set, and the meaning of its columns."""
+
+    name: str
+    meaning: Meaning
+
+
+class TableEvents:
+    """An EventSource on a data set of four columns."""
+
+    def __init__(self, path: Path, table: _Table) -> None:
+        self.path = path
+        self._table = table
+
+    def chunks(self) -> Iterator[tuple[RecordArray, float]]:
+        """See EventSource. Raises RecordingError: unreadable, or another layout."""
+        polarity = PolarityCheck(self.path)
+        meaning = self._table.meaning
+        with open_hdf5(self.path) as file:
+            data = dataset(file, self._table.name, self.path, "iuf", 2)
+            for rows, share in blocks(data.shape[0]):
+                piece = np.asarray(data[rows])
+                t, x, y, p = (piece[:, column] for column in meaning.columns)
+                p = signed(p)
+                polarity.feed(p)
+                yield pack_events(nanoseconds(t, meaning.unit_ns), pixels(x), pixels(y), p == 1), share
+
+    def samples(self) -> RecordArray:
+        """Empty: inertial samples are read separately."""
+        return np.empty(0, dtype=SAMPLE_DTYPE)
+
+    def notes(self) -> tuple[str, ...]:
+        """A note on how the columns were read."""
+        return (self._table.meaning.note(self.path.name),)
+
+
+def is_event_table(path: Path) -> bool:
+    """True if an HDF5 file has a data set of four columns that can be events."""
+    with open_hdf5(path) as file:
+        return _find(file, path) is not None
+
+
+def read_event_table(path: Path, options: ReadOptions) -> Contents:
+    """A file with one data set of four columns, with samples and ground truth from sidecar files.
+
+    Raises:
+        RecordingError: unreadable, hostile, or without events.
+        CalibrationError: a calibration file is malformed or impossible.
+    """
+    with open_hdf5(path) as file:
+        table = _find(file, path)
+    if table is None:
+        raise RecordingError(f"{path} {contents_of(path)}")
+    truth, truth_notes = find_ground_truth(path.parent)
+    return Contents(
+        path.resolve().stem,
+        partial(TableEvents, path, table),
+        None,
+        find_calibration(path.parent, options.calibration, options.imu),
+        find_samples(path.parent, options),
+        ground_truth=truth,
+        notes=truth_notes,
+    )
+
+
+def contents_of(path: Path) -> str:
+    """The data sets of an HDF5 file and what is expected, for error messages."""
+    listed: list[str] = []
+
+    def note(name: str, member: object) -> bool | None:
+        if isinstance(member, h5py.Dataset):
+            listed.append(f"{name} {member.shape} {member.dtype}")
+        return True if len(listed) >= _MAX_LISTED else None
+
+    try:
+        with open_hdf5(path) as file:
+            file.visititems(note)
+    except RecordingError:
+        listed.append("nothing readable")
+    return f"contains {', '.join(listed) or 'no data set'}; expected {_EXPECTED}"
+
+
+def _find(file: h5py.File, path: Path) -> _Table | None:
+    names = [
+        name
+        for name in ("events", "event", "data")
+        if isinstance(file.get(name, getlink=True), h5py.HardLink) and isinstance(file[name], h5py.Dataset)
+    ]
+    for name in names:
+        member = file[name]
+        if len(member.shape or ()) != 2 or member.shape[1] != 4 or member.dtype.kind not in "iuf":
+            continue
+        data = dataset(file, name, path, "iuf", 2)
+        check_columns([data], path)
+        rows = np.asarray(data[:_SAMPLE]).astype(np.float64)
+        position = columns_by_values(rows)
+        if position is not None:
+            unit, unit_source = unit_of_time(rows[:, position["t"]], "us", "v2e")
+            columns = (position["t"], position["x"], position["y"], position["p"])
+            return _Table(name, Meaning(columns, 4, unit, unit_source))
+    return None
