@@ -307,11 +307,25 @@ class NoiseEstimate:
 
 @dataclass(frozen=True)
 class StepReport:
-    """What one call of `Odometry.process` did, for the log and the report.
+    """What one call of `Odometry.process` did.
 
-    `attitude` is given while there is no pose to give; `still`: the sensor was taken to be at rest;
-    `refused`: share of the packet's tracks that were found to be no points of the static scene. `noise` is
-    what the inertial samples of this step count with.
+    Attributes:
+        t_ns: end of the packet.
+        health: state of the estimator after the packet.
+        reason: for the state, empty while TRACKING.
+        knots: number of knots in the window.
+        landmarks: number of landmarks in the window.
+        observations: number of observations in the window.
+        iterations: of the optimiser.
+        cost: after the optimisation.
+        rejected: number of observations beyond the gate.
+        seconds: processing time.
+        segment: number of the segment.
+        stationary: whether the sensor was detected to be stationary.
+        attitude: attitude before the segment is initialized; None where there is a pose.
+        outlier_share: share of the packet's tracks that are rejected as outliers.
+        noise: of the inertial samples, as learned so far.
+        origin: the knot that defines the segment's world frame, in the report of the step that initialized it.
     """
 
     t_ns: int
@@ -325,10 +339,11 @@ class StepReport:
     rejected: int = 0
     seconds: float = 0.0
     segment: int = 0
-    still: bool = False
+    stationary: bool = False
     attitude: Attitude | None = None
-    refused: float = 0.0
+    outlier_share: float = 0.0
     noise: NoiseEstimate | None = None
+    origin: Estimate | None = None
 
 
 @dataclass

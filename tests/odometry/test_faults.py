@@ -28,7 +28,7 @@ CURES = ("parallax", "sideways", "scale", "do not agree")
 
 def assert_refused(outcome: Outcome) -> None:
     assert outcome.estimates == []
-    assert outcome.odometry.origin is None
+    assert outcome.origins == []
     assert {report.health for report in outcome.reports} == {Health.INITIALIZING}
     assert all(report.reason for report in outcome.reports)
     # Once there is a second of data, every attempt names a cure.

@@ -22,11 +22,12 @@ from asyneio.estimation.linearization import (
 from asyneio.estimation.linearization.linear_system import linearize
 from asyneio.estimation.problem.problem import States
 from asyneio.inertial.noise import InertialNoise
-from asyneio.odometry.buffer import MeasurementBuffer, around
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.intervals import around
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.propagation import predict_knot, propagate, rates_at
 from asyneio.odometry.settings import resolve
-from asyneio.pipeline import compilation as kernels
+from asyneio.pipeline import kernels
 from asyneio.simulation import PinholeCamera
 from asyneio.simulation.tracks.scenario import NOISE_FREE
 from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, MotionModel
@@ -54,10 +55,10 @@ def stamped(*t_ns: int) -> RecordArray:
 
 
 def filled(pixels: Array, pixel_sigma: float = 0.5) -> MeasurementBuffer:
-    intake = MeasurementBuffer(CAMERA, pixel_sigma)
+    buffer = MeasurementBuffer(CAMERA, pixel_sigma)
     times = list(range(100, 100 + len(pixels)))
-    intake.append(Packet(200, observed(times, pixels), stamped(90, 130, 150), stamped(100, 180)))
-    return intake
+    buffer.append(Packet(200, observed(times, pixels), stamped(90, 130, 150), stamped(100, 180)))
+    return buffer
 
 
 def pixels_and_rays(rng: np.random.Generator) -> tuple[Array, Array]:
@@ -85,24 +86,24 @@ def test_whitened_errors_are_pixels_over_sigma(rng: np.random.Generator) -> None
 
 def test_observations_without_a_ray_are_counted() -> None:
     pixels = np.array([[100.0, 90.0], [np.nan, 90.0], [1e7, 90.0], [120.0, 80.0]])
-    intake = filled(pixels)
-    np.testing.assert_array_equal(intake.observations.track, [0, 3])
-    assert intake.invalid == 2
+    buffer = filled(pixels)
+    np.testing.assert_array_equal(buffer.observations.track, [0, 3])
+    assert buffer.invalid == 2
 
 
 def test_intake_grows_and_forgets(rng: np.random.Generator) -> None:
     pixels, _ = pixels_and_rays(rng)
-    intake = filled(pixels)
-    intake.append(Packet(300, observed([210, 220], pixels[:2]), stamped(210, 250), stamped(260)))
-    assert intake.end_ns == 300
-    np.testing.assert_array_equal(intake.gyroscope["t_ns"], [90, 130, 150, 210, 250])
-    assert len(intake.observations.t_ns) == 42
-    intake.drop_until(210)
+    buffer = filled(pixels)
+    buffer.append(Packet(300, observed([210, 220], pixels[:2]), stamped(210, 250), stamped(260)))
+    assert buffer.end_ns == 300
+    np.testing.assert_array_equal(buffer.gyroscope["t_ns"], [90, 130, 150, 210, 250])
+    assert len(buffer.observations.t_ns) == 42
+    buffer.drop_until(210)
     # Four samples at or before the instant stay, for what follows; observations up to it are gone.
-    np.testing.assert_array_equal(intake.gyroscope["t_ns"], [90, 130, 150, 210, 250])
-    np.testing.assert_array_equal(intake.accelerometer["t_ns"], [100, 180, 260])
-    np.testing.assert_array_equal(intake.observations.t_ns, [220])
-    for column in (intake.observations.track, intake.observations.xy, intake.observations.root_information):
+    np.testing.assert_array_equal(buffer.gyroscope["t_ns"], [90, 130, 150, 210, 250])
+    np.testing.assert_array_equal(buffer.accelerometer["t_ns"], [100, 180, 260])
+    np.testing.assert_array_equal(buffer.observations.t_ns, [220])
+    for column in (buffer.observations.track, buffer.observations.xy, buffer.observations.root_information):
         assert len(column) == 1
 
 

@@ -162,7 +162,7 @@ def test_time_that_jumps_back_begins_a_segment() -> None:
     outcome = process([*once[:24], *once], simulation.recording.calibration)
     jump = outcome.reports[24]
     assert (jump.health, jump.segment) == (Health.LOST, 0)
-    assert jump.reason == "time jumps back by 2.300 s"
+    assert jump.reason == "timestamps jump back by 2.300 s"
     assert outcome.steps[24] == []
     again = [e for e in outcome.estimates if e.segment == 1]
     assert len(again) > 10
@@ -170,7 +170,7 @@ def test_time_that_jumps_back_begins_a_segment() -> None:
     # While nothing has started yet, it costs no segment.
     early = process([*once[:6], *once[:20]], simulation.recording.calibration)
     assert early.reports[6].health is Health.INITIALIZING
-    assert early.reports[6].reason.startswith("time jumps back")
+    assert early.reports[6].reason.startswith("timestamps jump back")
     assert {report.segment for report in early.reports} == {0}
     assert early.reports[-1].health is Health.TRACKING
 
@@ -178,7 +178,7 @@ def test_time_that_jumps_back_begins_a_segment() -> None:
 def test_a_wrong_scale_is_told_within_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     """The start is made wrong by a third: optimisation mends it, and what was given out is in doubt."""
     module = importlib.import_module("asyneio.odometry.initializer.initialize")
-    original = module.try_start
+    original = module.initialize_in_motion
 
     def wrong(*arguments: object) -> object:
         started = original(*arguments)
@@ -193,7 +193,7 @@ def test_a_wrong_scale_is_told_within_two_seconds(monkeypatch: pytest.MonkeyPatc
             window.problem().linearization.varpi[:] = window.states.varpi
         return started
 
-    monkeypatch.setattr(module, "try_start", wrong)
+    monkeypatch.setattr(module, "initialize_in_motion", wrong)
     outcome = process(cut(simulated(0).recording), simulated(0).recording.calibration)
     first = next(k for k, report in enumerate(outcome.reports) if report.health is Health.TRACKING)
     told = [report for report in outcome.reports[first : first + 20] if report.health is Health.DEGRADED]
@@ -223,7 +223,7 @@ def test_a_saturated_gyroscope_is_told() -> None:
     limit = 0.7 * float(np.abs(recording.gyroscope["xyz"]).max())
     clipped = replace(recording, gyroscope=saturated(recording.gyroscope, limit))
     outcome = process(cut(clipped), recording.calibration)
-    told = [report for report in outcome.reports if "end of its range" in report.reason]
+    told = [report for report in outcome.reports if "is saturated" in report.reason]
     assert told
     assert {report.health for report in told} <= {Health.DEGRADED}
     assert outcome.reports[-1].health in (Health.TRACKING, Health.DEGRADED)

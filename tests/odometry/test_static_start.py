@@ -41,7 +41,7 @@ def seconds(outcome: Outcome) -> np.ndarray:
 
 def assert_tracks_at_rest_and_afterwards(reports: list[StepReport]) -> None:
     """Only from the end of the rest to the first landmarks it has inertial samples alone, and says so."""
-    assert {r.health for r in reports if r.still} <= {Health.TRACKING}
+    assert {r.health for r in reports if r.stationary} <= {Health.TRACKING}
     assert reports[-1].health is Health.TRACKING
     blind = [r for r in reports if r.health is not Health.TRACKING]
     assert all(r.health is Health.DEGRADED for r in blind)
@@ -57,9 +57,9 @@ def test_starts_at_rest_without_parallax(frames: bool) -> None:
     after = outcome.reports[len(before) :]
     assert_tracks_at_rest_and_afterwards(after)
     assert all(r.attitude is None for r in after)
-    resting = [r.still for r in after if r.t_ns < START_NS + 2_000_000_000]
+    resting = [r.stationary for r in after if r.t_ns < START_NS + 2_000_000_000]
     assert all(resting)
-    assert not any(r.still for r in after if r.t_ns > START_NS + 2_300_000_000)
+    assert not any(r.stationary for r in after if r.t_ns > START_NS + 2_300_000_000)
     for estimate in outcome.estimates[: len(resting)]:
         assert np.linalg.norm(estimate.velocity_w) < 0.005
         assert np.linalg.norm(estimate.T_w_b[:3, 3]) < 1e-3
@@ -135,8 +135,7 @@ def test_a_short_rest_enters_the_start(wide: bool) -> None:
     outcome = run(eventful(simulation.recording, 0.0, 0.4), configured(inertial=biases if wide else {}))
     assert seconds(outcome)[0] < 0.4 + 1.2
     assert {r.health for r in outcome.reports} <= {Health.INITIALIZING, Health.TRACKING}
-    origin = outcome.odometry.origin
-    assert origin is not None
+    [origin] = outcome.origins
     assert origin.t_ns <= START_NS + 200_000_000
     assert np.linalg.norm(origin.velocity_w) < 0.02
     turn = origin.bias_gyroscope - simulation.truth.at([origin.t_ns]).bias_gyroscope[0]
@@ -173,7 +172,7 @@ def test_a_rest_on_the_way() -> None:
     simulation = simulate(varied(1, motion=MotionStyle.MODERATE, duration_s=16.0, pause_s=(4.0, 14.0)))
     outcome = run(eventful(simulation.recording, 4.0, 14.0))
     assert_tracks_at_rest_and_afterwards(outcome.reports[-110:])
-    still = np.array([(r.t_ns - START_NS) * 1e-9 for r in outcome.reports if r.still])
+    still = np.array([(r.t_ns - START_NS) * 1e-9 for r in outcome.reports if r.stationary])
     assert 4.0 < still[0] < 4.8
     assert still[-1] < 14.3
     assert len(still) > 90

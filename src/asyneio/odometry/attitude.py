@@ -23,7 +23,7 @@ from asyneio.geometry.so3 import rotation
 from asyneio.inertial.dead_reckoning import interpolate_samples
 from asyneio.inertial.noise import InertialNoise
 from asyneio.inertial.stationarity import possible
-from asyneio.odometry.buffer import around
+from asyneio.odometry.intervals import around
 from asyneio.odometry.propagation import propagate
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Attitude, FloatArray, RecordArray
 

@@ -28,18 +28,18 @@ _UNSETTLED = 0.002
 _MAX_MISFIT = 2.5
 
 
-def motion_refusal(motion: SpanMotion, settings: Settings) -> str:
+def motion_rejection(motion: SpanMotion, settings: Settings) -> str:
     """Why a joint optimisation is not worth its time; empty if it is."""
     adjusted = motion.adjusted
     significant = adjusted.inverse_depth > _SIGNIFICANT * adjusted.inverse_depth_sigma
-    if np.count_nonzero(significant) < settings.start.min_landmarks:
+    if np.count_nonzero(significant) < settings.initialization.min_landmarks:
         return "the tracks show no parallax: move the sensor sideways"
     if np.mean(adjusted.agreeing) < _SHARE_AGREEING:
         return (
             f"{100 * np.mean(~adjusted.agreeing):.0f} % of the tracks contradict the inertial samples: "
             "wrong calibration, bad tracks or a scene that moves"
         )
-    excess = np.abs(adjusted.motion.bias) / settings.start.bias_sigma
+    excess = np.abs(adjusted.motion.bias) / settings.initialization.bias_sigma
     if excess.max() > _MAX_BIAS:
         return (
             f"the tracks ask for a bias of the inertial sensors of {excess.max():.1f} standard deviations: "
@@ -47,8 +47,8 @@ def motion_refusal(motion: SpanMotion, settings: Settings) -> str:
         )
     if motion.ambiguous:
         return "two different motions explain the tracks alike: move the sensor sideways, with changing speed"
-    if not motion.relative_sigma < settings.start.max_scale_sigma:
-        return _scale_unknown(motion.relative_sigma, settings.start.max_scale_sigma)
+    if not motion.relative_sigma < settings.initialization.max_scale_sigma:
+        return _scale_unknown(motion.relative_sigma, settings.initialization.max_scale_sigma)
     return ""
 
 
@@ -60,13 +60,16 @@ def _scale_unknown(sigma: float, needed: float) -> str:
     )
 
 
-def solution_refusal(solution: Solution, settings: Settings) -> str:
+def solution_rejection(solution: Solution, settings: Settings) -> str:
     """Why the joint optimisation cannot be trusted, whatever it began with; empty if it can."""
     if np.mean(solution.problem.landmarks.rho < 0.0) > 1.0 - _SHARE_IN_FRONT:
         return "the tracks show no parallax: move the sensor sideways"
     if solution.report.last_decrease > _UNSETTLED:
         return "the joint optimisation does not settle: move the sensor sideways, with changing speed"
-    scale_sigma, needed = relative_scale_sigma(solution), _SCALES_DIFFER * settings.start.max_scale_sigma
+    scale_sigma, needed = (
+        relative_scale_sigma(solution),
+        _SCALES_DIFFER * settings.initialization.max_scale_sigma,
+    )
     if not scale_sigma < needed:
         return _scale_unknown(scale_sigma, needed)
     used = len(solution.problem.visual.landmark)
@@ -83,14 +86,14 @@ def solution_refusal(solution: Solution, settings: Settings) -> str:
     return ""
 
 
-def joint_refusal(solution: Solution, motion: SpanMotion, settings: Settings) -> str:
+def joint_rejection(solution: Solution, motion: SpanMotion, settings: Settings) -> str:
     """Why a joint optimisation that began with `motion` cannot be trusted; empty if it can."""
-    reason = solution_refusal(solution, settings)
+    reason = solution_rejection(solution, settings)
     if reason:
         return reason
     states = solution.problem.states
     displacement = (states.r - states.r[0]) @ states.C[0]
     factor = np.sum(displacement * motion.displacement) / np.sum(motion.displacement**2)
-    if abs(factor - 1.0) > _SCALES_DIFFER * settings.start.max_scale_sigma:
+    if abs(factor - 1.0) > _SCALES_DIFFER * settings.initialization.max_scale_sigma:
         return f"two ways of solving for the motion differ by {100 * abs(factor - 1.0):.0f} % in scale"
     return ""

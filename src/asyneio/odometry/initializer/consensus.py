@@ -21,24 +21,24 @@ _LOOKS = 3
 _BIAS_STEP = 1e-4
 
 
-def contradicting_tracks(
-    intake: MeasurementBuffer, T_b_c: FloatArray, gravity: float, bearing_sigma: float, gyroscope_sigma: float
+def outlier_tracks(
+    buffer: MeasurementBuffer, T_b_c: FloatArray, gravity: float, bearing_sigma: float, gyroscope_sigma: float
 ) -> IntArray:
     """Ids of the tracks that contradict the motion on which most tracks and the IMU agree.
 
     Args:
-        intake: what has been measured so far.
+        buffer: what has been measured so far.
         T_b_c: (4,4) camera in the body.
         gravity: its magnitude [m/s^2].
         bearing_sigma: noise of a bearing [rad].
         gyroscope_sigma: of the gyroscope's bias, which nobody has corrected [rad/s].
     """
     none = np.empty(0, dtype=np.int64)
-    seen = intake.observations
-    if min(len(intake.gyroscope), len(intake.accelerometer)) < 2 or len(seen.t_ns) == 0:
+    seen = buffer.observations
+    if min(len(buffer.gyroscope), len(buffer.accelerometer)) < 2 or len(seen.t_ns) == 0:
         return none
-    starts = (intake.gyroscope["t_ns"][0], intake.accelerometer["t_ns"][0], seen.t_ns[0])
-    ends = (intake.gyroscope["t_ns"][-1], intake.accelerometer["t_ns"][-1], seen.t_ns[-1])
+    starts = (buffer.gyroscope["t_ns"][0], buffer.accelerometer["t_ns"][0], seen.t_ns[0])
+    ends = (buffer.gyroscope["t_ns"][-1], buffer.accelerometer["t_ns"][-1], seen.t_ns[-1])
     start_ns, end_ns = int(max(starts)), int(min(ends))
     span_ns = round(_SPAN_S * NS_PER_S)
     found = [none]
@@ -49,12 +49,12 @@ def contradicting_tracks(
         part = seen.between(first_ns - 1, last_ns)
         if len(part.t_ns) == 0:
             continue
-        found.append(_contradicting(intake, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma))
+        found.append(_contradicting(buffer, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma))
     return np.unique(np.concatenate(found))
 
 
 def _contradicting(
-    intake: MeasurementBuffer,
+    buffer: MeasurementBuffer,
     seen: TrackObservations,
     first_ns: int,
     T_b_c: FloatArray,
@@ -67,9 +67,9 @@ def _contradicting(
     agreeing = None
     sigma = gyroscope_sigma
     for _ in range(_LOOKS):
-        data, ids = alignment_data(intake, seen, first_ns, T_b_c, bias)
+        data, ids = alignment_data(buffer, seen, first_ns, T_b_c, bias)
         moved = [
-            alignment_data(intake, seen, first_ns, T_b_c, bias + _BIAS_STEP * axis)[0] for axis in np.eye(3)
+            alignment_data(buffer, seen, first_ns, T_b_c, bias + _BIAS_STEP * axis)[0] for axis in np.eye(3)
         ]
         effect = BiasEffect(
             np.stack([(m.direction - data.direction) / _BIAS_STEP for m in moved], axis=2),
@@ -86,7 +86,7 @@ def _contradicting(
 
 
 def alignment_data(
-    intake: MeasurementBuffer,
+    buffer: MeasurementBuffer,
     seen: TrackObservations,
     first_ns: int,
     T_b_c: FloatArray,
@@ -97,7 +97,7 @@ def alignment_data(
     times = np.union1d([first_ns], seen.t_ns)
     bias = np.concatenate([bias_gyroscope, zero])
     start = (np.eye(3), zero, zero)
-    free = propagate(intake.gyroscope, intake.accelerometer, bias, start, times, zero)
+    free = propagate(buffer.gyroscope, buffer.accelerometer, bias, start, times, zero)
     at = free.at(seen.t_ns)
     rays = np.column_stack([seen.xy, np.ones(len(seen.xy))])
     rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ T_b_c[:3, :3].T

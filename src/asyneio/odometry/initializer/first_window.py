@@ -10,7 +10,8 @@ from asyneio.estimation.problem.problem import Prior, States
 from asyneio.estimation.problem.window_settings import TrackObservations
 from asyneio.estimation.solver.optimizer import Solution
 from asyneio.estimation.window import Window
-from asyneio.odometry.buffer import MeasurementBuffer, around
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.intervals import around
 from asyneio.odometry.settings import Settings
 from asyneio.types import BoolArray, FloatArray, IntArray
 
@@ -22,7 +23,7 @@ _NO_TRACKS = np.empty(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
-class Start:
+class FirstWindow:
     """A started window with the solution it came from."""
 
     window: Window
@@ -30,7 +31,7 @@ class Start:
 
 
 def filled_window(
-    intake: MeasurementBuffer,
+    buffer: MeasurementBuffer,
     settings: Settings,
     knots_ns: IntArray,
     states: States,
@@ -41,7 +42,7 @@ def filled_window(
     """A window with all knots (K), their measurements and landmarks.
 
     Args:
-        intake: where measurements come from.
+        buffer: where measurements come from.
         settings: of the odometry.
         knots_ns: (K,) times of the knots.
         states: their first states.
@@ -53,16 +54,16 @@ def filled_window(
     def knot(k: int) -> States:
         return States(*(a[k : k + 1].copy() for a in states))
 
-    known = first_prior(knot(0), settings.start.bias_sigma) if prior is None else prior
+    known = first_prior(knot(0), settings.initialization.bias_sigma) if prior is None else prior
     window = Window(settings.window, int(knots_ns[0]), knot(0), known)
     for k in range(1, len(knots_ns)):
         span = (int(knots_ns[k - 1]), int(knots_ns[k]))
         window.extend(
             span[1],
             knot(k),
-            around(intake.gyroscope, *span),
-            around(intake.accelerometer, *span),
-            _without(intake.observations.between(*span), bad_tracks),
+            around(buffer.gyroscope, *span),
+            around(buffer.accelerometer, *span),
+            _without(buffer.observations.between(*span), bad_tracks),
             still is not None and bool(still[k - 1]),
         )
     window.add_landmarks()

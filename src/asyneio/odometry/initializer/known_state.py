@@ -7,7 +7,7 @@ import numpy as np
 from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.problem.problem import Prior, States
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.first_window import Start, filled_window
+from asyneio.odometry.initializer.first_window import FirstWindow, filled_window
 from asyneio.odometry.propagation import predict_knot, rates_at
 from asyneio.odometry.settings import Settings
 from asyneio.types import NS_PER_S, FloatArray, InitialState
@@ -53,16 +53,18 @@ def checked(first: InitialState) -> InitialState:
     return first
 
 
-def known_start(intake: MeasurementBuffer, settings: Settings, first: InitialState) -> Start | str:
-    """A window of two knots, from the state to the end of what the intake holds, or, in words, why not yet.
+def initialize_from_state(
+    buffer: MeasurementBuffer, settings: Settings, first: InitialState
+) -> FirstWindow | str:
+    """A window of two knots, from the state to the end of what the buffer holds, or, in words, why not yet.
 
     Raises:
         EstimationError: the inertial samples begin after the state, or the window cannot be solved.
     """
     wait = "waiting for measurements after the known first state"
-    if intake.end_ns is None or intake.end_ns < first.t_ns + settings.knot_interval_ns // 2:
+    if buffer.end_ns is None or buffer.end_ns < first.t_ns + settings.knot_interval_ns // 2:
         return wait
-    streams = intake.gyroscope, intake.accelerometer
+    streams = buffer.gyroscope, buffer.accelerometer
     if any(len(samples) == 0 for samples in streams):
         return wait
     begin_ns = max(int(samples["t_ns"][0]) for samples in streams)
@@ -72,18 +74,18 @@ def known_start(intake: MeasurementBuffer, settings: Settings, first: InitialSta
             "samples; expected a state at a time from which on both sensors are heard"
         )
     try:
-        states = _first_knot(first, intake, settings)
-        knots_ns = np.array([first.t_ns, intake.end_ns])
-        end = predict_knot(states, first.t_ns, intake.end_ns, streams, settings.window.gravity_w)
+        states = _first_knot(first, buffer, settings)
+        knots_ns = np.array([first.t_ns, buffer.end_ns])
+        end = predict_knot(states, first.t_ns, buffer.end_ns, streams, settings.window.gravity_w)
         both = States(*(np.concatenate(pair) for pair in zip(states, end, strict=True)))
         prior = _prior(states, first.sigma)
-        window = filled_window(intake, settings, knots_ns, both, prior=prior)
-        return Start(window, window.optimize(settings.start.optimizer))
+        window = filled_window(buffer, settings, knots_ns, both, prior=prior)
+        return FirstWindow(window, window.optimize(settings.initialization.optimizer))
     except InertialError as error:
         raise EstimationError(f"no start from the known first state: {error}") from error
 
 
-def _first_knot(first: InitialState, intake: MeasurementBuffer, settings: Settings) -> States:
+def _first_knot(first: InitialState, buffer: MeasurementBuffer, settings: Settings) -> States:
     """The state as a knot, its rates from the samples around it."""
     bias = np.concatenate([first.bias_gyroscope, first.bias_accelerometer])
     C = np.asarray(first.T_w_b[:3, :3], dtype=np.float64)
@@ -91,7 +93,7 @@ def _first_knot(first: InitialState, intake: MeasurementBuffer, settings: Settin
         first.t_ns,
         C,
         np.asarray(first.velocity_w, dtype=np.float64),
-        (intake.gyroscope, intake.accelerometer),
+        (buffer.gyroscope, buffer.accelerometer),
         bias,
         settings.window.gravity_w,
         settings.knot_interval_ns // 2,

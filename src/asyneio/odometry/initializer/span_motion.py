@@ -46,7 +46,7 @@ class SpanMotion:
 
 
 def span_motion(
-    intake: MeasurementBuffer, settings: Settings, knots_ns: IntArray, seen: TrackObservations
+    buffer: MeasurementBuffer, settings: Settings, knots_ns: IntArray, seen: TrackObservations
 ) -> SpanMotion:
     """Velocity, gravity and biases of a span from the tracks `seen` in it.
 
@@ -54,12 +54,14 @@ def span_motion(
         EstimationError: too few tracks show parallax, or the equations are singular.
         InertialError: the samples leave the span bare.
     """
-    w, start = settings.window, settings.start
+    w, initialization = settings.window, settings.initialization
     few, ids = _fewer(seen)
-    reckoning, data = _data(intake, settings, knots_ns, few)
+    reckoning, data = _data(buffer, settings, knots_ns, few)
     aligned = align(data, float(np.linalg.norm(w.gravity_w)), w.bearing_sigma)
     prior = BiasPrior(
-        start.bias_sigma, 1.0 / float(np.sqrt(w.landmark_damping[0])), _time_offset_sigma(w.calibration)
+        initialization.bias_sigma,
+        1.0 / float(np.sqrt(w.landmark_damping[0])),
+        _time_offset_sigma(w.calibration),
     )
     t = (knots_ns - knots_ns[0]) * 1e-9
     rays = reckoning.rays(np.zeros(6))
@@ -67,7 +69,7 @@ def span_motion(
     guesses = [
         FirstMotion(aligned.velocity, aligned.gravity, np.zeros(6)),
         *_without_tracks(t[-1], reckoning, float(np.linalg.norm(w.gravity_w))),
-        *_of_first_part(intake, settings, knots_ns, seen, prior),
+        *_of_first_part(buffer, settings, knots_ns, seen, prior),
     ]
     found = [adjust(reckoning.rays, rays, guess, prior, w.gate) for guess in guesses]
     best, *others = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
@@ -92,7 +94,7 @@ def _given_the_clock(covariance: FloatArray) -> FloatArray:
 
 
 def _of_first_part(
-    intake: MeasurementBuffer,
+    buffer: MeasurementBuffer,
     settings: Settings,
     knots_ns: IntArray,
     seen: TrackObservations,
@@ -106,10 +108,10 @@ def _of_first_part(
     if len(part_ns) == len(knots_ns) or len(part_ns) < 2:
         return []
     few, ids = _fewer(seen.between(int(part_ns[0]) - 1, int(part_ns[-1])))
-    if len(ids) < settings.start.min_landmarks:
+    if len(ids) < settings.initialization.min_landmarks:
         return []
     w = settings.window
-    reckoning, _ = _data(intake, settings, part_ns, few)
+    reckoning, _ = _data(buffer, settings, part_ns, few)
     duration = float(part_ns[-1] - part_ns[0]) / NS_PER_S
     rays = reckoning.rays(np.zeros(6))
     guesses = _without_tracks(duration, reckoning, float(np.linalg.norm(w.gravity_w)))
@@ -155,7 +157,7 @@ def _displacement(t: FloatArray, adjusted: Adjusted, at: Increments) -> tuple[Fl
 
 
 def _data(
-    intake: MeasurementBuffer, settings: Settings, knots_ns: IntArray, seen: TrackObservations
+    buffer: MeasurementBuffer, settings: Settings, knots_ns: IntArray, seen: TrackObservations
 ) -> tuple[DeadReckoning, AlignmentData]:
     """Dead reckoning, and what the linear alignment takes: its rays without biases."""
     w = settings.window
@@ -163,7 +165,7 @@ def _data(
     t = np.minimum((seen.t_ns - knots_ns[0]) * 1e-9, duration)
     ids, track = np.unique(seen.track, return_inverse=True)
     observations = SpanObservations(t, track, seen.xy, seen.root_information)
-    streams = (*_seconds(intake.gyroscope, knots_ns), *_seconds(intake.accelerometer, knots_ns))
+    streams = (*_seconds(buffer.gyroscope, knots_ns), *_seconds(buffer.accelerometer, knots_ns))
     noise = w.noise.of_means(duration)
     reckoning = DeadReckoning(ImuWindow(*streams, duration), noise, w.T_b_c, observations)
     rays = reckoning.rays(np.zeros(6))

@@ -16,13 +16,14 @@ from asyneio.estimation.linearization.zero_velocity import CREEP, TREMOR
 from asyneio.estimation.problem.problem import Prior, States
 from asyneio.geometry.gravity import upright
 from asyneio.inertial.gravity_witness import FORCE_RATIO
-from asyneio.odometry.buffer import MeasurementBuffer, around
-from asyneio.odometry.initializer.checks import solution_refusal
-from asyneio.odometry.initializer.first_window import Start, filled_window, first_prior
-from asyneio.odometry.outliers import optimize_without_outliers
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.intervals import around
+from asyneio.odometry.initializer.checks import solution_rejection
+from asyneio.odometry.initializer.first_window import FirstWindow, filled_window, first_prior
+from asyneio.odometry.outliers import optimize_rejecting_outliers
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings
-from asyneio.odometry.stationary import Rest
+from asyneio.odometry.stationary import StationaryPhase
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray, RecordArray
 
 #: The end of a rest is noticed late: so much of what was judged to be at rest before it [ns] is doubted.
@@ -31,64 +32,68 @@ _DOUBT_NS = 200_000_000
 _COMMON_SIGMA = (1e-2, 1e-2)
 
 
-def static_start(intake: MeasurementBuffer, settings: Settings, rest: Rest) -> Start | str:
+def initialize_stationary(
+    buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase
+) -> FirstWindow | str:
     """A window that begins at rest, or the reason, in words, why not yet.
 
     While the rest goes on, a long one is enough. Once it is over, the window reaches from the rest into the
     motion, and the tracks must confirm both.
     """
-    if intake.end_ns is None or min(len(intake.gyroscope), len(intake.accelerometer)) < 2:
+    if buffer.end_ns is None or min(len(buffer.gyroscope), len(buffer.accelerometer)) < 2:
         return "waiting for inertial samples"
-    still_s = (rest.until_ns - rest.since_ns) / NS_PER_S
-    if not rest.over and still_s < settings.start.min_seconds:
-        return f"at rest: averaging the IMU, {still_s:.2f} s of {settings.start.min_seconds:.2f} s"
-    knots_ns = _knot_times(intake, settings, rest)
-    still = _at_rest(knots_ns, rest)
+    still_s = (phase.end_ns - phase.start_ns) / NS_PER_S
+    if not phase.ended and still_s < settings.initialization.min_seconds:
+        return f"at rest: averaging the IMU, {still_s:.2f} s of {settings.initialization.min_seconds:.2f} s"
+    knots_ns = _knot_times(buffer, settings, phase)
+    still = _at_rest(knots_ns, phase)
     if not still.any():
         return "no inertial samples that cover two knots at rest"
     try:
-        states = _first_states(intake, settings, knots_ns, still)
-        if not rest.over:
-            window = filled_window(intake, settings, knots_ns, states, still=still)
-            return Start(window, window.optimize(settings.start.optimizer))
+        states = _first_states(buffer, settings, knots_ns, still)
+        if not phase.ended:
+            window = filled_window(buffer, settings, knots_ns, states, still=still)
+            return FirstWindow(window, window.optimize(settings.initialization.optimizer))
         prior = _prior(states, knots_ns[: 1 + np.count_nonzero(still)], settings)
-        window = filled_window(intake, settings, knots_ns, states, prior=prior)
-        if len(window.landmarks) < settings.start.min_landmarks:
-            return f"too few feature tracks: {len(window.landmarks)} of {settings.start.min_landmarks}"
-        solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
+        window = filled_window(buffer, settings, knots_ns, states, prior=prior)
+        if len(window.landmarks) < settings.initialization.min_landmarks:
+            return (
+                f"too few feature tracks: {len(window.landmarks)} of {settings.initialization.min_landmarks}"
+            )
+        solution, outliers = optimize_rejecting_outliers(window, settings.initialization.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
-    reason = solution_refusal(solution, settings)
+    reason = solution_rejection(solution, settings)
     if reason:
         return reason
-    intake.refuse(outliers)
-    return Start(window, solution)
+    buffer.reject(outliers)
+    return FirstWindow(window, solution)
 
 
-def _knot_times(intake: MeasurementBuffer, settings: Settings, rest: Rest) -> IntArray:
+def _knot_times(buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase) -> IntArray:
     """Knots that end with the newest packet and begin at rest; at most a window of rest."""
-    assert intake.end_ns is not None
-    first = max(int(intake.gyroscope["t_ns"][0]), int(intake.accelerometer["t_ns"][0]), rest.since_ns)
-    first = max(first, rest.until_ns - round(settings.window_s * NS_PER_S))
-    intervals = max((intake.end_ns - first) // settings.knot_interval_ns, 0)
-    return intake.end_ns - settings.knot_interval_ns * np.arange(intervals, -1, -1, dtype=np.int64)
+    assert buffer.end_ns is not None
+    first = max(int(buffer.gyroscope["t_ns"][0]), int(buffer.accelerometer["t_ns"][0]), phase.start_ns)
+    first = max(first, phase.end_ns - round(settings.window_s * NS_PER_S))
+    intervals = max((buffer.end_ns - first) // settings.knot_interval_ns, 0)
+    return buffer.end_ns - settings.knot_interval_ns * np.arange(intervals, -1, -1, dtype=np.int64)
 
 
-def _at_rest(knots_ns: IntArray, rest: Rest) -> BoolArray:
+def _at_rest(knots_ns: IntArray, phase: StationaryPhase) -> BoolArray:
     """Which intervals (K-1,) between knots (K,) are at rest: of a rest that is over its last part only where
     there is no other."""
     end_ns = knots_ns[1:]
-    still = end_ns <= rest.until_ns - _DOUBT_NS * rest.over
-    still[:1] = end_ns[:1] <= rest.until_ns
+    still = end_ns <= phase.end_ns - _DOUBT_NS * phase.ended
+    still[:1] = end_ns[:1] <= phase.end_ns
     return np.asarray(still)
 
 
 def _first_states(
-    intake: MeasurementBuffer, settings: Settings, knots_ns: IntArray, still: BoolArray
+    buffer: MeasurementBuffer, settings: Settings, knots_ns: IntArray, still: BoolArray
 ) -> States:
     """At rest one pose, from there on dead reckoning."""
     resting = 1 + int(np.count_nonzero(still))
-    streams = intake.gyroscope, intake.accelerometer
+    streams = buffer.gyroscope, buffer.accelerometer
     turn, force = (_mean(stream, int(knots_ns[0]), int(knots_ns[resting - 1])) for stream in streams)
     ratio = float(np.linalg.norm(force) / np.linalg.norm(settings.window.gravity_w))
     if not 1.0 / FORCE_RATIO < ratio < FORCE_RATIO:
@@ -109,7 +114,7 @@ def _prior(states: States, knots_ns: IntArray, settings: Settings) -> Prior:
     these knots share is less certain than that it is the same in all of them.
     """
     rest = States(*(a[: len(knots_ns)].copy() for a in states))
-    first = first_prior(States(*(a[:1] for a in rest)), settings.start.bias_sigma)
+    first = first_prior(States(*(a[:1] for a in rest)), settings.initialization.bias_sigma)
     size = 24 * len(knots_ns)
     rows = [np.pad(first.R, [(0, 0), (0, size - 24)]), np.zeros((6, size))]
     rows[1][:, 6:12] = np.diag(1.0 / np.repeat(_COMMON_SIGMA, 3))
