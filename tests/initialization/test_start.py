@@ -1,4 +1,4 @@
-"""Starting from a recording: alignment, warm-up and joint optimisation together, and refusal in words."""
+"""Initialization in motion: alignment, warm-up and joint optimisation, and rejection with a reason."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_moving_camera_starts_close_to_the_truth(style: str, pixel_sigma: floa
     assert np.degrees(np.arccos(np.clip(down, -1.0, 1.0))).max() < 10.0 * tolerance
 
 
-REFUSED = {
+WITHOUT_SCALE = {
     "no motion": (sinusoidal(0.0, 0.0), 2.0, {}),
     "pure rotation": (sinusoidal(0.0, 0.3), 2.0, {"T_b_c": np.eye(4)}),
     "constant velocity": (sinusoidal(0.0, 0.0, drift_mps=0.3), 2.0, {}),
@@ -82,13 +82,13 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
+@pytest.mark.parametrize("name", WITHOUT_SCALE)
 @pytest.mark.parametrize("pixel_sigma", [0.0, 0.5])
-def test_motions_without_scale_are_refused_in_words(name: str, pixel_sigma: float) -> None:
-    motion, seconds, options = REFUSED[name]
+def test_motions_without_scale_are_rejected_with_a_reason(name: str, pixel_sigma: float) -> None:
+    motion, seconds, options = WITHOUT_SCALE[name]
     reason = initialize_in_motion(*recorded(motion, seconds, pixel_sigma, **options))  # type: ignore[arg-type]
     assert isinstance(reason, str)
-    words = ("scale is known to", "parallax", "does not settle", "two different motions")
+    words = ("standard deviation of scale", "parallax", "does not converge", "two different motions")
     assert any(some in reason for some in words)
 
 

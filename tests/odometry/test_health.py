@@ -1,4 +1,4 @@
-"""The state machine by itself: every finding, the words it gives, hysteresis, and what lasts too long."""
+"""The state machine by itself: every finding and its reason, hysteresis, and findings that last."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_lost_at_once(finding: dict[str, Any], words: str) -> None:
 @pytest.mark.parametrize(
     "finding", [{"rejected_observations": 0.9}, {"inertial_ratio": 30.0}, {"velocity_sigma": 2.0}]
 )
-def test_a_lasting_doubt_ends_it(finding: dict[str, Any]) -> None:
+def test_a_lasting_contradiction_ends_it(finding: dict[str, Any]) -> None:
     found = states([WELL, *[replace(WELL, **finding)] * 11])
     assert [health for health, _ in found[1:11]] == [Health.DEGRADED] * 10
     assert found[11][0] is Health.LOST
@@ -103,9 +103,9 @@ def test_a_lasting_shortage_does_not() -> None:
     assert {health for health, _ in states(blind)} == {Health.DEGRADED}
 
 
-def test_nothing_is_missed_at_rest() -> None:
-    resting = replace(WELL, since_vision_s=10.0, landmarks=0, stationary=True)
-    assert set(states([resting] * 5)) == {(Health.TRACKING, "")}
+def test_nothing_is_missing_while_stationary() -> None:
+    stationary = replace(WELL, since_vision_s=10.0, landmarks=0, stationary=True)
+    assert set(states([stationary] * 5)) == {(Health.TRACKING, "")}
 
 
 @settings(deadline=None)
@@ -152,16 +152,16 @@ def test_scale_changes_add_up_and_are_forgotten(scale: float, seed: int) -> None
     changes.add(0, path, np.sqrt(scale) * path + 5.0)
     assert changes.add(STEP_NS, path, np.sqrt(scale) * path) == pytest.approx(scale - 1.0)
     assert changes.add(30 * STEP_NS, path, path) == pytest.approx(0.0)
-    # At rest, positions say nothing of scale.
+    # Without motion, positions do not show scale.
     assert changes.add(31 * STEP_NS, 1e-3 * path, 9e-3 * path) == pytest.approx(0.0)
 
 
-def test_a_large_change_of_scale_is_told_once() -> None:
+def test_a_large_change_of_scale_is_reported_once() -> None:
     path = np.cumsum(np.random.default_rng(0).normal(size=(12, 3)), axis=0)
     changes = ScaleChanges()
     factors = (1.1, 1.15, 1.0, 0.8, 1.0)
-    told = [changes.add(k * STEP_NS, path, factor * path) for k, factor in enumerate(factors)]
-    assert told == pytest.approx([0.1, 0.265, 0.0, -0.2, 0.0])
+    found = [changes.add(k * STEP_NS, path, factor * path) for k, factor in enumerate(factors)]
+    assert found == pytest.approx([0.1, 0.265, 0.0, -0.2, 0.0])
 
 
 def follow(continuity: Continuity, ids: list[range], *turns: tuple[float, float, float]) -> list[bool]:
@@ -235,10 +235,10 @@ def with_rates(raw: RawMeasurements, gyroscope: RecordArray) -> RawMeasurements:
 def test_a_jump_of_the_samples_is_known_for_a_while() -> None:
     samples = smooth_rates(1000, seed=3)
     assert not any(jumped(samples, 0.0))
-    told = jumped(samples, 0.3)
-    assert told[:10] == [False] * 10
-    assert told[11:15] == [True] * 4
-    assert told[-3:] == [False] * 3
+    found = jumped(samples, 0.3)
+    assert found[:10] == [False] * 10
+    assert found[11:15] == [True] * 4
+    assert found[-3:] == [False] * 3
 
 
 @pytest.mark.parametrize("renewed", [1.6, 2.0, 3.0, 5.0])

@@ -1,4 +1,4 @@
-"""Whole runs with tracks that lie and with a faulty IMU, against the same runs without."""
+"""Runs with outlier tracks and with a faulty IMU, against the same runs without."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_an_object_with_a_third_of_the_tracks_costs_little() -> None:
     assert spoilt.tilt < 2.0 * clean.tilt
 
 
-def test_screen_finds_the_object_before_the_start() -> None:
+def test_consensus_finds_the_object_before_initialization() -> None:
     simulation = simulated()
     moving = swaying_object(simulation, 1.5, np.array([0.3, 1.0, 0.2]), 2.5)
     recording, ids = with_object(simulation, moving, 1.0 / 3.0)
@@ -62,8 +62,8 @@ def test_screen_finds_the_object_before_the_start() -> None:
     assert len(none) <= 2
 
 
-def test_share_of_refused_tracks() -> None:
-    """Of different tracks, however often each was seen; what is never asked for counts for nothing."""
+def test_share_of_rejected_tracks() -> None:
+    """Of different tracks, however often each was observed."""
     packet = cut(simulated().recording)[0]
     buffer = held(packet)
     ids = np.unique(packet.observations["id"])
@@ -97,7 +97,7 @@ def test_spikes_of_the_imu_cost_nothing() -> None:
     assert spoilt.tilt < 1.5 * clean.tilt
 
 
-def test_intake_counts_what_it_gates() -> None:
+def test_the_buffer_counts_rejected_samples() -> None:
     recording = simulated().recording
     packets = cut(recording)[:4]
     gyroscope = packets[2].gyroscope.copy()
@@ -105,16 +105,16 @@ def test_intake_counts_what_it_gates() -> None:
     gyroscope["xyz"][12] = np.nan
     packets[2] = replace(packets[2], gyroscope=gyroscope)
     buffer = MeasurementBuffer(recording.calibration.camera, PIXEL_SIGMA, recording.calibration.noise)
-    gated = []
+    rejected = []
     for packet in packets:
         buffer.append(packet)
-        gated.append(buffer.rejected_samples)
-    assert gated == [0, 0, 2, 0]
+        rejected.append(buffer.rejected_samples)
+    assert rejected == [0, 0, 2, 0]
     assert not buffer.saturated
     assert not np.isin(gyroscope["t_ns"][[8, 12]], buffer.gyroscope["t_ns"]).any()
 
 
-def test_refused_tracks_stay_out() -> None:
+def test_rejected_tracks_stay_out() -> None:
     packets = cut(simulated().recording)[:4]
     buffer = held(merged(packets[:2]))
     ids = np.unique(buffer.observations.track)[:3]

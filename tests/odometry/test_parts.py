@@ -1,4 +1,4 @@
-"""The odometry's parts: the door, the settings, dead reckoning, kernels compiled for the types in use."""
+"""Parts of the odometry: buffer, settings, dead reckoning, kernels compiled for the types in use."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def pixels_and_rays(rng: np.random.Generator) -> tuple[Array, Array]:
     return pixels, xy
 
 
-def test_observations_are_undistorted_at_the_door(rng: np.random.Generator) -> None:
+def test_the_buffer_undistorts_observations(rng: np.random.Generator) -> None:
     pixels, xy = pixels_and_rays(rng)
     seen = filled(pixels).observations
     np.testing.assert_allclose(seen.xy, xy, atol=1e-8)
@@ -91,7 +91,7 @@ def test_observations_without_a_ray_are_counted() -> None:
     assert buffer.invalid == 2
 
 
-def test_intake_grows_and_forgets(rng: np.random.Generator) -> None:
+def test_the_buffer_grows_and_forgets(rng: np.random.Generator) -> None:
     pixels, _ = pixels_and_rays(rng)
     buffer = filled(pixels)
     buffer.append(Packet(300, observed([210, 220], pixels[:2]), stamped(210, 250), stamped(260)))
@@ -114,7 +114,7 @@ def test_samples_of_an_interval_come_with_a_few_before_it() -> None:
     np.testing.assert_array_equal(around(samples, 0, 2)["t_ns"], [1, 2])
 
 
-def heard(config: Config) -> InertialNoise:
+def learned(config: Config) -> InertialNoise:
     """The noise of the simulated sensors after a tenth of a second: declared, at their rates."""
     recording = simulated().recording
     noise = LearnedNoise(config.inertial, recording.calibration.noise, 0.1)
@@ -127,7 +127,7 @@ def test_noise_of_a_sample_follows_its_rate() -> None:
     calibration = simulated().recording.calibration
     plain = configured()
     noise = calibration.noise
-    known = heard(plain)
+    known = learned(plain)
     settings = resolve(plain, calibration, known)
     first, second = settings.window.noise.gyroscope, settings.window.noise.accelerometer
     assert (first.density, second.density) == (noise.gyroscope_density, noise.accelerometer_density)
@@ -136,7 +136,7 @@ def test_noise_of_a_sample_follows_its_rate() -> None:
     np.testing.assert_allclose(settings.window.bias_walk[:3], noise.gyroscope_walk)
     np.testing.assert_allclose(settings.window.bias_walk[3:], noise.accelerometer_walk)
     wary = configured(inertial={"noise_inflation": 3.0, "walk_inflation": 5.0})
-    known = heard(wary)
+    known = learned(wary)
     trusted_less = resolve(wary, calibration, known)
     assert trusted_less.window.noise_inflation == 3.0
     assert trusted_less.window.noise.gyroscope.density == pytest.approx(3.0 * noise.gyroscope_density)
@@ -177,7 +177,7 @@ def test_degrees_of_freedom_of_a_landmark(estimate_bearing: bool, dof: int) -> N
     )
 
 
-def test_noise_free_calibration_is_refused() -> None:
+def test_noise_free_calibration_is_rejected() -> None:
     calibration = replace(simulated().recording.calibration, noise=NOISE_FREE)
     with pytest.raises(CalibrationError, match="noise densities"):
         LearnedNoise(Config().inertial, calibration.noise, 0.1)

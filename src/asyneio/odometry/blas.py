@@ -16,10 +16,11 @@ _R = TypeVar("_R")
 
 
 def with_one_blas_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorator: the BLAS libraries of the process use one thread during a call, and as many as before after it.
+    """Decorator: the BLAS libraries of the process use one thread during a call, and as many as before after
+    it.
 
-    The matrices of the window are small. More threads gain little on an idle machine, wait for their share of a
-    busy one, and spin while they wait: from Python, 20 s of data cost 128 s of CPU time instead of 35.
+    The matrices of the window are small. More threads gain little on an idle machine, wait for their share of
+    a busy one, and spin while they wait: from Python, 20 s of data cost 128 s of CPU time instead of 35.
     """
 
     @wraps(function)

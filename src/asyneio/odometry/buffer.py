@@ -32,10 +32,11 @@ _MAX_REJECTED = 10_000
 class MeasurementBuffer:
     """Measurements of one segment, of all its users, with views by time.
 
-    Which user sees which inertial samples is deliberate. The window, the initializer and the learned noise get
-    gated samples (`gyroscope`, `accelerometer`, INERTIAL_DTYPE). The stationary detector, the detection of
-    jumps and the attitude filter get raw samples (`raw`): a rejected spike ends a stationary phase, is a jump,
-    and turns the body. The attitude filter and the learned noise outlive a segment and keep their own samples.
+    Which user sees which inertial samples is deliberate. The window, the initializer and the learned noise
+    get gated samples (`gyroscope`, `accelerometer`, INERTIAL_DTYPE). The stationary detector, the detection
+    of jumps and the attitude filter get raw samples (`raw`): a rejected spike ends a stationary phase, is a
+    jump, and turns the body. The attitude filter and the learned noise outlive a segment and keep their own
+    samples.
 
     Attributes:
         gyroscope: gated samples that the window has not taken yet, and a few before them.
@@ -160,7 +161,8 @@ class MeasurementBuffer:
         self._drop_tracks(ids)
 
     def reject_by_neighbours(self, among: IntArray, t_ns: int) -> IntArray:
-        """Reject those of the tracks `among` (N,) that `rejected_by_neighbours` finds at `t_ns`; their ids."""
+        """Reject those of the tracks `among` (N,) that `rejected_by_neighbours` finds at `t_ns`; their
+        ids."""
         ids = rejected_by_neighbours(self._seen, self._outliers, among, t_ns)
         self._drop_tracks(ids)
         return ids

@@ -1,8 +1,8 @@
 """Tracks that are too short for the chi-square test are rejected by their neighbours.
 
-A few observations over a tenth of a second are consistent with some static point, whatever was observed. Where
-most neighbouring tracks have been rejected by the chi-square test, an object moves, and tracks that begin there
-move with it.
+A few observations over a tenth of a second are consistent with some static point, whatever was observed.
+Where most neighbouring tracks have been rejected by the chi-square test, an object moves, and tracks that
+begin there move with it.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ def rejected_by_neighbours(
 
 
 def _tracks_near(position: FloatArray, track: IntArray, chosen: BoolArray, middle: FloatArray) -> IntArray:
-    """Number (M,) of the `chosen` tracks (T,) that were observed within a distance of 1 of each `middle` (M,3).
+    """Number (M,) of the `chosen` tracks (T,) that were observed within a distance of 1 of each `middle`
+    (M,3).
 
     `position` (N,3) and index of the track (N,) belong to all observations.
     """

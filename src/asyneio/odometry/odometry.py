@@ -37,8 +37,8 @@ from asyneio.types import (
 class Odometry:
     """Feature tracks and inertial samples in; metric states with covariance out. Causal.
 
-    The world frame has z up; its origin and yaw are those of the first knot. Where nothing connects a state with
-    the previous one, or the state cannot be trusted any more, the segment ends (LOST), and the next
+    The world frame has z up; its origin and yaw are those of the first knot. Where nothing connects a state
+    with the previous one, or the state cannot be trusted any more, the segment ends (LOST), and the next
     initialization begins a new segment with a world frame of its own.
 
     Args:

@@ -9,18 +9,19 @@ from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution
 from asyneio.estimation.window import Window
 from asyneio.types import IntArray
 
-#: Where a larger share of the landmarks fails the chi-square test, the motion is wrong, and no track is rejected.
+#: Where a larger share of the landmarks fails the chi-square test, the motion is wrong, and no track is
+#: rejected.
 _MAJORITY = 0.5
-#: Robust weights have already removed most of the influence of outliers; only a larger share of them calls for
-#: another optimisation before that of the next knot.
+#: Robust weights have already removed most of the influence of outliers; only a larger share of them calls
+#: for another optimisation before that of the next knot.
 _MANY = 0.05
 
 
 def optimize_rejecting_outliers(
     window: Window, settings: OptimizerSettings, rounds: int = 1
 ) -> tuple[Solution, IntArray]:
-    """Optimise the window, remove the tracks whose landmarks fail the chi-square test, and optimise again where
-    these are many.
+    """Optimise the window, remove the tracks whose landmarks fail the chi-square test, and optimise again
+    where these are many.
 
     Args:
         window: the window; outliers are removed from it.

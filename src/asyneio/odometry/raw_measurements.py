@@ -1,4 +1,5 @@
-"""The newest measurements as the sensors delivered them: before samples are rejected and pixels undistorted."""
+"""The newest measurements as the sensors delivered them: before samples are rejected and pixels
+undistorted."""
 
 from __future__ import annotations
 

@@ -79,8 +79,8 @@ class Tracking:
 class Segment:
     """Measurements and state from the first packet after a loss to the next loss.
 
-    A new segment refers to nothing of the one before it, so that nothing wrong enters its initialization. What
-    remains valid after a loss is not kept here: the learned noise and the attitude.
+    A new segment refers to nothing of the one before it, so that nothing wrong enters its initialization.
+    What remains valid after a loss is not kept here: the learned noise and the attitude.
 
     Attributes:
         number: of the segment, from 0.

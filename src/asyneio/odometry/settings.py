@@ -115,7 +115,8 @@ def _calibration(config: CalibrationConfig, refines_bearing: bool) -> Calibratio
 
 
 def _correction(config: CalibrationConfig, scheme: Scheme) -> CorrectionSettings:
-    """Which parameters of the IMU are estimated: increments do not show how they change with scale factors."""
+    """Which parameters of the IMU are estimated: increments do not show how they change with scale
+    factors."""
     if not (config.estimate_imu_scale and scheme.direct):
         return AS_READ
     return correction_settings(config.imu_scale_sigma, config.imu_misalignment_sigma, config.imu_scale_walk)

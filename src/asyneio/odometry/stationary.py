@@ -1,16 +1,18 @@
 """Is the sensor stationary? Inertial samples and the image decide together.
 
-Inertial samples alone cannot distinguish a stationary sensor from smooth uniform motion. The image alone cannot
-distinguish a static scene from a dark or empty one. Each source makes up for the limits of the other:
+Inertial samples alone cannot distinguish a stationary sensor from smooth uniform motion. The image alone
+cannot distinguish a static scene from a dark or empty one. Each source makes up for the limits of the other:
 
-- *The tracks do not move*: stationary, if the inertial samples are quiet.
-- *The tracks move*: no stationary phase begins. One that has begun continues while the samples pass a stricter
+- *The tracks do not move*: stationary, if the inertial samples are quiet. - *The tracks move*: no stationary
+phase begins. One that has begun continues while the samples pass a stricter
   test, because people walk through the view of a stationary sensor.
-- *There are no tracks*: stationary, if the samples are quiet and zero velocity agrees with the estimate. Before
+- *There are no tracks*: stationary, if the samples are quiet and zero velocity agrees with the estimate.
+Before
   there is an estimate, only if the event rate is not above the rate of noise.
 
 Quiet means: no mean over 50 ms or half a second deviates from what the sensor read before, there is no
-vibration, the angular rate is within the gyroscope's bias, and the specific force has the magnitude of gravity.
+vibration, the angular rate is within the gyroscope's bias, and the specific force has the magnitude of
+gravity.
 """
 
 from __future__ import annotations
@@ -34,31 +36,32 @@ from asyneio.inertial.stationarity import (
 from asyneio.odometry.raw_measurements import MEMORY_NS, RawMeasurements
 from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, RecordArray
 
-#: Duration of the inertial samples that are tested [ns]. Before there is an estimate, the first stationary phase
-#: may begin after the shorter one: the initialization tests the tracks again before it relies on it.
+#: Duration of the inertial samples that are tested [ns]. Before there is an estimate, the first stationary
+#: phase may begin after the shorter one: the initialization tests the tracks again before it relies on it.
 _SPAN_NS, _SHORT_NS = MEMORY_NS, 200_000_000
-#: Limits in standard deviations of the means. To begin a phase: about sixty means are compared, so that one in
-#: three hundred stationary spans is rejected. To end it: a limit that noise alone never reaches, or, where the
-#: tracks move as well, a limit that noise reaches once in some minutes.
+#: Limits in standard deviations of the means. To begin a phase: about sixty means are compared, so that one
+#: in three hundred stationary spans is rejected. To end it: a limit that noise alone never reaches, or, where
+#: the tracks move as well, a limit that noise reaches once in some minutes.
 _ENTER, _LEAVE, _LEAVE_WITH_TRACKS = 4.0, 6.0, 4.5
 #: Duration over which the reading of a stationary sensor is averaged [s]: biases drift little in it.
 _MEMORY_S = 10.0
-#: Bias of a gyroscope before it is estimated [rad/s]: data sheets of consumer sensors allow 3 to 20 deg/s, most
-#: units have less than 7. Where the tracks do not move, a larger bias is accepted.
+#: Bias of a gyroscope before it is estimated [rad/s]: data sheets of consumer sensors allow 3 to 20 deg/s,
+#: most units have less than 7. Where the tracks do not move, a larger bias is accepted.
 _MAX_OFFSET, _MAX_OFFSET_WITH_TRACKS = 0.12, 0.35
 #: Error of the gyroscope's estimated bias that is accepted whatever its covariance [rad/s].
 _BIAS_SLACK = 3e-3
-#: Error of the magnitude of gravity by bias and scale of an accelerometer [m/s^2]; one of two stationary sensors
-#: was off by 0.77.
+#: Error of the magnitude of gravity by bias and scale of an accelerometer [m/s^2]; one of two stationary
+#: sensors was off by 0.77.
 _MAX_EXCESS = 1.0
 #: Estimated velocity that is accepted as zero whatever its covariance [m/s]; and standard deviations of it.
 _SLOW, _SPEED_SIGMAS = 0.05, 5.0
 #: Least number of tracks, and their least median duration [s], that show whether the image moves.
 _MIN_TRACKS, _MIN_EXTENT_S = 5, 0.2
-#: Limit of the median squared displacement in units of its variance per axis. The median by noise alone is 1.39
-#: (two degrees of freedom); four times this is a displacement of twice the noise.
+#: Limit of the median squared displacement in units of its variance per axis. The median by noise alone is
+#: 1.39 (two degrees of freedom); four times this is a displacement of twice the noise.
 _MOVED = 4.0 * 1.386
-#: The mean over many tracks, two by noise alone, detects much less motion; no track counts for more than this.
+#: The mean over many tracks, two by noise alone, detects much less motion; no track counts for more than
+#: this.
 _CAP = 12.0
 #: Events per second and pixel by noise in room light: two stationary sensors showed 0.44 and 0.62.
 _NOISE_EVENTS_HZ = 1.0
@@ -170,8 +173,8 @@ class StationaryDetector:
         return min(start_ns, end_ns - (_SHORT_NS if short else _SPAN_NS))
 
     def _any_vibration(self, found: list[Stationarity], image: _Image) -> bool:
-        """Whether there is vibration. Where the tracks do not move, vibration that has been learned is accepted:
-        an engine may run in a vehicle that does not move."""
+        """Whether there is vibration. Where the tracks do not move, vibration that has been learned is
+        accepted: an engine may run in a vehicle that does not move."""
         densities = list(self._declared)
         if image is _Image.STATIC:
             densities = [n.sample_sigma / np.sqrt(n.rate_hz) for n in self._noise]

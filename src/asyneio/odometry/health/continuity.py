@@ -1,7 +1,7 @@
 """Detection of scene changes: a cut in the recording ends all tracks at once, and the inertial samples jump.
 
-Each alone may be harmless: where the image pauses before it moves the other way, a tracker may lose all of its
-features, and a shock makes the samples jump.
+Each alone may be harmless: where the image pauses before it moves the other way, a tracker may lose all of
+its features, and a shock makes the samples jump.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from asyneio.types import (
 _HORIZON_S = 0.3
 #: A pause of all observations of this duration [s] explains why no track continues.
 _PAUSE_S = 0.1
-#: Least number of tracks before and now. If they end one by one with a median life of 0.35 s, as real ones do,
-#: half of them are older than the horizon: the probability that none is older is 1e-6.
+#: Least number of tracks before and now. If they end one by one with a median life of 0.35 s, as real ones
+#: do, half of them are older than the horizon: the probability that none is older is 1e-6.
 _ENOUGH = 20
-#: A jump between two samples exceeds the typical difference around it by this factor, and the scatter of single
-#: samples of a consumer sensor [rad/s, m/s^2]; 0.2 m/s^2 is gravity turned by a degree.
+#: A jump between two samples exceeds the typical difference around it by this factor, and the scatter of
+#: single samples of a consumer sensor [rad/s, m/s^2]; 0.2 m/s^2 is gravity turned by a degree.
 _JUMP, _LEAST_JUMPS = 6.0, (0.02, 0.2)
 #: Samples on each side of a jump that give the typical difference.
 _AROUND = 12
@@ -58,7 +58,8 @@ class Continuity:
         self._newest_ns: int | None = None
 
     def all_replaced(self, t_ns: int, stamps: IntArray, track: IntArray, turn_c: FloatArray) -> bool:
-        """Whether no track observed now is older than the horizon, and neither rotation nor a pause explains it.
+        """Whether no track observed now is older than the horizon, and neither rotation nor a pause explains
+        it.
 
         Args:
             t_ns: end of the interval.
@@ -83,8 +84,8 @@ class Continuity:
         return not explained and not known_now and followed >= _ENOUGH and known_before >= _ENOUGH
 
     def _note_tracks(self, stamps: IntArray, track: IntArray) -> BoolArray:
-        """Update first and last times of the tracks of these observations; which of all known tracks (T,) they
-        are."""
+        """Update first and last times of the tracks of these observations; which of all known tracks (T,)
+        they are."""
         known = len(self._track)
         before_first = np.concatenate([self._first, stamps])
         before_last = np.concatenate([self._last, stamps])
@@ -148,11 +149,12 @@ class Jumps:
 
 
 def _jumps(value: FloatArray, least: float) -> BoolArray:
-    """Which differences (N-1-2*_AROUND,) between consecutive samples of `value` (N,3) are jumps, without the first
-    and the last `_AROUND`.
+    """Which differences (N-1-2*_AROUND,) between consecutive samples of `value` (N,3) are jumps, without the
+    first and the last `_AROUND`.
 
-    The typical difference is the median of those around it that are not zero: held samples, and those of a coarse
-    stationary sensor, have many differences of zero. Where nearly all are zero, the typical one is zero.
+    The typical difference is the median of those around it that are not zero: held samples, and those of a
+    coarse stationary sensor, have many differences of zero. Where nearly all are zero, the typical one is
+    zero.
     """
     steps = np.linalg.norm(np.diff(value, axis=0), axis=1)
     out = steps[_AROUND : len(steps) - _AROUND] > least

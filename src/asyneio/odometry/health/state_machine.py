@@ -2,13 +2,13 @@
 
 INITIALIZING ends with the first window; from then on each knot brings `HealthMetrics`, judged as follows:
 
-| finding                                                      | state                                        |
-|--------------------------------------------------------------|----------------------------------------------|
-| something required is missing: vision, landmarks, samples    | DEGRADED; the covariance grows accordingly   |
-| scale was revised by more than its uncertainty allows        | DEGRADED; earlier estimates were wrong       |
-| measurements contradict the estimate, or it is too uncertain | DEGRADED; LOST if it lasts                   |
-| the estimate is impossible                                   | LOST                                         |
-| nothing connects this knot with the previous one             | LOST                                         |
+| finding                                                      | state                                      |
+|--------------------------------------------------------------|--------------------------------------------|
+| something required is missing: vision, landmarks, samples    | DEGRADED; the covariance grows accordingly |
+| scale was revised by more than its uncertainty allows        | DEGRADED; earlier estimates were wrong     |
+| measurements contradict the estimate, or it is too uncertain | DEGRADED; LOST if it lasts                 |
+| the estimate is impossible                                   | LOST                                       |
+| nothing connects this knot with the previous one             | LOST                                       |
 
 DEGRADED becomes TRACKING after some time without any finding. LOST ends the segment.
 """
@@ -31,15 +31,15 @@ MIN_LANDMARKS = 5
 MAX_RATIO = 2.5**2
 #: Share of the observations without influence from which on the majority contradicts the estimate.
 MAX_REJECTED_OBSERVATIONS = 0.5
-#: Rejected inertial samples are gaps, which the window weights accordingly; beyond this share the sensor fails or
-#: is saturated most of the time.
+#: Rejected inertial samples are gaps, which the window weights accordingly; beyond this share the sensor
+#: fails or is saturated most of the time.
 MAX_REJECTED_SAMPLES = 0.2
-#: Largest bias in standard deviations of its prior. With the default priors these are 0.7 rad/s and 1 m/s^2: data
-#: sheets of inexpensive sensors allow zero offsets of up to 20 deg/s and 80 mg (MPU-6150, uncorrected), and
-#: temperature and mounting add to that.
+#: Largest bias in standard deviations of its prior. With the default priors these are 0.7 rad/s and 1 m/s^2:
+#: data sheets of inexpensive sensors allow zero offsets of up to 20 deg/s and 80 mg (MPU-6150, uncorrected),
+#: and temperature and mounting add to that.
 MAX_BIAS_SIGMAS = 7.0
-#: An initialization knows scale to 10 % (`initialization.max_scale_sigma`): a revision by a factor of more than
-#: two such standard deviations within `SCALE_MEMORY_S` shows that earlier estimates were wrong.
+#: An initialization knows scale to 10 % (`initialization.max_scale_sigma`): a revision by a factor of more
+#: than two such standard deviations within `SCALE_MEMORY_S` shows that earlier estimates were wrong.
 MAX_SCALE_CHANGE = 1.2
 SCALE_MEMORY_S = 2.0
 

@@ -1,4 +1,4 @@
-"""Before the start, when nothing but the IMU is known: tracks that are no points of the static scene."""
+"""IMU-aided MSAC pre-filter of the tracks before a segment is initialized."""
 
 from __future__ import annotations
 
@@ -11,27 +11,30 @@ from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.propagation import propagate
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
-#: Tracks are compared over such spans, each half into the one before: long enough for an object at walking
-#: pace to part from the scene, short enough for the errors of a cheap IMU not to matter yet.
+#: Tracks are compared over spans of this duration [s] that overlap by half: long enough for an object at
+#: walking pace to move relative to the scene, short enough for the drift of a consumer IMU to be negligible.
 _SPAN_S = 1.0
 _SHORTEST_SPAN_S = 0.5
-#: Each look corrects the gyroscope's bias, so that the next is a sharper one.
-_LOOKS = 3
-#: Step of the numerical derivative by that bias [rad/s].
+#: Iterations; each corrects the gyroscope's bias, which makes the next test sharper.
+_ITERATIONS = 3
+#: Step of the numerical derivative with respect to that bias [rad/s].
 _BIAS_STEP = 1e-4
 
 
 def outlier_tracks(
     buffer: MeasurementBuffer, T_b_c: FloatArray, gravity: float, bearing_sigma: float, gyroscope_sigma: float
 ) -> IntArray:
-    """Ids of the tracks that contradict the motion on which most tracks and the IMU agree.
+    """Tracks that contradict the motion on which the IMU and most tracks agree.
 
     Args:
-        buffer: what has been measured so far.
-        T_b_c: (4,4) camera in the body.
+        buffer: measurements of the segment.
+        T_b_c: (4,4) maps camera to body coordinates.
         gravity: its magnitude [m/s^2].
-        bearing_sigma: noise of a bearing [rad].
-        gyroscope_sigma: of the gyroscope's bias, which nobody has corrected [rad/s].
+        bearing_sigma: standard deviation of a bearing [rad].
+        gyroscope_sigma: standard deviation of the gyroscope's uncorrected bias [rad/s].
+
+    Returns:
+        Ids of the tracks, ascending.
     """
     none = np.empty(0, dtype=np.int64)
     seen = buffer.observations
@@ -49,11 +52,13 @@ def outlier_tracks(
         part = seen.between(first_ns - 1, last_ns)
         if len(part.t_ns) == 0:
             continue
-        found.append(_contradicting(buffer, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma))
+        found.append(
+            _outliers_of_span(buffer, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma)
+        )
     return np.unique(np.concatenate(found))
 
 
-def _contradicting(
+def _outliers_of_span(
     buffer: MeasurementBuffer,
     seen: TrackObservations,
     first_ns: int,
@@ -62,11 +67,11 @@ def _contradicting(
     bearing_sigma: float,
     gyroscope_sigma: float,
 ) -> IntArray:
-    """Ids of the contradicting tracks within one span; none where there is no verdict."""
+    """Ids of the outliers within one span; none where there is no consensus."""
     bias = np.zeros(3)
     agreeing = None
     sigma = gyroscope_sigma
-    for _ in range(_LOOKS):
+    for _ in range(_ITERATIONS):
         data, ids = alignment_data(buffer, seen, first_ns, T_b_c, bias)
         moved = [
             alignment_data(buffer, seen, first_ns, T_b_c, bias + _BIAS_STEP * axis)[0] for axis in np.eye(3)
@@ -79,7 +84,7 @@ def _contradicting(
         if consensus.gyroscope_bias is None:
             break
         agreeing = consensus.agreeing
-        # What the rays tell of the bias leans on distances that are rough still.
+        # The bias from the rays depends on distances that are still inaccurate.
         sigma = max(consensus.gyroscope_sigma, 0.5 * sigma)
         bias = bias + consensus.gyroscope_bias
     return np.empty(0, dtype=np.int64) if agreeing is None else ids[~agreeing]
@@ -92,7 +97,8 @@ def alignment_data(
     T_b_c: FloatArray,
     bias_gyroscope: FloatArray,
 ) -> tuple[AlignmentData, IntArray]:
-    """Rays of observations from `first_ns` on as alignment takes them, and the ids of their tracks (L,)."""
+    """Rays of the observations from `first_ns` on, as input of the alignment, and ids (L,) of their
+    tracks."""
     zero = np.zeros(3)
     times = np.union1d([first_ns], seen.t_ns)
     bias = np.concatenate([bias_gyroscope, zero])

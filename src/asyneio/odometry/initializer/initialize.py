@@ -1,4 +1,4 @@
-"""An attempt to start a segment, in the way that what is known allows."""
+"""One attempt to initialize a segment."""
 
 from __future__ import annotations
 
@@ -14,17 +14,23 @@ from asyneio.odometry.settings import Settings
 from asyneio.odometry.stationary import StationaryPhase
 from asyneio.types import InitialState
 
-#: Attempts to start are this far apart; each sees more motion than the last.
+#: Time between two attempts [ns]; each covers more motion than the one before.
 RETRY_NS = 250_000_000
 
 
 def initialize(
     buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase | None, first: InitialState | None
 ) -> FirstWindow | str:
-    """From a known state, from rest or in motion: a window, or the reason, in words, why not yet.
+    """The first window, from a known state, stationary or in motion, or the reason why not yet.
 
-    In motion, tracks that contradict the motion of most of them are refused first. What began at rest tells
-    more than motion alone, and is tried before it.
+    In motion, tracks that contradict the motion of the majority are rejected first. A stationary phase before
+    the motion adds information, so an initialization that uses it is tried before one from motion alone.
+
+    Args:
+        buffer: measurements of the segment.
+        settings: of the odometry.
+        phase: the newest stationary phase, None before the first.
+        first: a known state, None where there is none.
 
     Raises:
         EstimationError: `first` cannot be used.
@@ -40,5 +46,5 @@ def initialize(
             buffer, w.T_b_c, gravity, w.bearing_sigma, float(settings.initialization.bias_sigma[0])
         )
     )
-    started = "no rest" if phase is None else initialize_stationary(buffer, settings, phase)
-    return initialize_in_motion(buffer, settings) if isinstance(started, str) else started
+    found = "no stationary phase" if phase is None else initialize_stationary(buffer, settings, phase)
+    return initialize_in_motion(buffer, settings) if isinstance(found, str) else found

@@ -1,4 +1,4 @@
-"""From rest: the window starts at once, knows what rest tells and no more, and holds still until it moves."""
+"""Stationary initialization: at once, with the covariance of what is observable, and without drift."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asyneio.estimation.linearization.prior import difference, prior_cost
-from asyneio.odometry.initializer.stationary import _prior, _states_at_rest
+from asyneio.odometry.initializer.stationary import _prior, _stationary_states
 from asyneio.odometry.settings import resolve
 from asyneio.simulation import MotionStyle, Simulation, simulate
 from asyneio.types import Estimate, Health, Recording, StepReport
@@ -49,7 +49,7 @@ def assert_tracks_at_rest_and_afterwards(reports: list[StepReport]) -> None:
 
 
 @pytest.mark.parametrize("frames", [False, True], ids=["events", "frames"])
-def test_starts_at_rest_without_parallax(frames: bool) -> None:
+def test_initializes_stationary_without_parallax(frames: bool) -> None:
     _, outcome = held(0, frames=frames)
     assert seconds(outcome)[0] < 1.3
     before = [r for r in outcome.reports if r.health is Health.INITIALIZING]
@@ -79,7 +79,7 @@ def test_scale_is_right_once_it_moves(seed: int) -> None:
     assert e.tilt < 1.0
 
 
-def test_covariance_says_what_rest_shows_of_the_biases() -> None:
+def test_covariance_of_the_biases_after_a_stationary_phase() -> None:
     """Along gravity the accelerometer's bias is seen; across it, it stays as uncertain as before and is
     one with the tilt. The gyroscope's bias is seen as well as averaging its noise allows."""
     simulation, outcome = held(0)
@@ -128,7 +128,7 @@ def test_standing_still_from_the_start_does_not_drift() -> None:
 
 
 @pytest.mark.parametrize("wide", [False, True], ids=["usual priors", "wide priors of the biases"])
-def test_a_short_rest_enters_the_start(wide: bool) -> None:
+def test_initialization_uses_a_short_phase(wide: bool) -> None:
     """Without it the same motion needs a second more. Wide priors are those of turn-on biases."""
     biases = {"initial_gyroscope_bias_sigma": 0.1, "initial_accelerometer_bias_sigma": 0.5}
     simulation = simulate(varied(1, motion=MotionStyle.MODERATE, duration_s=4.0, pause_s=(0.0, 0.4)))
@@ -145,12 +145,12 @@ def test_a_short_rest_enters_the_start(wide: bool) -> None:
     assert errors(simulation, outcome.estimates).position < 0.08
 
 
-def test_prior_of_a_short_rest_allows_for_slow_uniform_motion() -> None:
+def test_prior_of_a_short_phase_allows_slow_uniform_motion() -> None:
     """Whatever all knots share costs what one velocity costs, what differs among them costs dearly."""
     settings = resolve(
         configured(), simulate(varied(0)).recording.calibration, declared_noise(SCENARIO.noise, 200.0, 190.0)
     )
-    at_rest = _states_at_rest(np.zeros(3), np.array([0.3, 0.5, 9.79]), settings, 3)
+    at_rest = _stationary_states(np.zeros(3), np.array([0.3, 0.5, 9.79]), settings, 3)
     t = np.array([0.0, 0.1, 0.2])
     prior = _prior(at_rest, START_NS + (t * 1e9).astype(np.int64), settings)
     assert prior.knots == 3

@@ -131,7 +131,7 @@ IN_MOTION = {
 
 
 @pytest.mark.parametrize("name", AT_REST)
-def test_at_rest(name: str) -> None:
+def test_stationary_situations(name: str) -> None:
     situation, estimate = AT_REST[name]
     answers = judged(situation, 1.5, estimate)
     needed = 2 if estimate is None else 5
@@ -150,14 +150,14 @@ def pushed_at(begin: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda t: np.where(np.asarray(t)[:, None] > begin, 0.4, 0.0) * np.array([1.0, 0.0, 0.0])
 
 
-def test_a_push_ends_it_at_once() -> None:
+def test_an_acceleration_ends_a_phase_at_once() -> None:
     answers = judged(Situation(push=pushed_at(1.5)), 2.5)
     assert all(answers[5:15])
     # Gliding on unseen looks like rest again; an estimate would know better.
     assert not any(answers[16:19])
 
 
-def test_somebody_walks_through_the_image() -> None:
+def test_a_person_walks_through_the_image() -> None:
     """A rest that has begun goes on while every track moves, but none begins."""
     passer_by = Situation(image=lambda t: steady(30.0)(np.maximum(np.asarray(t) - 1.0, 0.0)))
     answers = judged(passer_by, 2.5)
@@ -220,7 +220,7 @@ def short_rest(seconds: float, image: Callable[[np.ndarray], np.ndarray] | None 
 
 
 @pytest.mark.parametrize("seconds", [0.2, 0.3, 0.5, 0.9])
-def test_a_short_rest_is_remembered(seconds: float) -> None:
+def test_a_short_phase_is_remembered(seconds: float) -> None:
     phase = short_rest(seconds).phase
     assert phase is not None
     assert phase.ended
@@ -228,7 +228,7 @@ def test_a_short_rest_is_remembered(seconds: float) -> None:
     assert abs(phase.end_ns * 1e-9 - seconds) < 0.15
 
 
-def test_no_short_rest_while_all_tracks_creep() -> None:
+def test_no_short_phase_while_all_tracks_creep() -> None:
     """By less than the noise of one track, but all of them alike."""
     assert short_rest(0.3, image=steady(3.5)).phase is None
     assert short_rest(0.3, image=nothing).phase is not None
