@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import Simulation
 from asyneio.simulation.faults import kidnapped, saturated, without
@@ -228,3 +229,24 @@ def test_a_saturated_gyroscope_is_reported() -> None:
     assert {report.health for report in reported} <= {Health.DEGRADED}
     assert outcome.reports[-1].health in (Health.TRACKING, Health.DEGRADED)
     assert errors(simulation, outcome.estimates).position < 0.1
+
+
+@pytest.mark.parametrize("fault", ["gap", "clock reset"])
+def test_noise_is_learned_once_from_a_packet_that_restarts_the_initialization(
+    fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = simulated(0)
+    packets, learned = cut(simulation.recording)[:12], []
+    append = LearnedNoise.append
+
+    def watched(noise: LearnedNoise, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
+        learned.append(gyroscope["t_ns"])
+        append(noise, gyroscope, accelerometer)
+
+    monkeypatch.setattr(LearnedNoise, "append", watched)
+    faulty = [*packets[:3], *packets[9:]] if fault == "gap" else [*packets[5:8], *packets[:3]]
+    outcome = process(faulty, simulation.recording.calibration)
+    words = "no inertial samples" if fault == "gap" else "timestamps jump back"
+    assert words in outcome.reports[3].reason
+    t_ns = np.concatenate(learned)
+    assert len(np.unique(t_ns)) == len(t_ns) > 0

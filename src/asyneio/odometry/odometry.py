@@ -70,9 +70,10 @@ class Odometry:
 
     @with_one_blas_thread
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
-        """Take a packet; return the estimates that it completes, none of them LOST, and a report.
+        """Take a packet; return the estimates of the knots that it completes, and a report.
 
-        A packet that ends before the previous one ended begins a new segment.
+        A knot after which the state is LOST gives no estimate. A packet that ends before the previous one
+        ended begins a new segment.
         """
         packet = self._renewed.passed(packet)  # drop repeated readings of held samples
         interruption = self._append(packet)  # gate samples, undistort observations once
@@ -105,17 +106,24 @@ class Odometry:
         return estimates, self._report(packet, status, segment.number)
 
     def _append(self, packet: Packet) -> str:
-        """Add a packet to the segment, or say why its measurements do not continue those before."""
+        """Add a packet to the segment, or return why it does not continue the ones before."""
         before_ns, self._packet_ns = self._packet_ns, packet.t_end_ns
         if before_ns is not None and packet.t_end_ns < before_ns:
             return f"timestamps jump back by {(before_ns - packet.t_end_ns) / NS_PER_S:.3f} s"
+        gated = self._segment.append(packet, self._renewed.rates_hz)
+        interruption = self._interruption(before_ns, packet.t_end_ns)
+        if not interruption:
+            self._learn(packet, gated)
+        return interruption
+
+    def _interruption(self, before_ns: int | None, end_ns: int) -> str:
+        """Why the newest packet does not continue those before, in a segment that is not initialized."""
         segment = self._segment
-        self._learn(packet, segment.append(packet, self._renewed.rates_hz))
         if segment.tracking is not None:
             return ""  # the health monitor decides
         if segment.health.scene_changed:
             return "all feature tracks were replaced at once"
-        gap_s = 0.0 if before_ns is None else segment.buffer.gap_s(before_ns, packet.t_end_ns)
+        gap_s = 0.0 if before_ns is None else segment.buffer.gap_s(before_ns, end_ns)
         lost = gap_s > self._config.health.lost_inertial_gap_s
         return f"no inertial samples for {gap_s:.2f} s" if lost else ""
 
@@ -200,7 +208,7 @@ class Odometry:
         tracking = self._segment.tracking
         if tracking is None:
             raise EstimationError(
-                "the odometry is not initialized; process packets until a report says TRACKING"
+                "the odometry is not initialized; process packets until a report shows TRACKING"
             )
         return trajectory_of(tracking.window, tracking.solution, self._settings)
 

@@ -49,12 +49,37 @@ class Settings:
 
 def resolve(config: Config, calibration: Calibration, noise: InertialNoise) -> Settings:
     """Settings for inertial samples of the given noise."""
+    initialization, inertial, optimizer = config.initialization, config.inertial, config.optimizer
+    bias_sigma = [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma]
+    return Settings(
+        knot_interval_ns=round(config.window.knot_interval_s * NS_PER_S),
+        window_s=config.window.length_s,
+        window=_window(config, calibration, noise),
+        optimizer=OptimizerSettings(
+            optimizer.max_iterations, optimizer.relative_decrease, optimizer.initial_damping
+        ),
+        initialization=InitializationSettings(
+            min_seconds=initialization.min_seconds,
+            max_seconds=initialization.max_seconds,
+            min_landmarks=initialization.min_landmarks,
+            max_scale_sigma=initialization.max_scale_sigma,
+            bias_sigma=np.repeat(bias_sigma, 3),
+            optimizer=OptimizerSettings(
+                optimizer.initial_max_iterations,
+                optimizer.initial_relative_decrease,
+                optimizer.initial_damping,
+            ),
+        ),
+    )
+
+
+def _window(config: Config, calibration: Calibration, noise: InertialNoise) -> WindowSettings:
     declared, inertial, visual = calibration.noise, config.inertial, config.visual
     focal = 0.5 * (calibration.camera.fx + calibration.camera.fy)
     prior = config.motion_prior
     walk = inertial.walk_inflation * np.repeat([declared.gyroscope_walk, declared.accelerometer_walk], 3)
     bearing_damping = (focal / visual.bearing_sigma_px) ** 2
-    window = WindowSettings(
+    return WindowSettings(
         gravity_w=np.array([0.0, 0.0, -inertial.gravity]),
         motion_model=motion_model_named(prior.kind, prior.space),
         root_density=_root_density(prior),
@@ -72,29 +97,6 @@ def resolve(config: Config, calibration: Calibration, noise: InertialNoise) -> S
         frozen_linearization=config.window.frozen_linearization,
         calibration=_calibration(config.calibration, visual.estimate_bearing),
         imu=_correction(config.calibration, SCHEMES[inertial.scheme]),
-    )
-    optimizer = config.optimizer
-    return Settings(
-        knot_interval_ns=round(config.window.knot_interval_s * NS_PER_S),
-        window_s=config.window.length_s,
-        window=window,
-        optimizer=OptimizerSettings(
-            optimizer.max_iterations, optimizer.relative_decrease, optimizer.initial_damping
-        ),
-        initialization=InitializationSettings(
-            min_seconds=config.initialization.min_seconds,
-            max_seconds=config.initialization.max_seconds,
-            min_landmarks=config.initialization.min_landmarks,
-            max_scale_sigma=config.initialization.max_scale_sigma,
-            bias_sigma=np.repeat(
-                [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma], 3
-            ),
-            optimizer=OptimizerSettings(
-                optimizer.initial_max_iterations,
-                optimizer.initial_relative_decrease,
-                optimizer.initial_damping,
-            ),
-        ),
     )
 
 
