@@ -35,7 +35,8 @@ from scipy.spatial.transform import Rotation
 from asyneio.config import Config
 from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
 from asyneio.odometry.learned_noise import LearnedNoise
-from asyneio.odometry.stationary import Rest, StationaryDetector
+from asyneio.odometry.raw_measurements import RawMeasurements
+from asyneio.odometry.stationary import StationaryDetector, StationaryPhase
 from asyneio.pipeline import run_recording
 from asyneio.pipeline.packets import calibration_of, packets, usable_span
 from asyneio.simulation import EVENT_SCENARIOS, SCENARIOS, EventSimulation, Simulation, simulate
@@ -103,7 +104,7 @@ def one_run(
     if isinstance(recording, Recording) and not frames:
         recording = without_tracks_at_rest(recording, begin_ns, end_ns)
     result = run(recording, Config.model_validate({"inertial": {"scheme": scheme}}))
-    at_rest = np.array([r.t_ns for r in result.run.reports if r.still])
+    at_rest = np.array([r.t_ns for r in result.run.reports if r.stationary])
     wrong = int(((at_rest < begin_ns) | (at_rest > end_ns + _LATE_NS)).sum())
     still = at_rest[(at_rest >= begin_ns) & (at_rest <= end_ns)]
     estimates = [e for e in result.run.estimates if still[0] <= e.t_ns <= end_ns]
@@ -221,19 +222,20 @@ def moving_row(scene: str, cache: Path) -> list[str]:
     observed = tracked(simulation, config, cache / "tracks").observations
     cuts = np.searchsorted(observed["t_ns"], start_ns + interval_ns * np.arange(1, count), side="right")
     detector = StationaryDetector(config.inertial, calibration_of(recording), config.visual.pixel_sigma)
+    raw = RawMeasurements()
     noise = LearnedNoise(config.inertial, calibration_of(recording).noise, config.window.knot_interval_s)
-    rests: list[Rest] = []
+    rests: list[StationaryPhase] = []
     speeds = []
     for packet in packets(recording, start_ns, interval_ns, count, np.split(observed, cuts)):
-        detector.append(packet)
+        raw.append(packet)
         noise.append(packet.gyroscope, packet.accelerometer)
         noise.learn_until(packet.t_end_ns)
-        detector.judge(packet.t_end_ns, packet.t_end_ns, None, noise.at_rest())
+        detector.update(raw, packet.t_end_ns, packet.t_end_ns, None, noise.when_stationary())
         speeds.append(_most_speed(simulation, packet.t_end_ns - interval_ns, packet.t_end_ns))
-        if detector.rest is not None and detector.still:
-            rests = [r for r in rests if r.since_ns != detector.rest.since_ns] + [detector.rest]
-    found = [_most_speed(simulation, r.since_ns, r.until_ns) for r in rests]
-    lengths = [(r.until_ns - r.since_ns) / NS_PER_S for r in rests]
+        if detector.phase is not None and detector.stationary:
+            rests = [r for r in rests if r.start_ns != detector.phase.start_ns] + [detector.phase]
+    found = [_most_speed(simulation, r.start_ns, r.end_ns) for r in rests]
+    lengths = [(r.end_ns - r.start_ns) / NS_PER_S for r in rests]
     told = [f"{length:.1f} s at {100 * v:.1f}" for length, v in zip(lengths, found, strict=True)]
     return [
         scene,

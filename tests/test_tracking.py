@@ -162,7 +162,7 @@ def test_a_run_hears_what_the_estimator_refuses(
 
         def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
             estimates, report = super().process(packet)
-            return estimates, replace(report, refused=self.share)
+            return estimates, replace(report, outlier_share=self.share)
 
     class RefusesNone(Refuses):
         share = 0.0

@@ -1,4 +1,4 @@
-"""Records and small frozen dataclasses that cross the walls between rooms.
+"""Records and small frozen dataclasses that the packages exchange.
 
 Conventions (docs/conventions.md): time is int64 nanoseconds; `T_w_b` maps body to world coordinates;
 tangent vectors put rotation first; quaternions are stored x y z w; units are SI and pixels.
@@ -24,7 +24,7 @@ RecordArray = NDArray[np.void]
 EVENT_DTYPE = np.dtype([("t_ns", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")], align=True)
 
 #: One observation of a feature track: time [ns], track id, distorted pixel position, and the covariance of
-#: that position (uu, uv, vv) [px^2]; zeros where it is not known.
+#: that position (uu, uv, vv) [px^2]; zeros where it is unknown.
 OBSERVATION_DTYPE = np.dtype(
     [("t_ns", "<i8"), ("id", "<i8"), ("u", "<f8"), ("v", "<f8"), ("covariance", "<f4", (3,))]
 )
@@ -36,7 +36,7 @@ NS_PER_S = 1_000_000_000
 
 
 class Distortion(StrEnum):
-    """Lens distortion models, by the names Kalibr uses."""
+    """Distortion models, named as in Kalibr."""
 
     NONE = "none"
     RADTAN = "radtan"
@@ -49,7 +49,7 @@ class CameraIntrinsics:
 
     `coefficients`: none `()`, equidistant `(k1, k2, k3, k4)`, radtan as OpenCV orders them
     `(k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]])`.
-    Focal lengths and principal point in pixels; `width`, `height` in pixels.
+    Focal lengths, principal point, `width` and `height` are in pixels.
     """
 
     fx: float
@@ -67,7 +67,7 @@ class ImuNoise:
     """Continuous-time noise of an IMU.
 
     Densities in rad/s/sqrt(Hz) and m/s^2/sqrt(Hz), walks in rad/s^2/sqrt(Hz) and m/s^3/sqrt(Hz) (the units
-    of Kalibr's imu.yaml). `rate_hz` is the declared sample rate, `None` where it is not declared.
+    of Kalibr's imu.yaml). `rate_hz`: the declared sample rate, None where there is none.
     """
 
     gyroscope_density: float
@@ -79,12 +79,12 @@ class ImuNoise:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Camera, extrinsics, clock offset and IMU noise of one sensor rig.
+    """Intrinsics, extrinsics, clock offset and IMU noise of one sensor rig.
 
     `T_b_c` (4,4) maps camera to body (IMU) coordinates; `t_imu = t_cam + timeshift_ns`.
 
     Raises:
-        CalibrationError: `T_b_c` is no array (4,4) of finite float64.
+        CalibrationError: `T_b_c` is not an array (4,4) of finite float64.
     """
 
     camera: CameraIntrinsics
@@ -103,12 +103,11 @@ class Calibration:
 
 @dataclass(frozen=True)
 class ImuCorrectionEstimate:
-    """How the IMU reads: `reading = matrix (truth + bias) + noise`, for both sensors.
+    """Estimated model of the IMU: `reading = matrix (true value + bias) + noise`, for both sensors.
 
-    `gyroscope`, `accelerometer` (3,3): the matrices, near identity; on the diagonal scale factors, beside it
-    misalignment. `gyroscope_sigma`, `accelerometer_sigma` (3,3): standard deviations of
-    the elements, zero where readings are taken as they are. Biases of estimates are those of corrected
-    readings.
+    `gyroscope`, `accelerometer` (3,3): the matrices, near identity, with scale factors on the diagonal and
+    misalignment beside it. `gyroscope_sigma`, `accelerometer_sigma` (3,3): standard deviations of the
+    elements, zero where they are not estimated. Biases of estimates are those of corrected readings.
     """
 
     gyroscope: FloatArray
@@ -119,11 +118,11 @@ class ImuCorrectionEstimate:
 
 @dataclass(frozen=True)
 class CalibrationEstimate:
-    """What the odometry believes of the camera now: `t_imu = t_cam + timeshift_ns + time_offset_s`.
+    """The present estimate of the calibration: `t_imu = t_cam + timeshift_ns + time_offset_s`.
 
     `C_b_c` (3,3) maps camera to body directions. `sigma` (4,) are standard deviations of [time offset (s),
-    rotation on the right of `C_b_c` (3, rad)], zero where the calibration is taken as it is. `imu`: the same
-    of the IMU; None where nobody says.
+    rotation on the right of `C_b_c` (3, rad)], zero where they are not estimated. `imu`: the same of the IMU;
+    None where it is unknown.
     """
 
     time_offset_s: float
@@ -146,8 +145,8 @@ class PoseTrajectory:
 class Recording:
     """Feature tracks and inertial samples of one run, all times in the IMU clock, ascending.
 
-    `observations` OBSERVATION_DTYPE, `gyroscope` and `accelerometer` INERTIAL_DTYPE. `notes` are sentences on
-    what the reader repaired or ignored, for the user.
+    `observations` OBSERVATION_DTYPE, `gyroscope` and `accelerometer` INERTIAL_DTYPE. `notes` tell the user
+    what the reader repaired or ignored.
     """
 
     name: str
@@ -161,12 +160,12 @@ class Recording:
 
 @dataclass(frozen=True)
 class EventRecording:
-    """Events and, where there are any, inertial samples of one run.
+    """Events and, where the recording has an IMU, inertial samples of one run.
 
     `events` EVENT_DTYPE, ascending, **in the camera clock** (they may be a memory map of a cached conversion,
     too large to shift); everything else in the IMU clock, ascending, as in Recording. `gyroscope` and
-    `accelerometer` are empty where the recording has no IMU. `camera` is None where nothing is known of the
-    lens, `calibration` is None unless lens, extrinsics and IMU noise are all known.
+    `accelerometer` are empty without an IMU. `camera` is None where the intrinsics are unknown, `calibration`
+    is None unless intrinsics, extrinsics and IMU noise are all known.
     """
 
     name: str
@@ -183,12 +182,12 @@ class EventRecording:
 
 @dataclass(frozen=True)
 class Packet:
-    """What the sensors delivered up to and including `t_end_ns`, in the IMU clock (dtypes as in Recording).
+    """New measurements up to and including `t_end_ns`, in the IMU clock (dtypes as in Recording).
 
-    `events` counts the events behind the observations; None where the recording holds none, only tracks.
+    `events`: number of the events from which the observations were tracked; None in a recording of tracks.
 
     Raises:
-        RecordingError: an array of another type or shape, or an observation whose covariance is none.
+        RecordingError: an array has another type or shape, or a covariance is not positive semidefinite.
     """
 
     t_end_ns: int
@@ -208,12 +207,12 @@ class Packet:
             n = int(np.argmin(possible))
             raise RecordingError(
                 f"observation {n} of the packet has the covariance (uu, uv, vv) = ({uu[n]:g}, {uv[n]:g}, "
-                f"{vv[n]:g}) px^2, expected a positive semidefinite one; zeros where it is not known"
+                f"{vv[n]:g}) px^2, expected a positive semidefinite one; zeros where it is unknown"
             )
 
 
 def _check_records(name: str, array: RecordArray, dtype: np.dtype[np.void]) -> None:
-    """Refuse what compiled code would read as something else."""
+    """Reject arrays that compiled code would misinterpret."""
     if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != 1:
         found = (array.dtype, array.shape) if isinstance(array, np.ndarray) else type(array).__name__
         raise RecordingError(
@@ -223,10 +222,11 @@ def _check_records(name: str, array: RecordArray, dtype: np.dtype[np.void]) -> N
 
 
 class Health(StrEnum):
-    """What the estimator thinks of itself.
+    """State of the estimator.
 
-    DEGRADED: estimates go on, and their covariance grows, but something that they need is missing or in
-    doubt; the report says what. LOST: nothing is estimated until the next segment starts.
+    INITIALIZING: there is no estimate yet. TRACKING: estimates can be trusted. DEGRADED: estimates continue
+    with growing covariance, but something required is missing or contradicts them; the report gives the
+    reason. LOST: there are no estimates until the next segment is initialized.
     """
 
     INITIALIZING = "initializing"
@@ -237,9 +237,9 @@ class Health(StrEnum):
 
 @dataclass(frozen=True)
 class Attitude:
-    """Gravity-aligned orientation at one instant, known before scale is.
+    """Gravity-aligned orientation at one time, known before the scale.
 
-    `C_w_b` (3,3) maps body to a world with z up, whose yaw is that of the gyroscope since the first sample;
+    `C_w_b` (3,3) maps body to a world with z up whose yaw is integrated from the first gyroscope sample;
     `tilt_sigma_rad` is the standard deviation of roll and pitch.
     """
 
@@ -255,13 +255,13 @@ STATE_DOF = 24
 
 @dataclass(frozen=True)
 class Estimate:
-    """State of the body at one instant, with covariance.
+    """State of the body at one time, with covariance.
 
     `T_w_b` (4,4); `velocity_w` (3,) [m/s] in the world; `angular_velocity_b` (3,) [rad/s];
     `generalized_acceleration` (6,) `[omega_dot, nu_dot]` in the body; biases (3,);
     `covariance` (24,24) of the error state in the order of STATE_BLOCKS (right perturbation, body frame);
-    zero in the rows and columns of what is not estimated. `segment` counts the starts: the worlds of two
-    segments have nothing to do with each other.
+    zero in rows and columns that are not estimated. `segment`: number of the segment; the world frames of two
+    segments are unrelated.
     """
 
     t_ns: int
@@ -277,7 +277,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class InitialState:
-    """What is known of the body at an instant before the estimator has measured anything.
+    """A known state of the body at one time, from which the odometry is initialized.
 
     `t_ns`, IMU clock; `T_w_b` (4,4) in any world with z up; `velocity_w` (3,) [m/s]; biases (3,) [rad/s,
     m/s^2]; `sigma` (15,), standard deviations of [rotation (rad), position (m), velocity (m/s), gyroscope
@@ -294,11 +294,11 @@ class InitialState:
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """How noisy the inertial sensors are, as learned so far, gyroscope first.
+    """Learned noise of the inertial sensors, gyroscope first.
 
-    `density` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)] of the white noise that leaves means over a knot interval as
-    uncertain as they are; `vibration` [rad/s, m/s^2]: root mean square of what the samples hold besides white
-    noise, above the frequencies that the trajectory follows.
+    `density` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)] of the white noise that has the same effect on means over a
+    knot interval; `vibration` [rad/s, m/s^2]: root mean square of the samples without white noise, above the
+    frequencies that the trajectory follows.
     """
 
     density: tuple[float, float]
@@ -307,11 +307,26 @@ class NoiseEstimate:
 
 @dataclass(frozen=True)
 class StepReport:
-    """What one call of `Odometry.process` did, for the log and the report.
+    """What one call of `Odometry.process` did.
 
-    `attitude` is given while there is no pose to give; `still`: the sensor was taken to be at rest;
-    `refused`: share of the packet's tracks that were found to be no points of the static scene. `noise` is
-    what the inertial samples of this step count with.
+    Attributes:
+        t_ns: end of the packet.
+        health: state of the estimator after the packet.
+        reason: for the state, empty while TRACKING.
+        knots: number of knots in the window.
+        landmarks: number of landmarks in the window.
+        observations: number of observations in the window.
+        iterations: of the optimiser.
+        cost: after the optimisation.
+        rejected: number of observations beyond the gate.
+        seconds: processing time.
+        segment: number of the segment.
+        stationary: whether the sensor was detected to be stationary.
+        attitude: attitude before the segment is initialized; None where there is a pose.
+        outlier_share: share of the packet's tracks that are rejected as outliers.
+        noise: of the inertial samples, as learned so far.
+        origin: the knot that defines the segment's world frame, in the report of the step that initialized
+            it.
     """
 
     t_ns: int
@@ -325,26 +340,27 @@ class StepReport:
     rejected: int = 0
     seconds: float = 0.0
     segment: int = 0
-    still: bool = False
+    stationary: bool = False
     attitude: Attitude | None = None
-    refused: float = 0.0
+    outlier_share: float = 0.0
     noise: NoiseEstimate | None = None
+    origin: Estimate | None = None
 
 
 @dataclass
 class Run:
-    """All that one run over a recording produced: causal estimates and step reports."""
+    """Causal estimates and step reports of one run over a recording."""
 
     estimates: list[Estimate] = field(default_factory=list)
     reports: list[StepReport] = field(default_factory=list)
 
     def segments(self) -> list[list[Estimate]]:
-        """The estimates of each segment, in order; their worlds differ, so nothing may join two."""
+        """The estimates of each segment, in order; their world frames differ."""
         return split_segments(self.estimates)
 
 
 def split_segments(estimates: Sequence[Estimate]) -> list[list[Estimate]]:
-    """Estimates, in order of time, by segment; a list for each."""
+    """Split estimates, ascending in time, into one list for each segment."""
     found: list[list[Estimate]] = []
     for estimate in estimates:
         if not found or found[-1][-1].segment != estimate.segment:

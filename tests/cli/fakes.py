@@ -31,7 +31,6 @@ class FakeOdometry:
     ) -> None:
         self.seen = 0
         self._rng = np.random.default_rng(0)
-        self.origin: Estimate | None = None
 
     def calibration(self) -> CalibrationEstimate | None:
         return CalibrationEstimate(-3.1e-3, np.eye(3), np.array([2e-4, 0.0, 0.0, 0.0])) if self.seen else None

@@ -74,17 +74,17 @@ def test_diff(asyneio: Asyneio, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("windw: {length_s: 1.0}", "windw is no setting; did you mean window?"),
-        ("window: {lenght_s: 1.0}", "window.lenght_s is no setting; did you mean length_s?"),
+        ("windw: {length_s: 1.0}", "unknown setting windw; did you mean window?"),
+        ("window: {lenght_s: 1.0}", "unknown setting window.lenght_s; did you mean length_s?"),
         (
             "window: {max_features: 10}",
-            "window.max_features is no setting; did you mean frontend.max_features?",
+            "unknown setting window.max_features; did you mean frontend.max_features?",
         ),
-        ("max_features: 10", "max_features is no setting; did you mean frontend.max_features?"),
-        ("window: {zzz: 1}", "window.zzz is no setting; expected one of knot_interval_s, length_s"),
+        ("max_features: 10", "unknown setting max_features; did you mean frontend.max_features?"),
+        ("window: {zzz: 1}", "unknown setting window.zzz; expected one of knot_interval_s, length_s"),
         ("window: {length_s: -1}", "window.length_s: Input should be greater than 0"),
         ("window: 3", "window: Input should be a valid dictionary"),
-        ("- 1", "holds a list; expected a mapping of sections"),
+        ("- 1", "contains a list; expected a mapping of sections"),
         ("a: [", "is not valid YAML"),
         ("a: !!int ''", "is not valid YAML"),
     ],

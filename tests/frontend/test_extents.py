@@ -65,7 +65,7 @@ def test_lengths_by_width() -> None:
 
 
 def test_the_old_name_of_the_spacing_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"frontend\.spacing_px is no setting; did you mean spacing\?"):
+    with pytest.raises(ConfigError, match=r"unknown setting frontend\.spacing_px; did you mean spacing\?"):
         load_config(None, {"frontend": {"spacing_px": 10.0}})
     with pytest.raises(ConfigError, match=r"frontend\.spacing: .*less than or equal to 0\.25"):
         load_config(None, {"frontend": {"spacing": 10.0}})

@@ -1,4 +1,4 @@
-"""Starting from a recording: alignment, warm-up and joint optimisation together, and refusal in words."""
+"""Initialization in motion: alignment, warm-up and joint optimisation, and rejection with a reason."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from asyneio.config import Config
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.in_motion import Start, try_start
+from asyneio.odometry.initializer.in_motion import FirstWindow, initialize_in_motion
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.simulation import AnalyticMotion, MotionStyle, PinholeCamera, TrackSpec
 from asyneio.simulation.imu import as_records, specific_force_b
@@ -43,9 +43,9 @@ def recorded(
     gyroscope = as_records(START_NS + times[0], motion.angular_velocity_b(times[0] * 1e-9))
     force = specific_force_b(motion, times[1] * 1e-9, GRAVITY)
     accelerometer = as_records(START_NS + times[1], force)
-    intake = MeasurementBuffer(CAMERA, pixel_sigma=1.0)
-    intake.append(Packet(START_NS + round(seconds * 1e9), observations, gyroscope, accelerometer))
-    return intake, resolve(
+    buffer = MeasurementBuffer(CAMERA, pixel_sigma=1.0)
+    buffer.append(Packet(START_NS + round(seconds * 1e9), observations, gyroscope, accelerometer))
+    return buffer, resolve(
         Config(), Calibration(CAMERA, T_b_c, 0, MEMS_NOISE), declared_noise(MEMS_NOISE, *RATES_HZ, 5.0)
     )
 
@@ -61,8 +61,8 @@ def recorded(
 def test_a_moving_camera_starts_close_to_the_truth(style: str, pixel_sigma: float, tolerance: float) -> None:
     """Velocity and gravity in the body, which no choice of world frame changes, at every knot."""
     motion = styled(style, 1)
-    start = try_start(*recorded(motion, 2.0, pixel_sigma))
-    assert isinstance(start, Start), start
+    start = initialize_in_motion(*recorded(motion, 2.0, pixel_sigma))
+    assert isinstance(start, FirstWindow), start
     states = start.window.states
     t = (start.window.t_ns - START_NS) * 1e-9
     C = motion.T_w_b(t)[:, :3, :3]
@@ -74,7 +74,7 @@ def test_a_moving_camera_starts_close_to_the_truth(style: str, pixel_sigma: floa
     assert np.degrees(np.arccos(np.clip(down, -1.0, 1.0))).max() < 10.0 * tolerance
 
 
-REFUSED = {
+WITHOUT_SCALE = {
     "no motion": (sinusoidal(0.0, 0.0), 2.0, {}),
     "pure rotation": (sinusoidal(0.0, 0.3), 2.0, {"T_b_c": np.eye(4)}),
     "constant velocity": (sinusoidal(0.0, 0.0, drift_mps=0.3), 2.0, {}),
@@ -82,29 +82,29 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
+@pytest.mark.parametrize("name", WITHOUT_SCALE)
 @pytest.mark.parametrize("pixel_sigma", [0.0, 0.5])
-def test_motions_without_scale_are_refused_in_words(name: str, pixel_sigma: float) -> None:
-    motion, seconds, options = REFUSED[name]
-    reason = try_start(*recorded(motion, seconds, pixel_sigma, **options))  # type: ignore[arg-type]
+def test_motions_without_scale_are_rejected_with_a_reason(name: str, pixel_sigma: float) -> None:
+    motion, seconds, options = WITHOUT_SCALE[name]
+    reason = initialize_in_motion(*recorded(motion, seconds, pixel_sigma, **options))  # type: ignore[arg-type]
     assert isinstance(reason, str)
-    words = ("scale is known to", "parallax", "does not settle", "two different motions")
+    words = ("standard deviation of scale", "parallax", "does not converge", "two different motions")
     assert any(some in reason for some in words)
 
 
 def test_too_little_is_said_to_be_too_little() -> None:
     motion = styled(MotionStyle.MODERATE, 1)
-    assert "of 1.00 s" in str(try_start(*recorded(motion, 0.5)))
-    assert "too few feature tracks" in str(try_start(*recorded(motion, 1.2, features=2)))
-    intake, settings = recorded(motion, 0.5)
-    intake.gyroscope = intake.gyroscope[:0]
-    assert "waiting for" in str(try_start(intake, settings))
+    assert "of 1.00 s" in str(initialize_in_motion(*recorded(motion, 0.5)))
+    assert "too few feature tracks" in str(initialize_in_motion(*recorded(motion, 1.2, features=2)))
+    buffer, settings = recorded(motion, 0.5)
+    buffer.gyroscope = buffer.gyroscope[:0]
+    assert "waiting for" in str(initialize_in_motion(buffer, settings))
 
 
 def test_wrong_calibration_is_noticed() -> None:
     """A camera turned a quarter about its axis sees tracks that no motion of this body explains."""
     turned = T_B_C.copy()
     turned[:3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    intake, settings = recorded(styled(MotionStyle.AGGRESSIVE, 1), 2.0)
+    buffer, settings = recorded(styled(MotionStyle.AGGRESSIVE, 1), 2.0)
     wrong = replace(settings, window=replace(settings.window, T_b_c=turned))
-    assert isinstance(try_start(intake, wrong), str)
+    assert isinstance(initialize_in_motion(buffer, wrong), str)

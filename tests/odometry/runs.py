@@ -79,6 +79,11 @@ class Outcome:
     def estimates(self) -> list[Estimate]:
         return [estimate for step in self.steps for estimate in step]
 
+    @property
+    def origins(self) -> list[Estimate]:
+        """The knot that defines the world of each segment."""
+        return [report.origin for report in self.reports if report.origin is not None]
+
 
 def cut(recording: Recording) -> list[Packet]:
     """Packets of one knot interval, each ending at a knot: the first also holds what came before."""

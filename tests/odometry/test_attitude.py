@@ -65,7 +65,7 @@ def test_under_pure_rotation_it_says_so_and_gives_the_attitude() -> None:
     assert outcome.estimates == []
     assert {r.health for r in outcome.reports} == {Health.INITIALIZING}
     assert any("sideways" in r.reason for r in outcome.reports)
-    assert not any(r.still for r in outcome.reports)
+    assert not any(r.stationary for r in outcome.reports)
     found = [r.attitude for r in outcome.reports]
     assert [a.t_ns for a in found if a is not None] == [r.t_ns for r in outcome.reports]
     errors = tilt_errors([a for a in found if a is not None], simulation.truth)

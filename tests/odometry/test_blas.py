@@ -7,7 +7,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from asyneio.config import Config
 from asyneio.odometry import Odometry
-from asyneio.types import Packet, StepReport
+from asyneio.types import Packet
 from tests.odometry.runs import empty, simulated
 
 
@@ -18,11 +18,11 @@ def blas_threads() -> list[int]:
 def test_one_thread_within_and_the_number_before_after(monkeypatch: pytest.MonkeyPatch) -> None:
     within: list[int] = []
 
-    def watched(self: Odometry, packet: Packet) -> tuple[list[object], StepReport]:
+    def watched(self: Odometry, packet: Packet) -> str:
         within.extend(blas_threads())
         raise RuntimeError
 
-    monkeypatch.setattr(Odometry, "_process", watched)
+    monkeypatch.setattr(Odometry, "_append", watched)
     with threadpool_limits(limits=2, user_api="blas"):
         before = blas_threads()
         with pytest.raises(RuntimeError):

@@ -1,4 +1,4 @@
-"""The state machine by itself: every finding, the words it gives, hysteresis, and what lasts too long."""
+"""The state machine by itself: every finding and its reason, hysteresis, and findings that last."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from hypothesis import strategies as st
 
 from asyneio.config import HealthConfig
 from asyneio.odometry.health.continuity import Continuity, Jumps, field_of_view
-from asyneio.odometry.health.metrics import ScaleChanges, sample_gap_s
+from asyneio.odometry.health.metrics import ScaleChanges
 from asyneio.odometry.health.state_machine import HealthMetrics, HealthStateMachine
+from asyneio.odometry.intervals import sample_gap_s
+from asyneio.odometry.raw_measurements import RawMeasurements
 from asyneio.simulation.faults import held
 from asyneio.simulation.tracks.scenario import DAVIS240C
-from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Health, RecordArray
+from asyneio.types import INERTIAL_DTYPE, NS_PER_S, OBSERVATION_DTYPE, Health, Packet, RecordArray
 
 STEP_NS = 100_000_000
 WELL = HealthMetrics(
@@ -33,7 +35,7 @@ WELL = HealthMetrics(
 
 def states(sequence: list[HealthMetrics]) -> list[tuple[Health, str]]:
     monitor = HealthStateMachine(HealthConfig())
-    return [monitor.update(k * STEP_NS, vitals) for k, vitals in enumerate(sequence)]
+    return [monitor.update(k * STEP_NS, metrics) for k, metrics in enumerate(sequence)]
 
 
 def test_well_stays_tracking() -> None:
@@ -46,15 +48,15 @@ def test_well_stays_tracking() -> None:
         ({"since_vision_s": 0.11}, "no observations for 0.11 s"),
         ({"inertial_gap_s": 0.06}, "no inertial samples for 0.06 s"),
         ({"landmarks": 4}, "4 landmarks in view"),
-        ({"saturated": True}, "at the end of its range"),
-        ({"gated": 0.3}, "30 % of the inertial samples were refused"),
+        ({"saturated": True}, "an inertial sensor is saturated"),
+        ({"rejected_samples": 0.3}, "30 % of the inertial samples were rejected"),
         ({"scale_change": -0.2}, "scale was revised by -20 %"),
         ({"scale_change": 0.25}, r"scale was revised by +25 %"),
-        ({"rejected": 0.6}, "60 % of the observations contradict"),
-        ({"visual_ratio": 9.0}, "observations are off by 3.0 standard deviations"),
-        ({"inertial_ratio": 9.0}, "inertial samples are off by 3.0 standard deviations"),
-        ({"velocity_sigma": 1.5}, "velocity is known to 1.5 m/s only"),
-        ({"tilt_sigma_rad": 0.1}, "roll and pitch are known to 5.7 deg only"),
+        ({"rejected_observations": 0.6}, "60 % of the observations contradict"),
+        ({"visual_ratio": 9.0}, "observations deviate by 3.0 standard deviations"),
+        ({"inertial_ratio": 9.0}, "inertial samples deviate by 3.0 standard deviations"),
+        ({"velocity_sigma": 1.5}, "the standard deviation of the velocity is 1.5 m/s"),
+        ({"tilt_sigma_rad": 0.1}, "the standard deviation of roll and pitch is 5.7 deg"),
     ],
 )
 def test_degraded_and_back(finding: dict[str, Any], words: str) -> None:
@@ -72,9 +74,9 @@ def test_degraded_and_back(finding: dict[str, Any], words: str) -> None:
     [
         ({"finite": False}, "not finite"),
         ({"inertial_gap_s": 0.6}, "no inertial samples for 0.60 s"),
-        ({"renewed": True}, "replaced at once"),
-        ({"speed": 80.0}, "speed of 80 m/s"),
-        ({"bias_sigmas": 12.0}, "a bias of 12 standard deviations"),
+        ({"scene_changed": True}, "replaced at once"),
+        ({"speed": 80.0}, "the estimated speed is 80 m/s"),
+        ({"bias_sigmas": 12.0}, "an estimated bias is 12 standard deviations"),
     ],
 )
 def test_lost_at_once(finding: dict[str, Any], words: str) -> None:
@@ -83,8 +85,10 @@ def test_lost_at_once(finding: dict[str, Any], words: str) -> None:
     assert words in reason
 
 
-@pytest.mark.parametrize("finding", [{"rejected": 0.9}, {"inertial_ratio": 30.0}, {"velocity_sigma": 2.0}])
-def test_a_lasting_doubt_ends_it(finding: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "finding", [{"rejected_observations": 0.9}, {"inertial_ratio": 30.0}, {"velocity_sigma": 2.0}]
+)
+def test_a_lasting_contradiction_ends_it(finding: dict[str, Any]) -> None:
     found = states([WELL, *[replace(WELL, **finding)] * 11])
     assert [health for health, _ in found[1:11]] == [Health.DEGRADED] * 10
     assert found[11][0] is Health.LOST
@@ -99,9 +103,9 @@ def test_a_lasting_shortage_does_not() -> None:
     assert {health for health, _ in states(blind)} == {Health.DEGRADED}
 
 
-def test_nothing_is_missed_at_rest() -> None:
-    resting = replace(WELL, since_vision_s=10.0, landmarks=0, still=True)
-    assert set(states([resting] * 5)) == {(Health.TRACKING, "")}
+def test_nothing_is_missing_while_stationary() -> None:
+    stationary = replace(WELL, since_vision_s=10.0, landmarks=0, stationary=True)
+    assert set(states([stationary] * 5)) == {(Health.TRACKING, "")}
 
 
 @settings(deadline=None)
@@ -112,10 +116,10 @@ def test_nothing_is_missed_at_rest() -> None:
             since_vision_s=st.floats(0.0, 1.0),
             inertial_gap_s=st.floats(0.0, 0.7),
             landmarks=st.integers(0, 20),
-            rejected=st.floats(0.0, 1.0),
-            renewed=st.booleans(),
+            rejected_observations=st.floats(0.0, 1.0),
+            scene_changed=st.booleans(),
             velocity_sigma=st.floats(0.0, 2.0),
-            still=st.booleans(),
+            stationary=st.booleans(),
         ),
         max_size=40,
     )
@@ -148,16 +152,16 @@ def test_scale_changes_add_up_and_are_forgotten(scale: float, seed: int) -> None
     changes.add(0, path, np.sqrt(scale) * path + 5.0)
     assert changes.add(STEP_NS, path, np.sqrt(scale) * path) == pytest.approx(scale - 1.0)
     assert changes.add(30 * STEP_NS, path, path) == pytest.approx(0.0)
-    # At rest, positions say nothing of scale.
+    # Without motion, positions do not show scale.
     assert changes.add(31 * STEP_NS, 1e-3 * path, 9e-3 * path) == pytest.approx(0.0)
 
 
-def test_a_large_change_of_scale_is_told_once() -> None:
+def test_a_large_change_of_scale_is_reported_once() -> None:
     path = np.cumsum(np.random.default_rng(0).normal(size=(12, 3)), axis=0)
     changes = ScaleChanges()
     factors = (1.1, 1.15, 1.0, 0.8, 1.0)
-    told = [changes.add(k * STEP_NS, path, factor * path) for k, factor in enumerate(factors)]
-    assert told == pytest.approx([0.1, 0.265, 0.0, -0.2, 0.0])
+    found = [changes.add(k * STEP_NS, path, factor * path) for k, factor in enumerate(factors)]
+    assert found == pytest.approx([0.1, 0.265, 0.0, -0.2, 0.0])
 
 
 def follow(continuity: Continuity, ids: list[range], *turns: tuple[float, float, float]) -> list[bool]:
@@ -167,7 +171,9 @@ def follow(continuity: Continuity, ids: list[range], *turns: tuple[float, float,
     for k, alive in enumerate(ids):
         stamps = k * STEP_NS + np.linspace(1, STEP_NS, len(alive)).astype(np.int64)
         turn = np.array(next(given))
-        answers.append(continuity.renewed((k + 1) * STEP_NS, stamps, np.array(alive, dtype=np.int64), turn))
+        answers.append(
+            continuity.all_replaced((k + 1) * STEP_NS, stamps, np.array(alive, dtype=np.int64), turn)
+        )
     return answers
 
 
@@ -211,21 +217,28 @@ def jumped(samples: RecordArray, step: float) -> list[bool]:
     """Whether a jump is known after each packet of 0.1 s; the rates step by `step` after a second."""
     moved = samples.copy()
     moved["xyz"][moved["t_ns"] >= NS_PER_S, 1] += step
-    watch, told = Jumps(), []
+    jumps, raw, found = Jumps(), RawMeasurements(), []
     for begin in range(0, len(moved), 50):
-        packet = moved[begin : begin + 50]
-        watch.see(packet, moved[:0])
-        told.append(watch.lately(int(packet["t_ns"][-1])))
-    return told
+        jumps.update(with_rates(raw, moved[begin : begin + 50]))
+        found.append(jumps.recent(int(raw.gyroscope["t_ns"][-1])))
+        raw.drop_before(int(raw.gyroscope["t_ns"][-1]))
+    return found
+
+
+def with_rates(raw: RawMeasurements, gyroscope: RecordArray) -> RawMeasurements:
+    """After another packet with samples of the gyroscope alone."""
+    none = np.empty(0, dtype=OBSERVATION_DTYPE)
+    raw.append(Packet(int(gyroscope["t_ns"][-1]), none, gyroscope, gyroscope[:0]))
+    return raw
 
 
 def test_a_jump_of_the_samples_is_known_for_a_while() -> None:
     samples = smooth_rates(1000, seed=3)
     assert not any(jumped(samples, 0.0))
-    told = jumped(samples, 0.3)
-    assert told[:10] == [False] * 10
-    assert told[11:15] == [True] * 4
-    assert told[-3:] == [False] * 3
+    found = jumped(samples, 0.3)
+    assert found[:10] == [False] * 10
+    assert found[11:15] == [True] * 4
+    assert found[-3:] == [False] * 3
 
 
 @pytest.mark.parametrize("renewed", [1.6, 2.0, 3.0, 5.0])
@@ -243,10 +256,10 @@ def test_vibration_that_beats_is_no_jump() -> None:
     waves = np.sin(2.0 * np.pi * 87.0 * t_s) - np.sin(2.0 * np.pi * 84.0 * t_s)
     samples["xyz"] = 0.2 * waves[:, None] + 3e-3 * np.random.default_rng(3).normal(size=(1000, 3))
     for begin in range(1, 20):
-        watch = Jumps()
+        jumps, raw = Jumps(), RawMeasurements()
         for first in range(begin, 1000, 20):
-            watch.see(samples[first : first + 20], samples[:0])
-            assert not watch.lately(int(samples["t_ns"][first]))
+            jumps.update(with_rates(raw, samples[first : first + 20]))
+            assert not jumps.recent(int(samples["t_ns"][first]))
 
 
 def test_a_jump_from_rest_is_seen_by_a_coarse_sensor() -> None:

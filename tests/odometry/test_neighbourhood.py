@@ -1,78 +1,86 @@
-"""Short tracks among condemned ones are doubted; long ones, and those among sound ones, are not."""
+"""Short tracks among outliers are rejected; long tracks, and short ones among inliers, are not."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from asyneio.odometry.neighbourhood import Neighbourhood
+from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.neighbourhood import rejected_by_neighbours
+from asyneio.types import OBSERVATION_DTYPE, Packet
+from tests.odometry.runs import SCENARIO, empty
 
-#: After everything that these tests observe first.
+#: After every observation of these tests.
 NOW_NS = 1_000_000_000
 
+#: Tracks by id: position (x, y), number of observations 10 ms apart, and time of the first [s].
+Tracks = dict[int, tuple[float, float, int, float]]
 
-def observed(
-    neighbourhood: Neighbourhood, tracks: dict[int, tuple[float, float, int]], start_s: float = 0.0
-) -> None:
-    """Tracks by id: where (x, y) and how many observations, 10 ms apart."""
+
+def observed(tracks: Tracks) -> TrackObservations:
     rows = sorted(
         (round((start_s + 0.01 * k) * 1e9), track, x, y)
-        for track, (x, y, count) in tracks.items()
+        for track, (x, y, count, start_s) in tracks.items()
         for k in range(count)
     )
     t_ns, ids, x, y = (np.array(column) for column in zip(*rows, strict=True))
-    neighbourhood.see(t_ns, ids, np.column_stack([x, y]))
+    return TrackObservations(t_ns, ids, np.column_stack([x, y]), np.tile(np.eye(2), (len(ids), 1, 1)))
 
 
-def test_short_tracks_go_with_their_neighbours() -> None:
-    neighbourhood = Neighbourhood()
-    moving = {k: (0.02 * k, 0.0, 10) for k in range(3)}
-    scene = {10 + k: (0.5 + 0.02 * k, 0.0, 10) for k in range(3)}
-    observed(neighbourhood, {**moving, **scene, 20: (0.03, 0.05, 4), 21: (0.53, 0.05, 4), 22: (-0.8, 0.0, 4)})
-    everybody = np.array([0, 1, 2, 10, 11, 12, 20, 21, 22])
-    assert neighbourhood.doubtful(everybody, NOW_NS).tolist() == []
-    neighbourhood.condemn(np.array([0, 1]))
-    # The long track 2 speaks for itself, and speaks for 20 too: two against one.
-    assert neighbourhood.doubtful(everybody, NOW_NS).tolist() == [20]
-    assert neighbourhood.doubtful(np.array([10, 21]), NOW_NS).tolist() == []
+def rejected(tracks: Tracks, outliers: list[int], among: list[int], t_ns: int = NOW_NS) -> list[int]:
+    ids = (np.array(values, dtype=np.int64) for values in (outliers, among))
+    return rejected_by_neighbours(observed(tracks), *ids, t_ns).tolist()
 
 
-def test_doubt_does_not_spread() -> None:
-    neighbourhood = Neighbourhood()
-    chain = {k: (0.1 * k, 0.0, 4) for k in range(8)}
-    observed(neighbourhood, chain)
-    neighbourhood.condemn(np.array([0]))
-    # Within 0.15 of the condemned one; a doubtful one condemns nobody.
-    assert neighbourhood.doubtful(np.arange(8), NOW_NS).tolist() == [1]
-    assert neighbourhood.doubtful(np.arange(8), NOW_NS).tolist() == [1]
+def test_short_tracks_are_rejected_with_their_neighbours() -> None:
+    moving: Tracks = {k: (0.02 * k, 0.0, 10, 0.0) for k in range(3)}
+    scene: Tracks = {10 + k: (0.5 + 0.02 * k, 0.0, 10, 0.0) for k in range(3)}
+    short: Tracks = {20: (0.03, 0.05, 4, 0.0), 21: (0.53, 0.05, 4, 0.0), 22: (-0.8, 0.0, 4, 0.0)}
+    tracks = {**moving, **scene, **short}
+    assert rejected(tracks, [], list(tracks)) == []
+    # The long track 2 is an inlier, and a neighbour of 20 too: two outliers against one inlier.
+    assert rejected(tracks, [0, 1], list(tracks)) == [20]
+    assert rejected(tracks, [0, 1], [10, 21]) == []
+
+
+def test_rejection_does_not_spread() -> None:
+    """Only the neighbour within 0.15 of the outlier: tracks rejected for their neighbours are no outliers."""
+    chain: Tracks = {k: (0.1 * k, 0.0, 4, 0.0) for k in range(8)}
+    assert rejected(chain, [0], list(range(8))) == [1]
 
 
 def test_neighbours_are_near_in_time_too() -> None:
-    neighbourhood = Neighbourhood()
-    observed(neighbourhood, {0: (0.0, 0.0, 10)})
-    observed(neighbourhood, {1: (0.0, 0.0, 4)}, start_s=0.5)
-    neighbourhood.condemn(np.array([0]))
-    assert neighbourhood.doubtful(np.array([1]), NOW_NS).tolist() == []
+    assert rejected({0: (0.0, 0.0, 10, 0.0), 1: (0.0, 0.0, 4, 0.5)}, [0], [1]) == []
 
 
-def test_what_comes_later_does_not_count() -> None:
-    neighbourhood = Neighbourhood()
-    observed(neighbourhood, {0: (0.0, 0.0, 10), 1: (0.0, 0.01, 4)})
-    neighbourhood.condemn(np.array([0]))
-    before = neighbourhood.doubtful(np.array([1]), 100_000_000)
-    observed(neighbourhood, {1: (0.0, 0.01, 20), 2: (0.0, 0.02, 20), 3: (0.01, 0.02, 20)}, start_s=0.11)
-    assert before.tolist() == [1]
-    assert neighbourhood.doubtful(np.array([1]), 100_000_000).tolist() == [1]
-    assert neighbourhood.doubtful(np.array([1]), NOW_NS).tolist() == []
+def test_later_observations_are_not_used() -> None:
+    early: Tracks = {0: (0.0, 0.0, 10, 0.0), 1: (0.0, 0.01, 4, 0.0)}
+    later: Tracks = {**early, 2: (0.0, 0.02, 20, 0.11), 3: (0.01, 0.02, 20, 0.11)}
+    assert rejected(early, [0], [1], 100_000_000) == [1]
+    assert rejected(later, [0], [1], 100_000_000) == [1]
+    assert rejected(later, [0], [1]) == []
 
 
-def test_what_is_long_ago_is_forgotten() -> None:
-    neighbourhood = Neighbourhood()
-    observed(neighbourhood, {0: (0.0, 0.0, 10), 1: (0.0, 0.01, 4)})
-    neighbourhood.condemn(np.array([0]))
-    assert neighbourhood.doubtful(np.array([1]), NOW_NS).tolist() == [1]
-    assert neighbourhood.doubtful(np.array([1]), 4 * NOW_NS).tolist() == []
+def test_old_observations_are_not_used() -> None:
+    tracks: Tracks = {0: (0.0, 0.0, 10, 0.0), 1: (0.0, 0.01, 4, 0.0)}
+    assert rejected(tracks, [0], [1]) == [1]
+    assert rejected(tracks, [0], [1], 4 * NOW_NS) == []
+
+
+def test_the_buffer_forgets_old_observations_and_outliers() -> None:
+    buffer = MeasurementBuffer(SCENARIO.camera, 0.5)
     for k in range(40):
-        observed(neighbourhood, {2 + k: (0.9, 0.9, 5)}, start_s=0.1 * k)
-        neighbourhood.forget(round(0.1 * k * 1e9))
-    assert len(neighbourhood._t_ns) < 110
-    assert len(neighbourhood._condemned) == 0
+        records = np.zeros(5, dtype=OBSERVATION_DTYPE)
+        records["t_ns"], records["id"], records["u"], records["v"] = (
+            k * 100_000_000 + np.arange(5),
+            k,
+            120,
+            90,
+        )
+        samples = empty(0).gyroscope
+        buffer.append(Packet(k * 100_000_000 + 5, records, samples, samples))
+        buffer.reject(np.array([k]))
+        buffer.drop_until(k * 100_000_000)
+    assert len(buffer._seen.t_ns) < 110
+    assert len(buffer._outliers) < 22
+    assert buffer.outlier_share(np.array([0])) == 1.0

@@ -1,4 +1,4 @@
-"""Whole runs with tracks that lie and with a faulty IMU, against the same runs without."""
+"""Runs with outlier tracks and with a faulty IMU, against the same runs without."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.consensus import contradicting_tracks
-from asyneio.odometry.outliers import optimize_without_outliers
+from asyneio.odometry.initializer.consensus import outlier_tracks
+from asyneio.odometry.outliers import optimize_rejecting_outliers
 from asyneio.simulation.contamination import swaying_object, with_object, with_wrong_tracks
 from asyneio.simulation.faults import spikes
 from asyneio.types import Health, Packet
@@ -29,9 +29,9 @@ BEARING_SIGMA = PIXEL_SIGMA / 199.0
 
 
 def held(packet: Packet, seed: int = 0) -> MeasurementBuffer:
-    intake = MeasurementBuffer(simulated(seed).recording.calibration.camera, PIXEL_SIGMA)
-    intake.append(packet)
-    return intake
+    buffer = MeasurementBuffer(simulated(seed).recording.calibration.camera, PIXEL_SIGMA)
+    buffer.append(packet)
+    return buffer
 
 
 def test_an_object_with_a_third_of_the_tracks_costs_little() -> None:
@@ -47,31 +47,31 @@ def test_an_object_with_a_third_of_the_tracks_costs_little() -> None:
     assert spoilt.tilt < 2.0 * clean.tilt
 
 
-def test_screen_finds_the_object_before_the_start() -> None:
+def test_consensus_finds_the_object_before_initialization() -> None:
     simulation = simulated()
     moving = swaying_object(simulation, 1.5, np.array([0.3, 1.0, 0.2]), 2.5)
     recording, ids = with_object(simulation, moving, 1.0 / 3.0)
-    intake = held(merged(cut(recording)[:15]))
+    buffer = held(merged(cut(recording)[:15]))
     T_b_c = recording.calibration.T_b_c
-    found = contradicting_tracks(intake, T_b_c, 9.81, BEARING_SIGMA, 0.02)
+    found = outlier_tracks(buffer, T_b_c, 9.81, BEARING_SIGMA, 0.02)
     true = np.isin(found, ids)
     assert np.count_nonzero(true) > 15
     assert np.count_nonzero(~true) <= 2
     calm = held(merged(cut(simulation.recording)[:15]))
-    none = contradicting_tracks(calm, T_b_c, 9.81, BEARING_SIGMA, 0.02)
+    none = outlier_tracks(calm, T_b_c, 9.81, BEARING_SIGMA, 0.02)
     assert len(none) <= 2
 
 
-def test_share_of_refused_tracks() -> None:
-    """Of different tracks, however often each was seen; what is never asked for counts for nothing."""
+def test_share_of_rejected_tracks() -> None:
+    """Of different tracks, however often each was observed."""
     packet = cut(simulated().recording)[0]
-    intake = held(packet)
+    buffer = held(packet)
     ids = np.unique(packet.observations["id"])
-    assert intake.refused_share(packet.observations["id"]) == 0.0
-    intake.refuse(ids[:5])
-    assert intake.refused_share(packet.observations["id"]) == pytest.approx(5 / len(ids))
-    assert intake.refused_share(np.repeat(ids[:10], np.arange(1, 11))) == pytest.approx(0.5)
-    assert intake.refused_share(ids[:0]) == 0.0
+    assert buffer.outlier_share(packet.observations["id"]) == 0.0
+    buffer.reject(ids[:5])
+    assert buffer.outlier_share(packet.observations["id"]) == pytest.approx(5 / len(ids))
+    assert buffer.outlier_share(np.repeat(ids[:10], np.arange(1, 11))) == pytest.approx(0.5)
+    assert buffer.outlier_share(ids[:0]) == 0.0
 
 
 def test_wrong_tracks_cost_little() -> None:
@@ -97,44 +97,46 @@ def test_spikes_of_the_imu_cost_nothing() -> None:
     assert spoilt.tilt < 1.5 * clean.tilt
 
 
-def test_intake_counts_what_it_gates() -> None:
+def test_the_buffer_counts_rejected_samples() -> None:
     recording = simulated().recording
     packets = cut(recording)[:4]
     gyroscope = packets[2].gyroscope.copy()
     gyroscope["xyz"][8, 1] += 5.0
     gyroscope["xyz"][12] = np.nan
     packets[2] = replace(packets[2], gyroscope=gyroscope)
-    intake = MeasurementBuffer(recording.calibration.camera, PIXEL_SIGMA, recording.calibration.noise)
-    gated = []
+    buffer = MeasurementBuffer(recording.calibration.camera, PIXEL_SIGMA, recording.calibration.noise)
+    rejected = []
     for packet in packets:
-        intake.append(packet)
-        gated.append(intake.gated)
-    assert gated == [0, 0, 2, 0]
-    assert not intake.saturated
-    assert not np.isin(gyroscope["t_ns"][[8, 12]], intake.gyroscope["t_ns"]).any()
+        buffer.append(packet)
+        rejected.append(buffer.rejected_samples)
+    assert rejected == [0, 0, 2, 0]
+    assert not buffer.saturated
+    assert not np.isin(gyroscope["t_ns"][[8, 12]], buffer.gyroscope["t_ns"]).any()
 
 
-def test_refused_tracks_stay_out() -> None:
+def test_rejected_tracks_stay_out() -> None:
     packets = cut(simulated().recording)[:4]
-    intake = held(merged(packets[:2]))
-    ids = np.unique(intake.observations.track)[:3]
-    intake.refuse(ids)
-    intake.append(packets[2])
-    assert not np.isin(intake.observations.track, ids).any()
-    assert len(intake.observations.track) > 0
+    buffer = held(merged(packets[:2]))
+    ids = np.unique(buffer.observations.track)[:3]
+    buffer.reject(ids)
+    buffer.append(packets[2])
+    assert not np.isin(buffer.observations.track, ids).any()
+    assert len(buffer.observations.track) > 0
 
 
 @pytest.mark.parametrize("scheme", ["gpif", "gpp"])
 def test_a_displaced_landmark_is_removed_from_the_window(scheme: str) -> None:
     recording = simulated().recording
     outcome = process(cut(recording)[:22], recording.calibration, configured(inertial={"scheme": scheme}))
-    window, _, settings = outcome.odometry._active()
+    tracking, settings = outcome.odometry._segment.tracking, outcome.odometry._settings
+    assert tracking is not None
+    window = tracking.window
     track = int(window.landmarks.track[0])
     window.landmarks.rho[0] = -2.0
     seen = window._visual.track == track
     window._visual.xy[seen] += np.linspace(0.0, 0.2, np.count_nonzero(seen))[:, None]
     before = window.observations
-    _, removed = optimize_without_outliers(window, settings.optimizer)
+    _, removed = optimize_rejecting_outliers(window, settings.optimizer)
     assert removed.tolist() == [track]
     assert track not in window.landmarks.track
     assert window.observations == before - np.count_nonzero(seen)

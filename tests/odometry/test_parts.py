@@ -1,4 +1,4 @@
-"""The odometry's parts: the door, the settings, dead reckoning, kernels compiled for the types in use."""
+"""Parts of the odometry: buffer, settings, dead reckoning, kernels compiled for the types in use."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from asyneio.estimation.linearization import (
 from asyneio.estimation.linearization.linear_system import linearize
 from asyneio.estimation.problem.problem import States
 from asyneio.inertial.noise import InertialNoise
-from asyneio.odometry.buffer import MeasurementBuffer, around
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.intervals import around
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.propagation import predict_knot, propagate, rates_at
 from asyneio.odometry.settings import resolve
@@ -54,10 +55,10 @@ def stamped(*t_ns: int) -> RecordArray:
 
 
 def filled(pixels: Array, pixel_sigma: float = 0.5) -> MeasurementBuffer:
-    intake = MeasurementBuffer(CAMERA, pixel_sigma)
+    buffer = MeasurementBuffer(CAMERA, pixel_sigma)
     times = list(range(100, 100 + len(pixels)))
-    intake.append(Packet(200, observed(times, pixels), stamped(90, 130, 150), stamped(100, 180)))
-    return intake
+    buffer.append(Packet(200, observed(times, pixels), stamped(90, 130, 150), stamped(100, 180)))
+    return buffer
 
 
 def pixels_and_rays(rng: np.random.Generator) -> tuple[Array, Array]:
@@ -67,7 +68,7 @@ def pixels_and_rays(rng: np.random.Generator) -> tuple[Array, Array]:
     return pixels, xy
 
 
-def test_observations_are_undistorted_at_the_door(rng: np.random.Generator) -> None:
+def test_the_buffer_undistorts_observations(rng: np.random.Generator) -> None:
     pixels, xy = pixels_and_rays(rng)
     seen = filled(pixels).observations
     np.testing.assert_allclose(seen.xy, xy, atol=1e-8)
@@ -85,24 +86,24 @@ def test_whitened_errors_are_pixels_over_sigma(rng: np.random.Generator) -> None
 
 def test_observations_without_a_ray_are_counted() -> None:
     pixels = np.array([[100.0, 90.0], [np.nan, 90.0], [1e7, 90.0], [120.0, 80.0]])
-    intake = filled(pixels)
-    np.testing.assert_array_equal(intake.observations.track, [0, 3])
-    assert intake.invalid == 2
+    buffer = filled(pixels)
+    np.testing.assert_array_equal(buffer.observations.track, [0, 3])
+    assert buffer.invalid == 2
 
 
-def test_intake_grows_and_forgets(rng: np.random.Generator) -> None:
+def test_the_buffer_grows_and_forgets(rng: np.random.Generator) -> None:
     pixels, _ = pixels_and_rays(rng)
-    intake = filled(pixels)
-    intake.append(Packet(300, observed([210, 220], pixels[:2]), stamped(210, 250), stamped(260)))
-    assert intake.end_ns == 300
-    np.testing.assert_array_equal(intake.gyroscope["t_ns"], [90, 130, 150, 210, 250])
-    assert len(intake.observations.t_ns) == 42
-    intake.drop_until(210)
+    buffer = filled(pixels)
+    buffer.append(Packet(300, observed([210, 220], pixels[:2]), stamped(210, 250), stamped(260)))
+    assert buffer.end_ns == 300
+    np.testing.assert_array_equal(buffer.gyroscope["t_ns"], [90, 130, 150, 210, 250])
+    assert len(buffer.observations.t_ns) == 42
+    buffer.drop_until(210)
     # Four samples at or before the instant stay, for what follows; observations up to it are gone.
-    np.testing.assert_array_equal(intake.gyroscope["t_ns"], [90, 130, 150, 210, 250])
-    np.testing.assert_array_equal(intake.accelerometer["t_ns"], [100, 180, 260])
-    np.testing.assert_array_equal(intake.observations.t_ns, [220])
-    for column in (intake.observations.track, intake.observations.xy, intake.observations.root_information):
+    np.testing.assert_array_equal(buffer.gyroscope["t_ns"], [90, 130, 150, 210, 250])
+    np.testing.assert_array_equal(buffer.accelerometer["t_ns"], [100, 180, 260])
+    np.testing.assert_array_equal(buffer.observations.t_ns, [220])
+    for column in (buffer.observations.track, buffer.observations.xy, buffer.observations.root_information):
         assert len(column) == 1
 
 
@@ -113,7 +114,7 @@ def test_samples_of_an_interval_come_with_a_few_before_it() -> None:
     np.testing.assert_array_equal(around(samples, 0, 2)["t_ns"], [1, 2])
 
 
-def heard(config: Config) -> InertialNoise:
+def learned(config: Config) -> InertialNoise:
     """The noise of the simulated sensors after a tenth of a second: declared, at their rates."""
     recording = simulated().recording
     noise = LearnedNoise(config.inertial, recording.calibration.noise, 0.1)
@@ -126,7 +127,7 @@ def test_noise_of_a_sample_follows_its_rate() -> None:
     calibration = simulated().recording.calibration
     plain = configured()
     noise = calibration.noise
-    known = heard(plain)
+    known = learned(plain)
     settings = resolve(plain, calibration, known)
     first, second = settings.window.noise.gyroscope, settings.window.noise.accelerometer
     assert (first.density, second.density) == (noise.gyroscope_density, noise.accelerometer_density)
@@ -135,7 +136,7 @@ def test_noise_of_a_sample_follows_its_rate() -> None:
     np.testing.assert_allclose(settings.window.bias_walk[:3], noise.gyroscope_walk)
     np.testing.assert_allclose(settings.window.bias_walk[3:], noise.accelerometer_walk)
     wary = configured(inertial={"noise_inflation": 3.0, "walk_inflation": 5.0})
-    known = heard(wary)
+    known = learned(wary)
     trusted_less = resolve(wary, calibration, known)
     assert trusted_less.window.noise_inflation == 3.0
     assert trusted_less.window.noise.gyroscope.density == pytest.approx(3.0 * noise.gyroscope_density)
@@ -176,7 +177,7 @@ def test_degrees_of_freedom_of_a_landmark(estimate_bearing: bool, dof: int) -> N
     )
 
 
-def test_noise_free_calibration_is_refused() -> None:
+def test_noise_free_calibration_is_rejected() -> None:
     calibration = replace(simulated().recording.calibration, noise=NOISE_FREE)
     with pytest.raises(CalibrationError, match="noise densities"):
         LearnedNoise(Config().inertial, calibration.noise, 0.1)

@@ -50,7 +50,7 @@ def test_covariance_grows_from_the_knot_on() -> None:
     assert (np.diff(scatter) > 0.0).all()
 
 
-def test_times_outside_the_knots_are_refused() -> None:
+def test_times_outside_the_knots_are_rejected() -> None:
     newest = outcome().estimates[-1]
     with pytest.raises(TrajectoryError, match="expected times within the knots"):
         trajectory().pose(np.array([newest.t_ns + 1]))

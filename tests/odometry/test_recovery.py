@@ -1,4 +1,4 @@
-"""Faults of the stream: the right state for the right reason, bounded errors, and a truthful summary."""
+"""Faults of the measurements: the right state for the right reason, bounded errors, a correct summary."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import Simulation
 from asyneio.simulation.faults import kidnapped, saturated, without
@@ -136,7 +137,7 @@ def test_kidnapping(stamped_anew: bool) -> None:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_heavy_noise_never_jumps_silently(seed: int) -> None:
-    """Tracks become worthless: said at once, given up after a second, no state called good that is not."""
+    """Tracks become useless: DEGRADED at once, LOST after a second, never TRACKING with a wrong state."""
     simulation = simulated(seed, duration_s=5.0)
     observations = simulation.recording.observations.copy()
     bad = observations["t_ns"] > at(simulation, 2.5)
@@ -162,7 +163,7 @@ def test_time_that_jumps_back_begins_a_segment() -> None:
     outcome = process([*once[:24], *once], simulation.recording.calibration)
     jump = outcome.reports[24]
     assert (jump.health, jump.segment) == (Health.LOST, 0)
-    assert jump.reason == "time jumps back by 2.300 s"
+    assert jump.reason == "timestamps jump back by 2.300 s"
     assert outcome.steps[24] == []
     again = [e for e in outcome.estimates if e.segment == 1]
     assert len(again) > 10
@@ -170,15 +171,15 @@ def test_time_that_jumps_back_begins_a_segment() -> None:
     # While nothing has started yet, it costs no segment.
     early = process([*once[:6], *once[:20]], simulation.recording.calibration)
     assert early.reports[6].health is Health.INITIALIZING
-    assert early.reports[6].reason.startswith("time jumps back")
+    assert early.reports[6].reason.startswith("timestamps jump back")
     assert {report.segment for report in early.reports} == {0}
     assert early.reports[-1].health is Health.TRACKING
 
 
-def test_a_wrong_scale_is_told_within_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The start is made wrong by a third: optimisation mends it, and what was given out is in doubt."""
+def test_a_wrong_scale_is_reported_within_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An initialization with a scale error of a third: optimisation corrects it, and health reports it."""
     module = importlib.import_module("asyneio.odometry.initializer.initialize")
-    original = module.try_start
+    original = module.initialize_in_motion
 
     def wrong(*arguments: object) -> object:
         started = original(*arguments)
@@ -193,16 +194,16 @@ def test_a_wrong_scale_is_told_within_two_seconds(monkeypatch: pytest.MonkeyPatc
             window.problem().linearization.varpi[:] = window.states.varpi
         return started
 
-    monkeypatch.setattr(module, "try_start", wrong)
+    monkeypatch.setattr(module, "initialize_in_motion", wrong)
     outcome = process(cut(simulated(0).recording), simulated(0).recording.calibration)
     first = next(k for k, report in enumerate(outcome.reports) if report.health is Health.TRACKING)
-    told = [report for report in outcome.reports[first : first + 20] if report.health is Health.DEGRADED]
-    assert told
-    assert any("scale was revised by -2" in report.reason for report in told)
+    reported = [report for report in outcome.reports[first : first + 20] if report.health is Health.DEGRADED]
+    assert reported
+    assert any("scale was revised by -2" in report.reason for report in reported)
 
 
 def test_an_accelerometer_that_fails_is_not_believed() -> None:
-    """Half the readings of gravity from one instant on: no state is called good that is not."""
+    """Half the readings of gravity from one time on: never TRACKING with a wrong state."""
     simulation = simulated(0)
     failing = simulation.recording.accelerometer.copy()
     failing["xyz"][failing["t_ns"] > at(simulation, 2.5)] *= 0.5
@@ -212,19 +213,40 @@ def test_an_accelerometer_that_fails_is_not_believed() -> None:
     trusted = [e for e in outcome.estimates if e.t_ns in good]
     assert len(trusted) > 8
     assert errors(simulation, trusted).position < 0.15
-    told = [r for r in outcome.reports if r.health in (Health.DEGRADED, Health.LOST)]
-    assert told
-    assert told[0].t_ns < at(simulation, 2.9)
+    reported = [r for r in outcome.reports if r.health in (Health.DEGRADED, Health.LOST)]
+    assert reported
+    assert reported[0].t_ns < at(simulation, 2.9)
 
 
-def test_a_saturated_gyroscope_is_told() -> None:
+def test_a_saturated_gyroscope_is_reported() -> None:
     simulation = simulated()
     recording = simulation.recording
     limit = 0.7 * float(np.abs(recording.gyroscope["xyz"]).max())
     clipped = replace(recording, gyroscope=saturated(recording.gyroscope, limit))
     outcome = process(cut(clipped), recording.calibration)
-    told = [report for report in outcome.reports if "end of its range" in report.reason]
-    assert told
-    assert {report.health for report in told} <= {Health.DEGRADED}
+    reported = [report for report in outcome.reports if "is saturated" in report.reason]
+    assert reported
+    assert {report.health for report in reported} <= {Health.DEGRADED}
     assert outcome.reports[-1].health in (Health.TRACKING, Health.DEGRADED)
     assert errors(simulation, outcome.estimates).position < 0.1
+
+
+@pytest.mark.parametrize("fault", ["gap", "clock reset"])
+def test_noise_is_learned_once_from_a_packet_that_restarts_the_initialization(
+    fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = simulated(0)
+    packets, learned = cut(simulation.recording)[:12], []
+    append = LearnedNoise.append
+
+    def watched(noise: LearnedNoise, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
+        learned.append(gyroscope["t_ns"])
+        append(noise, gyroscope, accelerometer)
+
+    monkeypatch.setattr(LearnedNoise, "append", watched)
+    faulty = [*packets[:3], *packets[9:]] if fault == "gap" else [*packets[5:8], *packets[:3]]
+    outcome = process(faulty, simulation.recording.calibration)
+    words = "no inertial samples" if fault == "gap" else "timestamps jump back"
+    assert words in outcome.reports[3].reason
+    t_ns = np.concatenate(learned)
+    assert len(np.unique(t_ns)) == len(t_ns) > 0

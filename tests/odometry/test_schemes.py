@@ -1,4 +1,4 @@
-"""The odometry under each inertial scheme: near the truth, through lost samples, refused in words."""
+"""The odometry under each inertial scheme: near the ground truth, and through lost samples."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import pytest
 
 from asyneio.estimation.solver.covariance import joint_covariance, newest_covariance
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.in_motion import Start, try_start
+from asyneio.odometry.initializer.in_motion import FirstWindow, initialize_in_motion
 from asyneio.odometry.settings import Settings
 from asyneio.simulation import MotionStyle
 from asyneio.trajectory.gp_trajectory import GPTrajectory
@@ -23,14 +23,14 @@ def held() -> tuple[MeasurementBuffer, Settings]:
 
 
 @pytest.fixture(scope="module")
-def started(held: tuple[MeasurementBuffer, Settings]) -> Start:
-    start = try_start(*held)
-    assert isinstance(start, Start), start
+def started(held: tuple[MeasurementBuffer, Settings]) -> FirstWindow:
+    start = initialize_in_motion(*held)
+    assert isinstance(start, FirstWindow), start
     return start
 
 
 @pytest.fixture(scope="module")
-def through(held: tuple[MeasurementBuffer, Settings], started: Start) -> GPTrajectory:
+def through(held: tuple[MeasurementBuffer, Settings], started: FirstWindow) -> GPTrajectory:
     window, solution = started.window, started.solution
     return GPTrajectory(
         window.t_ns,
@@ -42,7 +42,7 @@ def through(held: tuple[MeasurementBuffer, Settings], started: Start) -> GPTraje
 
 
 def test_the_newest_knot_has_the_covariance_the_odometry_reports(
-    started: Start, through: GPTrajectory
+    started: FirstWindow, through: GPTrajectory
 ) -> None:
     reported = newest_covariance(started.solution)[:18, :18]
     found = through.covariance(started.window.t_ns[-1])
@@ -50,14 +50,18 @@ def test_the_newest_knot_has_the_covariance_the_odometry_reports(
     np.testing.assert_allclose(found / unit, reported / unit, atol=1e-6)
 
 
-def test_both_intervals_of_a_knot_agree_on_its_covariance(started: Start, through: GPTrajectory) -> None:
+def test_both_intervals_of_a_knot_agree_on_its_covariance(
+    started: FirstWindow, through: GPTrajectory
+) -> None:
     knots = started.window.t_ns[1:-1]
     before, at = through.covariance(knots - 1), through.covariance(knots)
     sigma = np.sqrt(np.einsum("nii->ni", at))
     np.testing.assert_allclose(np.sqrt(np.einsum("nii->ni", before)), sigma, rtol=1e-3)
 
 
-def test_velocities_between_knots_are_as_wrong_as_they_say(started: Start, through: GPTrajectory) -> None:
+def test_velocities_between_knots_are_as_wrong_as_they_say(
+    started: FirstWindow, through: GPTrajectory
+) -> None:
     """Body velocities do not depend on the world frame; noise is declared somewhat larger than it is."""
     t = np.random.default_rng(3).integers(through.t_ns[0], through.t_ns[-1], 200)
     motion = styled(MotionStyle.AGGRESSIVE, SEED)

@@ -1,4 +1,4 @@
-"""The odometry: packets in, estimates out. No files, no clocks, no viewers."""
+"""The odometry: takes packets, returns estimates. It knows no files, clocks or viewers."""
 
 from asyneio.odometry.odometry import Odometry
 

@@ -1,16 +1,16 @@
-"""Attitude before scale: roll and pitch from gyroscope and gravity, by a multiplicative Kalman filter.
+"""Attitude before initialization: roll and pitch from gyroscope and gravity, by a multiplicative Kalman
+filter.
 
 Source: Lefferts, Markley and Shuster, "Kalman filtering for spacecraft attitude estimation", J. Guidance
-1982. The error state is a turn on the right of `C_w_b` and the change of the gyroscope's bias; the
-measurement is the mean specific force of a step, which a sensor that does not accelerate reads as gravity,
-upwards.
+1982. The error state is a rotation on the right of `C_w_b` and the change of the gyroscope's bias. The
+measurement is the mean specific force of a step; without acceleration it is opposite to gravity.
 
-How much the sensor accelerates nobody says, but the magnitude of the force does: an acceleration `a` across
-gravity changes it by `a^2 / 2g` and one along gravity by `a`, so a magnitude that is off by `e` stands for an
-acceleration of up to `sqrt(2 g e)` and `e`. Accelerations last: `e` is that of the magnitude over `_PUSH_S`,
-and they count as white noise of the same variance over this time. What is shorter is a shock, and is counted
-as noise of its own size. A constant bias of the accelerometer does not average away and is added to the
-result's variance.
+The acceleration of the sensor is unknown, but it shows in the magnitude of the force: an acceleration `a`
+across gravity changes the magnitude by `a^2 / 2g` and one along gravity by `a`, so a deviation `e` of the
+magnitude corresponds to accelerations of up to `sqrt(2 g e)` and `e`. The deviation `e` is averaged over
+`_PUSH_S`, the typical duration of an acceleration, and the acceleration counts as white noise of the same
+variance over this time. Shorter deviations are shocks and count as noise of their own size. A constant bias
+of the accelerometer does not average out; its effect is added to the variance of the result.
 """
 
 from __future__ import annotations
@@ -23,30 +23,28 @@ from asyneio.geometry.so3 import rotation
 from asyneio.inertial.dead_reckoning import interpolate_samples
 from asyneio.inertial.noise import InertialNoise
 from asyneio.inertial.stationarity import possible
-from asyneio.odometry.buffer import around
+from asyneio.odometry.intervals import around
 from asyneio.odometry.propagation import propagate
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Attitude, FloatArray, RecordArray
 
-#: Length of a step [s]: the mean of its samples is one measurement.
+#: Duration of a step [s]: the mean of its samples is one measurement.
 _STEP_S = 0.025
-#: What is longer ago than this [s] is not gone through step by step: samples of a clock that was set, or
-#: none.
+#: Longest time [s] that an update propagates: after a longer one the clock was set, or samples are missing.
 _LONGEST_S = 10.0
-#: How long an acceleration of a hand or a small vehicle lasts [s].
+#: Typical duration of an acceleration of a hand or a small vehicle [s].
 _PUSH_S = 0.2
-#: Tilt that the first sample's acceleration may feign [rad]: a tenth of gravity.
+#: Standard deviation of the initial tilt [rad], due to an acceleration of a tenth of gravity.
 _FIRST_TILT = 0.1
-#: Zero offset of a gyroscope that nobody has calibrated [rad/s], one sigma: consumer sensors have up to
-#: 5 deg/s.
+#: Standard deviation of the bias of an uncalibrated gyroscope [rad/s]: consumer sensors have up to 5 deg/s.
 _OFFSET = 0.05
-#: Time over which the magnitude at rest is learned [s]: bias and scale keep it away from gravity's.
+#: Time over which the magnitude without acceleration is learned [s]: bias and scale change it.
 _MAGNITUDE_S = 5.0
-#: Turn rate that is not excluded while the gyroscope is silent [rad/s].
+#: Standard deviation of the angular rate while the gyroscope delivers no samples [rad/s].
 _UNSEEN_RATE = 1.0
 
 
 class AttitudeFilter:
-    """Takes inertial samples; gives the attitude in a world with z up whose yaw begins at zero."""
+    """Attitude in a world with z up whose yaw begins at zero, from raw inertial samples."""
 
     def __init__(self, inertial: InertialConfig, gyroscope_walk: float) -> None:
         self._gravity = inertial.gravity
@@ -59,14 +57,20 @@ class AttitudeFilter:
         self._C = np.eye(3)
         self._bias = np.zeros(3)
         self._P = np.zeros((6, 6))
-        #: Magnitude of the force of late, and over a longer time.
+        #: Mean magnitude of the force over `_PUSH_S` and over `_MAGNITUDE_S`.
         self._recent = self._magnitude = inertial.gravity
 
     def update(
         self, gyroscope: RecordArray, accelerometer: RecordArray, t_end_ns: int, noise: InertialNoise
     ) -> Attitude | None:
-        """Take samples (INERTIAL_DTYPE, ascending, up to `t_end_ns`) of this noise; the attitude then, None
-        before both sensors have delivered."""
+        """Take samples; the attitude at `t_end_ns`, None before both sensors have delivered samples.
+
+        Args:
+            gyroscope: new samples (INERTIAL_DTYPE, ascending, up to `t_end_ns`).
+            accelerometer: new samples.
+            t_end_ns: end of the packet.
+            noise: of the samples.
+        """
         self._turn_density = noise.gyroscope.density_of_mean(_STEP_S)
         self._force_density = noise.accelerometer.density_of_mean(_STEP_S)
         self._gyroscope = np.concatenate([self._gyroscope, _possible(gyroscope)])
@@ -83,7 +87,7 @@ class AttitudeFilter:
         return Attitude(t_end_ns, self._C.copy(), float(np.sqrt(variance)))
 
     def _begin(self, t_end_ns: int) -> int:
-        """Upright by the first samples of force; the time from which samples count."""
+        """Initialize roll and pitch with the first samples of force; the time from which samples are used."""
         t_ns = max(int(self._gyroscope["t_ns"][0]), int(self._accelerometer["t_ns"][0]))
         first = self._accelerometer
         span_ns = round(_STEP_S * NS_PER_S)
@@ -96,8 +100,8 @@ class AttitudeFilter:
         return min(t_ns, t_end_ns)
 
     def _advance(self, from_ns: int, to_ns: int) -> None:
-        """Through one step after the other, predicting and correcting."""
-        # A span in Python's numbers: a wrong stamp may be centuries away.
+        """Predict and correct step by step."""
+        # Python's integers do not overflow: a wrong timestamp may be centuries away.
         from_ns = max(from_ns, to_ns - round(_LONGEST_S * NS_PER_S))
         steps = max(1, round((to_ns - from_ns) / NS_PER_S / _STEP_S))
         times = from_ns + (to_ns - from_ns) * np.arange(steps + 1, dtype=np.int64) // steps
@@ -120,7 +124,7 @@ class AttitudeFilter:
         self._accelerometer = around(self._accelerometer, to_ns, to_ns)
 
     def _predict(self, turn: FloatArray, rate: FloatArray, used: FloatArray, dt: float, seen: bool) -> None:
-        """Turn by what the gyroscope saw, integrated with the bias `used`."""
+        """Predict with the rotation `turn` (3,3), which was integrated with the bias `used`."""
         self._C = self._C @ turn @ rotation((used - self._bias) * dt)
         F = np.eye(6)
         F[:3, :3] = rotation(-rate * dt)
@@ -132,7 +136,7 @@ class AttitudeFilter:
         variance[3:] += self._walk**2 * dt
 
     def _correct(self, force: FloatArray, dt: float) -> None:
-        """By the mean specific force (3,) of a step, in the axes of its end."""
+        """Correct with the mean specific force (3,) of a step, in the body frame at its end."""
         length = float(np.sqrt(force @ force))
         self._recent += min(dt / _PUSH_S, 1.0) * (length - self._recent)
         self._magnitude += dt / _MAGNITUDE_S * (length - self._magnitude)
@@ -141,14 +145,14 @@ class AttitudeFilter:
         shock = (length - self._recent) ** 2
         variance = (self._force_density**2 + push * _PUSH_S) / dt + shock
         up = self._C[2] * self._gravity
-        # (C Exp(eps))^T e_z g = up + up x eps; the bias has no part in it.
+        # (C Exp(eps))^T e_z g = up + up x eps; it does not depend on the bias.
         x, y, z = up.tolist()
         H = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         seen = H @ self._P[:3]
         S = seen[:, :3] @ H.T
         S.reshape(-1)[::4] += variance
         gain = np.linalg.solve(S, seen).T
-        # Only the direction tells anything; a wrong magnitude has no share along `up` in H.
+        # Only the direction is used: H has no component along `up`, so the magnitude has no effect.
         step = gain @ (force - up)
         self._C = self._C @ rotation(step[:3])
         self._bias = self._bias + step[3:]

@@ -1,4 +1,4 @@
-"""Measurements on their way into the window: undistorted once at the door, cut by time."""
+"""Measurements of a segment on their way into the window: gated, undistorted once, and cut by time."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ import numpy as np
 from asyneio.estimation.problem.window_settings import TrackObservations
 from asyneio.geometry.camera import CameraModel
 from asyneio.inertial.gating import SampleGate, SensorLimits
-from asyneio.odometry.neighbourhood import Neighbourhood
+from asyneio.odometry.intervals import Interval, around, rate_hz, sample_gap_s, tail
+from asyneio.odometry.neighbourhood import MEMORY_NS, rejected_by_neighbours
+from asyneio.odometry.raw_measurements import MEMORY_NS as RAW_MEMORY_NS
+from asyneio.odometry.raw_measurements import RawMeasurements
 from asyneio.types import (
     INERTIAL_DTYPE,
+    BoolArray,
     CameraIntrinsics,
     FloatArray,
     ImuNoise,
@@ -18,73 +22,89 @@ from asyneio.types import (
     RecordArray,
 )
 
-#: Inertial samples before an interval that settle what happens at its start.
-_EARLIER = 4
-#: Full-scale ranges below these no sensor for this use has: rad/s (half the smallest on the market), m/s^2
-#: (what gravity and a gentle hand make).
+#: No sensor for this use has a smaller full-scale range: rad/s (half the smallest on the market), m/s^2
+#: (gravity and the motion of a gentle hand).
 _LEAST_RANGES = (1.0, 12.0)
-#: Refused tracks are remembered up to so many: far more than a tracker holds at a time.
-_REFUSED = 10_000
+#: Ids of rejected tracks that are remembered: many more than a tracker follows at a time.
+_MAX_REJECTED = 10_000
 
 
 class MeasurementBuffer:
-    """Keeps what the window has not taken yet, and the last inertial samples before it.
+    """Measurements of one segment, of all its users, with views by time.
 
-    `invalid` counts the observations outside the lens model so far; `gated` the inertial samples of the last
-    packet that were refused, and `saturated` tells whether some of those were at the end of the range.
+    Which user sees which inertial samples is deliberate. The window, the initializer and the learned noise
+    get gated samples (`gyroscope`, `accelerometer`, INERTIAL_DTYPE). The stationary detector, the detection
+    of jumps and the attitude filter get raw samples (`raw`): a rejected spike ends a stationary phase, is a
+    jump, and turns the body. The attitude filter and the learned noise outlive a segment and keep their own
+    samples.
+
+    Attributes:
+        gyroscope: gated samples that the window has not taken yet, and a few before them.
+        accelerometer: the same of the accelerometer.
+        raw: the newest measurements as delivered.
+        end_ns: end of the newest packet; None before the first.
+        invalid: number of observations outside the valid area of the camera model so far.
+        rejected_samples: number of inertial samples of the newest packet that the gates rejected.
+        rejected_sample_share: the same as a share of all samples of the packet.
+        saturated: whether some of those were at the end of the sensor's range.
     """
 
     def __init__(self, camera: CameraIntrinsics, pixel_sigma: float, noise: ImuNoise | None = None) -> None:
-        """`noise` is that of the IMU; without it, inertial samples pass as they come."""
+        """`pixel_sigma` [px] of every observation; `noise` of the IMU, without it no sample is rejected."""
         self._camera = CameraModel(camera)
         self._pixel_sigma = pixel_sigma
         self.gyroscope: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
         self.accelerometer: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
-        empty = np.empty(0, dtype=np.int64)
-        self.observations = TrackObservations(empty, empty, np.empty((0, 2)), np.empty((0, 2, 2)))
+        self.raw = RawMeasurements()
         self.end_ns: int | None = None
         self.invalid = 0
-        self.gated = 0
+        self.rejected_samples = 0
+        self.rejected_sample_share = 0.0
         self.saturated = False
         self._noise = noise
         self._gates = (SampleGate(), SampleGate())
-        self._refused: IntArray = np.empty(0, dtype=np.int64)
-        self._neighbourhood = Neighbourhood()
+        #: Observations of all tracks, also of rejected ones: neighbours are looked for among them.
+        empty = np.empty(0, dtype=np.int64)
+        self._seen = TrackObservations(empty, empty, np.empty((0, 2)), np.empty((0, 2, 2)))
+        self._inlier: BoolArray = np.empty(0, dtype=np.bool_)
+        self._taken_ns: int | None = None
+        #: Tracks rejected for any reason, and those whose own residuals or rays contradict the motion.
+        self._rejected: IntArray = empty
+        self._outliers: IntArray = empty
 
     def append(
         self, packet: Packet, rates_hz: tuple[float, float] | None = None
     ) -> tuple[RecordArray, RecordArray]:
-        """Take over a packet; observations outside the lens model's valid set are counted and dropped.
+        """Add a packet; observations outside the valid area of the camera model are counted and dropped.
 
-        `rates_hz`: of the gyroscope and the accelerometer; without them, those of the packet's samples.
+        Args:
+            packet: the measurements.
+            rates_hz: of the gyroscope and the accelerometer; None takes those of the packet's samples.
 
         Returns:
-            The inertial samples of the packet that are believed: gyroscope, accelerometer.
+            The samples of the packet that pass the gates: gyroscope, accelerometer.
         """
+        self.raw.append(packet)
         gyroscope, accelerometer = self._gate(packet, rates_hz)
         self.gyroscope = np.concatenate([self.gyroscope, gyroscope])
         self.accelerometer = np.concatenate([self.accelerometer, accelerometer])
         self.end_ns = packet.t_end_ns
-        raw = packet.observations
-        xy, d_xy_d_uv, valid = self._camera.undistort(np.column_stack([raw["u"], raw["v"]]))
-        self._neighbourhood.see(raw["t_ns"][valid], raw["id"][valid], xy[valid])
-        wanted = ~np.isin(raw["id"], self._refused)
-        self.invalid += int(np.count_nonzero(wanted & ~valid))
-        valid &= wanted
-        new = TrackObservations(
-            raw["t_ns"][valid],
-            raw["id"][valid],
-            xy[valid],
-            self._root_information(d_xy_d_uv[valid], raw["covariance"][valid]),
-        )
-        old = self.observations
-        self.observations = TrackObservations(
-            np.concatenate([old.t_ns, new.t_ns]),
-            np.concatenate([old.track, new.track]),
-            np.concatenate([old.xy, new.xy]),
-            np.concatenate([old.root_information, new.root_information]),
-        )
+        self._append_observations(packet.observations)
         return gyroscope, accelerometer
+
+    def _append_observations(self, raw: RecordArray) -> None:
+        xy, d_xy_d_uv, valid = self._camera.undistort(np.column_stack([raw["u"], raw["v"]]))
+        inlier = ~np.isin(raw["id"], self._rejected)
+        self.invalid += int(np.count_nonzero(inlier & ~valid))
+        old = self._seen
+        root_information = self._root_information(d_xy_d_uv[valid], raw["covariance"][valid])
+        self._seen = TrackObservations(
+            np.concatenate([old.t_ns, raw["t_ns"][valid]]),
+            np.concatenate([old.track, raw["id"][valid]]),
+            np.concatenate([old.xy, xy[valid]]),
+            np.concatenate([old.root_information, root_information]),
+        )
+        self._inlier = np.concatenate([self._inlier, inlier[valid]])
 
     def _gate(self, packet: Packet, rates_hz: tuple[float, float] | None) -> tuple[RecordArray, RecordArray]:
         """The inertial samples of a packet without spikes, saturated and corrupt ones, which are counted."""
@@ -101,45 +121,70 @@ class MeasurementBuffer:
                 self._gates, streams, densities, rates_hz, _LEAST_RANGES, strict=True
             )
         )
-        self.gated = sum(g.refused - b[0] for g, b in zip(self._gates, before, strict=True))
+        self.rejected_samples = sum(g.refused - b[0] for g, b in zip(self._gates, before, strict=True))
+        self.rejected_sample_share = self.rejected_samples / max(len(streams[0]) + len(streams[1]), 1)
         self.saturated = any(g.saturated > b[1] for g, b in zip(self._gates, before, strict=True))
         return first, second
 
-    def refuse(self, ids: IntArray) -> None:
-        """Drop what is held of some tracks, which contradict the motion, and take nothing more of them."""
-        self._neighbourhood.condemn(ids)
-        self._drop(ids)
+    @property
+    def observations(self) -> TrackObservations:
+        """Undistorted observations that the window has not taken yet, without those of rejected tracks."""
+        taken = self._taken_count()
+        return _chosen(self._seen, taken + np.flatnonzero(self._inlier[taken:]))
 
-    def refuse_doubtful(self, among: IntArray, t_ns: int) -> IntArray:
-        """Refuse also those of some tracks that are too short at `t_ns` to be judged and lie among condemned
-        ones; their ids."""
-        ids = self._neighbourhood.doubtful(among, t_ns)
-        self._drop(ids)
-        return ids
+    def _taken_count(self) -> int:
+        if self._taken_ns is None:
+            return 0
+        return int(np.searchsorted(self._seen.t_ns, self._taken_ns, side="right"))
 
-    def refused_share(self, ids: IntArray) -> float:
-        """What share of the tracks with these ids (N,), each given any number of times, is refused."""
-        different = np.unique(ids)
-        return float(np.mean(np.isin(different, self._refused))) if len(different) else 0.0
+    def gap_s(self, start_ns: int, end_ns: int) -> float:
+        """Longest time without a gated sample of one of the sensors [s], see `sample_gap_s`."""
+        return sample_gap_s((self.gyroscope, self.accelerometer), start_ns, end_ns)
 
-    def _drop(self, ids: IntArray) -> None:
-        if len(ids) == 0:
-            return
-        self._refused = np.concatenate([self._refused, ids])[-_REFUSED:]
-        o = self.observations
-        keep = ~np.isin(o.track, ids)
-        self.observations = TrackObservations(
-            o.t_ns[keep], o.track[keep], o.xy[keep], o.root_information[keep]
+    def interval(self, start_ns: int, end_ns: int) -> Interval:
+        """What was measured between the knots at `start_ns` and `end_ns`, nothing later."""
+        return Interval(
+            start_ns,
+            end_ns,
+            around(self.gyroscope, start_ns, end_ns),
+            around(self.accelerometer, start_ns, end_ns),
+            self.observations.between(start_ns, end_ns),
+            self.gap_s(start_ns, end_ns),
+            self.rejected_sample_share,
+            self.saturated,
         )
 
-    def _root_information(self, d_xy_d_uv: FloatArray, covariance_uv: FloatArray) -> FloatArray:
-        """(N,2,2): whitens normalised coordinates with the pixel noise they come from.
+    def reject(self, ids: IntArray) -> None:
+        """Drop the observations of tracks that contradict the motion, now and in later packets."""
+        if len(ids):
+            self._outliers = np.union1d(self._outliers, ids)
+        self._drop_tracks(ids)
 
-        The front end's covariance (N,3), where it gives one, is added to the noise that all observations
-        share.
+    def reject_by_neighbours(self, among: IntArray, t_ns: int) -> IntArray:
+        """Reject those of the tracks `among` (N,) that `rejected_by_neighbours` finds at `t_ns`; their
+        ids."""
+        ids = rejected_by_neighbours(self._seen, self._outliers, among, t_ns)
+        self._drop_tracks(ids)
+        return ids
+
+    def outlier_share(self, ids: IntArray) -> float:
+        """Share of the tracks with these ids (N,), which may repeat, that are rejected."""
+        different = np.unique(ids)
+        return float(np.mean(np.isin(different, self._rejected))) if len(different) else 0.0
+
+    def _drop_tracks(self, ids: IntArray) -> None:
+        if len(ids) == 0:
+            return
+        self._rejected = np.concatenate([self._rejected, ids])[-_MAX_REJECTED:]
+        self._inlier = self._inlier & ~np.isin(self._seen.track, ids)
+
+    def _root_information(self, d_xy_d_uv: FloatArray, covariance_uv: FloatArray) -> FloatArray:
+        """(N,2,2): whitens errors of normalised coordinates that come from noise in pixels.
+
+        The covariance of the front end (N,3), where it gives one, is added to `pixel_sigma` squared.
         """
         uu, uv, vv = covariance_uv.astype(np.float64).T
-        # Cholesky factor [[a, 0], [b, c]] of the noise; L^{-1} J^{-1} written out, for there are many.
+        # Cholesky factor [[a, 0], [b, c]] of the noise; L^{-1} J^{-1} is written out, for it is called often.
         a = np.sqrt(uu + self._pixel_sigma**2)
         b = uv / a
         c = np.sqrt(vv + self._pixel_sigma**2 - b * b)
@@ -152,32 +197,16 @@ class MeasurementBuffer:
         return out
 
     def drop_until(self, t_ns: int) -> None:
-        """Forget what the window has taken; a few earlier inertial samples stay for the next interval."""
-        self._neighbourhood.forget(t_ns)
-        self.gyroscope = _tail(self.gyroscope, t_ns)
-        self.accelerometer = _tail(self.accelerometer, t_ns)
-        o = self.observations
-        n = int(np.searchsorted(o.t_ns, t_ns, side="right"))
-        self.observations = TrackObservations(o.t_ns[n:], o.track[n:], o.xy[n:], o.root_information[n:])
+        """Drop what the window has taken; a few earlier inertial samples stay for the next interval."""
+        self._taken_ns = t_ns
+        self.gyroscope = tail(self.gyroscope, t_ns)
+        self.accelerometer = tail(self.accelerometer, t_ns)
+        self.raw.drop_before(t_ns - RAW_MEMORY_NS)
+        old = slice(int(np.searchsorted(self._seen.t_ns, t_ns - MEMORY_NS)), None)
+        self._seen, self._inlier = _chosen(self._seen, old), self._inlier[old]
+        if len(self._outliers):
+            self._outliers = self._outliers[np.isin(self._outliers, self._seen.track)]
 
 
-def rate_hz(samples: RecordArray) -> float:
-    """Median rate of a stream; 1 Hz where there are fewer than two samples."""
-    if len(samples) < 2:
-        return 1.0
-    return 1e9 / float(max(np.median(np.diff(samples["t_ns"])), 1.0))
-
-
-def around(samples: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
-    """Samples with start < t <= end, and a few earlier ones."""
-    return _tail(until(samples, end_ns), start_ns)
-
-
-def until(samples: RecordArray, end_ns: int) -> RecordArray:
-    """Samples with t <= end."""
-    return samples[: np.searchsorted(samples["t_ns"], end_ns, side="right")]
-
-
-def _tail(samples: RecordArray, t_ns: int) -> RecordArray:
-    n = int(np.searchsorted(samples["t_ns"], t_ns, side="right"))
-    return samples[max(n - _EARLIER, 0) :]
+def _chosen(seen: TrackObservations, rows: slice | IntArray) -> TrackObservations:
+    return TrackObservations(seen.t_ns[rows], seen.track[rows], seen.xy[rows], seen.root_information[rows])

@@ -1,4 +1,4 @@
-"""The noise of both inertial sensors as the odometry knows it: declared at first, learned as samples come."""
+"""Noise of both inertial sensors: declared at first, then learned from the samples."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from asyneio.types import INERTIAL_DTYPE, ImuNoise, NoiseEstimate, RecordArray
 
 
 class LearnedNoise:
-    """Takes the good samples of both sensors and says how noisy they are.
+    """Learns the noise of both sensors from their gated samples.
 
     Args:
-        inertial: `noise_inflation` is the factor on the declared densities that is believed beforehand.
-        declared: of the calibration.
-        interval_s: time between knots.
+        inertial: `noise_inflation` is the factor on the declared densities before anything is learned.
+        declared: noise of the calibration.
+        interval_s: time between knots [s].
 
     Raises:
         CalibrationError: a declared density is not positive.
@@ -27,8 +27,8 @@ class LearnedNoise:
         densities = declared.gyroscope_density, declared.accelerometer_density
         if min(densities) <= 0.0:
             raise CalibrationError(
-                f"found noise densities {densities[0]} and {densities[1]}; expected positive "
-                "values: put the sensor's data sheet figures into imu.yaml"
+                f"found noise densities {densities[0]} and {densities[1]}, expected positive values; "
+                "copy them from the sensor's data sheet to imu.yaml"
             )
         self._interval_s = interval_s
         self._declared = densities
@@ -37,27 +37,27 @@ class LearnedNoise:
         self._waiting = np.empty(0, dtype=INERTIAL_DTYPE), np.empty(0, dtype=INERTIAL_DTYPE)
 
     def append(self, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
-        """Take over samples (INERTIAL_DTYPE); nothing is learned of them before `learn_until`."""
+        """Add samples (INERTIAL_DTYPE); `learn_until` learns from them."""
         first, second = self._waiting
         self._waiting = np.concatenate([first, gyroscope]), np.concatenate([second, accelerometer])
 
     def learn_until(self, t_ns: int) -> None:
-        """Learn from the samples up to a time: how a stream is cut into packets changes no estimate."""
+        """Learn from the samples up to a time, so that estimates do not depend on how packets are cut."""
         later = []
         for learner, samples in zip(self._learners, self._waiting, strict=True):
-            # Not by bisection: a clock may have been set back.
+            # No binary search: a clock may have been set back.
             known = samples["t_ns"] <= t_ns
             learner.append(samples[known])
             later.append(samples[~known])
         self._waiting = later[0], later[1]
 
     def now(self) -> InertialNoise:
-        """What has been learned of both sensors."""
+        """The noise learned so far."""
         return self._with_least(self._inflation)
 
-    def at_rest(self) -> InertialNoise:
-        """The same of a sensor that does not move: errors that grow with the motion, for which the declared
-        noise is inflated, have no part in it."""
+    def when_stationary(self) -> InertialNoise:
+        """The noise of stationary sensors, without the errors that grow with the motion and for which the
+        declared noise is inflated."""
         return self._with_least(1.0)
 
     def _with_least(self, factor: float) -> InertialNoise:
@@ -65,7 +65,7 @@ class LearnedNoise:
         return InertialNoise(*(learner.noise(factor * density) for learner, density in pairs))
 
     def estimate(self) -> NoiseEstimate:
-        """The same in a few numbers."""
+        """A summary of the noise learned so far."""
         now = self.now()
         first, second = now.gyroscope, now.accelerometer
         densities = first.density_of_mean(self._interval_s), second.density_of_mean(self._interval_s)

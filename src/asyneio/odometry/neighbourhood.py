@@ -1,7 +1,8 @@
-"""Tracks that are too short to be judged by themselves are judged by those around them.
+"""Tracks that are too short for the chi-square test are rejected by their neighbours.
 
-A few observations over a tenth of a second fit some static point whatever they saw. Where most of the tracks
-nearby were condemned, something moves there, and what is born there next moves with it.
+A few observations over a tenth of a second are consistent with some static point, whatever was observed.
+Where most neighbouring tracks have been rejected by the chi-square test, an object moves, and tracks that
+begin there move with it.
 """
 
 from __future__ import annotations
@@ -9,79 +10,67 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from asyneio.estimation.problem.window_settings import TrackObservations
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
-#: A neighbour was seen within this of the middle of a track: of its ray (tangent; a hand, an arm) and time.
+#: Neighbours are observed within this distance of the middle of a track: in normalised image coordinates (the
+#: size of a hand or an arm) and in time [s].
 _NEAR = 0.15
 _NEAR_S = 0.1
-#: Observations from which on a track speaks for itself: three of them make the point, the others test it.
-_PROVEN = 8
-#: Older observations are not asked: tracks of that long ago are no longer in a window.
-_MEMORY_NS = 2 * NS_PER_S
+#: Tracks with this many observations are tested by themselves: three of them determine the point, the others
+#: test it.
+_LONG = 8
+#: Neighbours are looked for among observations of this duration [ns]; older tracks have left the window.
+MEMORY_NS = 2 * NS_PER_S
 
 
-class Neighbourhood:
-    """Where tracks were seen lately, and which of them were condemned by their own residuals."""
+def rejected_by_neighbours(
+    seen: TrackObservations, outliers: IntArray, among: IntArray, t_ns: int
+) -> IntArray:
+    """Short tracks that have more outliers than long inliers for neighbours.
 
-    def __init__(self) -> None:
-        self._t_ns: IntArray = np.empty(0, dtype=np.int64)
-        self._track: IntArray = np.empty(0, dtype=np.int64)
-        self._xy: FloatArray = np.empty((0, 2))
-        self._condemned: IntArray = np.empty(0, dtype=np.int64)
+    Tracks that are rejected here do not count as outliers when their own neighbours are tested.
 
-    def see(self, t_ns: IntArray, track: IntArray, xy: FloatArray) -> None:
-        """Observations (N,), (N,), (N,2) normalised, ascending, of all tracks, condemned or not."""
-        self._t_ns = np.concatenate([self._t_ns, t_ns])
-        self._track = np.concatenate([self._track, track])
-        self._xy = np.concatenate([self._xy, xy])
+    Args:
+        seen: observations of all tracks, ascending, rejected ones included.
+        outliers: ids (O,) of the tracks that the chi-square test or the consensus has rejected.
+        among: ids (N,) of the tracks to test.
+        t_ns: observations after this time are not used.
 
-    def forget(self, t_ns: int) -> None:
-        """Nobody will ask for what happened before `t_ns` any more."""
-        old = int(np.searchsorted(self._t_ns, t_ns - _MEMORY_NS))
-        self._t_ns, self._track, self._xy = self._t_ns[old:], self._track[old:], self._xy[old:]
-        if len(self._condemned):
-            self._condemned = self._condemned[np.isin(self._condemned, self._track)]
-
-    def condemn(self, ids: IntArray) -> None:
-        """These tracks contradicted the motion."""
-        if len(ids) == 0:
-            return
-        self._condemned = np.union1d(self._condemned, ids)
-
-    def doubtful(self, among: IntArray, t_ns: int) -> IntArray:
-        """Ids (M,) of the tracks `among` (N,) that are too short to be judged and have more condemned tracks
-        for neighbours than such as have proved themselves; as far as is known at `t_ns`, whatever was seen
-        since."""
-        a, b = np.searchsorted(self._t_ns, [t_ns - _MEMORY_NS, t_ns], side="right")
-        if len(self._condemned) == 0 or a == b:
-            return np.empty(0, dtype=np.int64)
-        stamps, xy = self._t_ns[a:b], self._xy[a:b]
-        ids, track, count = np.unique(self._track[a:b], return_inverse=True, return_counts=True)
-        condemned = np.isin(ids, self._condemned)
-        proven = ~condemned & (count >= _PROVEN)
-        asked = np.flatnonzero(np.isin(ids, among) & ~condemned & ~proven)
-        if len(asked) == 0:
-            return np.empty(0, dtype=np.int64)
-        order = np.argsort(track, kind="stable")
-        middle = order[(np.cumsum(count) - count + count // 2)[asked]]
-        place = np.column_stack([xy / _NEAR, (stamps - t_ns) / (_NEAR_S * NS_PER_S)])
-        guilty = _tracks_near(place, track, condemned, place[middle])
-        accused = guilty > 0
-        asked, middle, guilty = asked[accused], middle[accused], guilty[accused]
-        return ids[asked[guilty > _tracks_near(place, track, proven, place[middle])]]
+    Returns:
+        Ids (M,), a subset of `among`.
+    """
+    none = np.empty(0, dtype=np.int64)
+    a, b = np.searchsorted(seen.t_ns, [t_ns - MEMORY_NS, t_ns], side="right")
+    if len(outliers) == 0 or a == b:
+        return none
+    ids, track, count = np.unique(seen.track[a:b], return_inverse=True, return_counts=True)
+    outlier = np.isin(ids, outliers)
+    inlier = ~outlier & (count >= _LONG)
+    tested = np.flatnonzero(np.isin(ids, among) & ~outlier & ~inlier)
+    if len(tested) == 0:
+        return none
+    order = np.argsort(track, kind="stable")
+    middle = order[(np.cumsum(count) - count + count // 2)[tested]]
+    position = np.column_stack([seen.xy[a:b] / _NEAR, (seen.t_ns[a:b] - t_ns) / (_NEAR_S * NS_PER_S)])
+    outliers_near = _tracks_near(position, track, outlier, position[middle])
+    suspect = outliers_near > 0
+    tested, middle, outliers_near = tested[suspect], middle[suspect], outliers_near[suspect]
+    return ids[tested[outliers_near > _tracks_near(position, track, inlier, position[middle])]]
 
 
-def _tracks_near(place: FloatArray, track: IntArray, wanted: BoolArray, middle: FloatArray) -> IntArray:
-    """How many different tracks of the `wanted` (T,) were seen within 1 of each of `middle` (M,3): (M,).
+def _tracks_near(position: FloatArray, track: IntArray, chosen: BoolArray, middle: FloatArray) -> IntArray:
+    """Number (M,) of the `chosen` tracks (T,) that were observed within a distance of 1 of each `middle`
+    (M,3).
 
-    `place` (N,3) and index of the track (N,) of all observations.
+    `position` (N,3) and index of the track (N,) belong to all observations.
     """
     if len(middle) == 0:
         return np.zeros(0, dtype=np.int64)
-    chosen = wanted[track]
-    place, track = place[chosen], track[chosen]
-    found = cKDTree(place).query_ball_point(middle, 1.0)
-    seen = np.zeros((len(middle), len(wanted)), dtype=np.bool_)
+    of_chosen = chosen[track]
+    position, track = position[of_chosen], track[of_chosen]
+    found = cKDTree(position).query_ball_point(middle, 1.0)
+    seen = np.zeros((len(middle), len(chosen)), dtype=np.bool_)
     for row, near in zip(seen, found, strict=True):
         row[track[near]] = True
     return np.count_nonzero(seen, axis=1)

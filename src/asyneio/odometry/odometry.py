@@ -1,32 +1,24 @@
-"""Asynchronous event-inertial odometry (Fig. 2): one packet in, the estimates it made possible out."""
+"""Asynchronous event-inertial odometry (Fig. 2): takes packets, returns the estimates that each completes."""
 
 from __future__ import annotations
-
-from dataclasses import replace
-
-import numpy as np
 
 from asyneio.config import Config
 from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.solver.covariance import joint_covariance
-from asyneio.estimation.solver.optimizer import Solution
-from asyneio.estimation.window import Window
 from asyneio.inertial.repeats import RenewedPackets
 from asyneio.odometry.attitude import AttitudeFilter
-from asyneio.odometry.blas import one_blas_thread
-from asyneio.odometry.buffer import MeasurementBuffer, until
-from asyneio.odometry.health.metrics import sample_gap_s
-from asyneio.odometry.health.monitor import Advance, HealthMonitor
-from asyneio.odometry.initializer.initialize import RETRY_NS, attempt_start
+from asyneio.odometry.blas import with_one_blas_thread
+from asyneio.odometry.health.monitor import Step
+from asyneio.odometry.health.state_machine import HealthStatus
+from asyneio.odometry.initializer.initialize import RETRY_NS, initialize
 from asyneio.odometry.initializer.known_state import checked
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.memory import keep_freed_memory
-from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
-from asyneio.odometry.settings import Settings, resolve
-from asyneio.odometry.stationary import StationaryDetector
+from asyneio.odometry.segment import Segment, Tracking
+from asyneio.odometry.settings import resolve
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import (
     NS_PER_S,
@@ -37,252 +29,190 @@ from asyneio.types import (
     Health,
     InitialState,
     Packet,
+    RecordArray,
     StepReport,
 )
 
-#: The end of a rest is noticed late: what was said of the stretch before it [ns] is taken back.
-_REST_DOUBT_NS = 200_000_000
-
 
 class Odometry:
-    """Feature tracks and inertial samples in, metric states with covariance out, causal.
+    """Feature tracks and inertial samples in; metric states with covariance out. Causal.
 
-    The world frame has z up and its origin and yaw at the first knot. Where nothing connects a state with the
-    one before, or it can no longer be trusted, the segment ends (LOST) and the next start begins another,
-    with a world of its own.
+    The world frame has z up; its origin and yaw are those of the first knot. Where nothing connects a state
+    with the previous one, or the state cannot be trusted any more, the segment ends (LOST), and the next
+    initialization begins a new segment with a world frame of its own.
 
     Args:
         config: all settings.
-        calibration: of the rig.
-        initial_state: where it is known: the first segment begins there, in the world of that state, and what
-            was measured before it is left out. `process` raises `EstimationError` where the inertial samples
-            do not reach back to it.
+        calibration: of camera and IMU.
+        initial_state: a known state: the first segment begins there, in the world frame of that state, and
+            earlier measurements are ignored. `process` raises `EstimationError` where the inertial samples do
+            not reach back to it.
 
     Raises:
-        EstimationError: `initial_state` is no state.
+        EstimationError: `initial_state` is not a valid state.
+        CalibrationError: a noise density of the IMU is not positive.
     """
 
     def __init__(
         self, config: Config, calibration: Calibration, initial_state: InitialState | None = None
     ) -> None:
         keep_freed_memory()
-        self._first_state = None if initial_state is None else checked(initial_state)
+        self._initial_state = None if initial_state is None else checked(initial_state)
         self._config = config
         self._calibration = calibration
-        self._segment = 0
         self._packet_ns: int | None = None
-        self._noise = LearnedNoise(config.inertial, calibration.noise, config.window.knot_interval_s)
         self._renewed = RenewedPackets()
-        self._begin_segment()
-        self._attitude = AttitudeFilter(config.inertial, calibration.noise.gyroscope_walk)
-        self._upright: Attitude | None = None
+        self._noise = LearnedNoise(config.inertial, calibration.noise, config.window.knot_interval_s)
+        self._settings = resolve(config, calibration, self._noise.now())
+        self._attitude_filter = AttitudeFilter(config.inertial, calibration.noise.gyroscope_walk)
+        self._attitude: Attitude | None = None
+        self._segment = Segment(0, config, calibration)
 
-    def _begin_segment(self) -> None:
-        """Forget everything but how noisy the sensors are: nothing from before may enter the next start."""
-        config, calibration = self._config, self._calibration
-        self._intake = MeasurementBuffer(calibration.camera, config.visual.pixel_sigma, calibration.noise)
-        self._rest = StationaryDetector(config.inertial, calibration, config.visual.pixel_sigma)
-        inertial = config.inertial
-        bias_sigma = [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma]
-        self._watch = HealthMonitor(config.health, calibration, np.repeat(bias_sigma, 3))
-        self._gated = 0.0
-        self._latest: Estimate | None = None
-        self._settings: Settings | None = None
-        self._window: Window | None = None
-        self._solution: Solution | None = None
-        self._next_attempt_ns: int | None = None
-        self._refusal = "collecting measurements"
-        self.origin: Estimate | None = None
-
+    @with_one_blas_thread
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
-        """Take a packet and return the newest states it gives; one from before the last ends the segment.
+        """Take a packet; return the estimates of the knots that it completes, and a report.
 
-        States of a step that turns out LOST are not given out. BLAS uses one thread meanwhile.
+        A knot after which the state is LOST gives no estimate. A packet that ends before the previous one
+        ended begins a new segment.
         """
-        with one_blas_thread():
-            return self._process(packet)
+        packet = self._renewed.passed(packet)  # drop repeated readings of held samples
+        interruption = self._append(packet)  # gate samples, undistort observations once
+        if interruption:  # the clock was set back, samples are missing, or the scene changed
+            return [], self._restart(packet, interruption)
+        segment, tracking, settings = self._segment, self._segment.tracking, self._settings
+        if tracking is None:
+            return self._initialize(packet)  # from a known state, stationary or in motion
+        window, estimates, status = tracking.window, list[Estimate](), segment.health.status
+        try:
+            for knot_ns in segment.due_knots(tracking.newest.t_ns, settings.knot_interval_ns):
+                interval = segment.buffer.interval(tracking.newest.t_ns, knot_ns)
+                before, gravity_w = window.states, settings.window.gravity_w
+                knot = predict_knot(before, interval.start_ns, knot_ns, interval.streams, gravity_w)
+                stationary = self._is_stationary(interval.start_ns, knot_ns, tracking.newest)
+                tracking.extend(interval, knot, stationary, self._noise.now())  # factors (17), (20), (31)
+                window.add_landmarks()  # (33)
+                solution = tracking.optimize(settings.optimizer, segment.buffer)  # (39), chi-square test
+                tracking.newest = newest_estimate(window, solution, settings, segment.number)
+                step = Step(interval, stationary, before.r, solution, tracking.newest)
+                status = segment.health.update(step)
+                if status.health is Health.LOST:
+                    break
+                estimates.append(tracking.newest)
+                tracking.marginalize_to(settings.window_s)  # square-root prior
+        except (EstimationError, InertialError) as error:
+            status = HealthStatus(Health.LOST, str(error))
+        if status.health is Health.LOST:
+            self._segment = Segment(segment.number + 1, self._config, self._calibration)
+        return estimates, self._report(packet, status, segment.number)
 
-    def _process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
-        packet = self._renewed.passed(packet)
+    def _append(self, packet: Packet) -> str:
+        """Add a packet to the segment, or return why it does not continue the ones before."""
         before_ns, self._packet_ns = self._packet_ns, packet.t_end_ns
         if before_ns is not None and packet.t_end_ns < before_ns:
-            back_s = (before_ns - packet.t_end_ns) / NS_PER_S
-            estimates: list[Estimate] = []
-            report = self._interrupted(packet, f"time jumps back by {back_s:.3f} s")
-        else:
-            estimates, report = self._step(packet, before_ns)
-        posed = report.health in (Health.TRACKING, Health.DEGRADED)
-        return estimates, replace(
-            report,
-            still=self._rest.still,
-            attitude=None if posed else self._upright,
-            refused=self._intake.refused_share(packet.observations["id"]),
-            noise=self._noise.estimate(),
-        )
+            return f"timestamps jump back by {(before_ns - packet.t_end_ns) / NS_PER_S:.3f} s"
+        gated = self._segment.append(packet, self._renewed.rates_hz)
+        interruption = self._interruption(before_ns, packet.t_end_ns)
+        if not interruption:
+            self._learn(packet, gated)
+        return interruption
 
-    def _step(self, packet: Packet, before_ns: int | None) -> tuple[list[Estimate], StepReport]:
-        """Start, or advance by the knots that the packet completes; `before_ns`: end of the packet before."""
-        self._take(packet)
-        renewed = self._watch.see(packet)
-        if self._window is not None:
-            return self._track(packet.t_end_ns)
-        if renewed:
-            return [], self._interrupted(packet, "all feature tracks were replaced at once")
-        gap_s = 0.0 if before_ns is None else self._gap_s(before_ns, packet.t_end_ns)
-        if gap_s > self._config.health.lost_inertial_gap_s:
-            return [], self._interrupted(packet, f"no inertial samples for {gap_s:.2f} s")
-        return self._try_start(packet.t_end_ns)
+    def _interruption(self, before_ns: int | None, end_ns: int) -> str:
+        """Why the newest packet does not continue those before, in a segment that is not initialized."""
+        segment = self._segment
+        if segment.tracking is not None:
+            return ""  # the health monitor decides
+        if segment.health.scene_changed:
+            return "all feature tracks were replaced at once"
+        gap_s = 0.0 if before_ns is None else segment.buffer.gap_s(before_ns, end_ns)
+        lost = gap_s > self._config.health.lost_inertial_gap_s
+        return f"no inertial samples for {gap_s:.2f} s" if lost else ""
 
-    def _take(self, packet: Packet) -> None:
-        self._noise.append(*self._intake.append(packet, self._renewed.rates_hz))
-        samples = len(packet.gyroscope) + len(packet.accelerometer)
-        self._gated = self._intake.gated / max(samples, 1)
-        self._rest.append(packet)
+    def _learn(self, packet: Packet, gated: tuple[RecordArray, RecordArray]) -> None:
+        """Update what outlives a segment: the learned noise by gated, the attitude by raw samples."""
+        self._noise.append(*gated)
         streams = packet.gyroscope, packet.accelerometer
-        self._upright = self._attitude.update(*streams, packet.t_end_ns, self._noise.now())
+        self._attitude = self._attitude_filter.update(*streams, packet.t_end_ns, self._noise.now())
 
-    def _track(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
-        """All knots that the intake covers."""
-        estimates: list[Estimate] = []
-        health, reason = self._watch.state()
-        try:
-            while (knot_ns := self._next_knot_ns()) is not None:
-                advance = self._advance(knot_ns)
-                estimate = self._newest()
-                health, reason = self._watch.judge(estimate, advance)
-                if health is Health.LOST:
-                    break
-                estimates.append(estimate)
-                self._slide()
-        except (EstimationError, InertialError) as error:
-            health, reason = Health.LOST, str(error)
-        if health is Health.LOST:
-            report = StepReport(t_ns, health, reason, segment=self._segment)
-            self._segment += 1
-            self._begin_segment()
-            return estimates, report
-        return estimates, self._report(t_ns, health, reason)
+    def _restart(self, packet: Packet, reason: str) -> StepReport:
+        """Begin a new segment, and a new attitude, with a packet that does not continue those before."""
+        ended = self._segment
+        lost = ended.tracking is not None
+        self._segment = Segment(ended.number + lost, self._config, self._calibration)
+        walk = self._calibration.noise.gyroscope_walk
+        self._attitude_filter = AttitudeFilter(self._config.inertial, walk)
+        self._learn(packet, self._segment.append(packet, self._renewed.rates_hz))
+        status = HealthStatus(Health.LOST if lost else Health.INITIALIZING, reason)
+        return self._report(packet, status, ended.number)
 
-    def _interrupted(self, packet: Packet, reason: str) -> StepReport:
-        """The stream does not go on where it was: begin again with this packet."""
-        health = Health.INITIALIZING if self._window is None else Health.LOST
-        report = StepReport(packet.t_end_ns, health, reason, segment=self._segment)
-        self._segment += health is Health.LOST
-        self._begin_segment()
-        self._attitude = AttitudeFilter(self._config.inertial, self._calibration.noise.gyroscope_walk)
-        self._take(packet)
-        return report
+    def _is_stationary(self, start_ns: int, end_ns: int, known: Estimate | None) -> bool:
+        """Whether the sensor was stationary in an interval, by the noise learned until its end."""
+        self._noise.learn_until(end_ns)
+        segment, noise = self._segment, self._noise.when_stationary()
+        return segment.stationary.update(segment.buffer.raw, start_ns, end_ns, known, noise)
+
+    def _initialize(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
+        """The first estimate of a segment, or, in the report, the reason why not yet."""
+        segment, t_ns = self._segment, packet.t_end_ns
+        self._is_stationary(t_ns, t_ns, None)
+        initial, due_ns = self._initial_state, segment.next_attempt_ns
+        if initial is None and due_ns is not None and t_ns < due_ns:
+            return [], self._waiting(packet)
+        segment.next_attempt_ns = t_ns + RETRY_NS
+        segment.buffer.drop_until(t_ns - round(self._settings.initialization.max_seconds * NS_PER_S))
+        # Only the noise has been learned since the settings were resolved.
+        settings = self._settings.with_noise(self._noise.now())
+        first = initialize(segment.buffer, settings, segment.stationary.phase, initial)
+        if isinstance(first, str):
+            segment.waiting_reason = first
+            return [], self._waiting(packet)
+        self._initial_state = None
+        window, solution = first.window, first.solution
+        origin = estimate_of(window, 0, joint_covariance(solution, 0)[:24, :24], segment.number)
+        segment.buffer.drop_until(int(window.t_ns[-1]))
+        newest = newest_estimate(window, solution, settings, segment.number)
+        segment.tracking = Tracking(window, solution, newest)
+        segment.tracking.marginalize_to(settings.window_s)
+        return [newest], self._report(packet, segment.health.status, segment.number, origin)
+
+    def _waiting(self, packet: Packet) -> StepReport:
+        status = HealthStatus(Health.INITIALIZING, self._segment.waiting_reason)
+        return self._report(packet, status, self._segment.number)
+
+    def _report(
+        self, packet: Packet, status: HealthStatus, number: int, origin: Estimate | None = None
+    ) -> StepReport:
+        """Report of a step of segment `number`, which a loss has replaced by then."""
+        segment = self._segment
+        has_pose = status.health in (Health.TRACKING, Health.DEGRADED)
+        return StepReport(
+            packet.t_end_ns,
+            status.health,
+            status.reason,
+            segment=number,
+            stationary=segment.stationary.stationary,
+            attitude=None if has_pose else self._attitude,
+            outlier_share=segment.buffer.outlier_share(packet.observations["id"]),
+            noise=self._noise.estimate(),
+            origin=origin,
+            **({} if segment.tracking is None else segment.tracking.figures()),
+        )
 
     def trajectory(self) -> GPTrajectory | PropagatedTrajectory:
         """The continuous-time trajectory through the present window, with covariance.
 
-        Under the scheme GPP, which has no kinematic prior, one that propagates each knot.
+        Under the scheme GPP, which has no kinematic prior, a trajectory that propagates each knot.
 
         Raises:
-            EstimationError: the odometry has not started.
+            EstimationError: the present segment is not initialized.
         """
-        window, _, settings = self._active()
-        return trajectory_of(window, self._solved(), settings)
+        tracking = self._segment.tracking
+        if tracking is None:
+            raise EstimationError(
+                "the odometry is not initialized; process packets until a report shows TRACKING"
+            )
+        return trajectory_of(tracking.window, tracking.solution, self._settings)
 
     def calibration(self) -> CalibrationEstimate | None:
-        """What is believed of the camera now; None before the present segment has started."""
-        return None if self._window is None else camera_of(self._window, self._solved())
-
-    def _advance(self, knot_ns: int) -> Advance:
-        """Predict the knot, add what was measured since the last one, optimise."""
-        window, intake, settings = self._active()
-        from_ns = int(window.t_ns[-1])
-        # A packet may reach beyond the knot: its first guess uses nothing later than itself.
-        streams = (until(intake.gyroscope, knot_ns), until(intake.accelerometer, knot_ns))
-        observations = intake.observations.between(from_ns, knot_ns)
-        gap_s = self._gap_s(from_ns, knot_ns)
-        knot = predict_knot(window.states, from_ns, knot_ns, streams, settings.window.gravity_w)
-        known = window.states.r
-        self._noise.learn_until(knot_ns)
-        still = self._rest.judge(from_ns, knot_ns, self._latest, self._noise.at_rest())
-        window.extend(knot_ns, knot, *streams, observations, still, self._noise.now())
-        if not still:
-            window.revert_zero_velocity(from_ns - _REST_DOUBT_NS)
-        window.add_landmarks()
-        self._solution, outliers = optimize_without_outliers(window, settings.optimizer)
-        intake.refuse(outliers)
-        window.remove_tracks(intake.refuse_doubtful(window.landmarks.track, knot_ns))
-        intake.drop_until(knot_ns)
-        return Advance(
-            solution=self._solution,
-            known=known,
-            stamps=observations.t_ns,
-            gap_s=gap_s,
-            gated=self._gated,
-            saturated=intake.saturated,
-            still=still,
-        )
-
-    def _gap_s(self, start_ns: int, end_ns: int) -> float:
-        return sample_gap_s((self._intake.gyroscope, self._intake.accelerometer), start_ns, end_ns)
-
-    def _slide(self) -> None:
-        """Marginalise until the window has its length."""
-        window, _, settings = self._active()
-        while window.span_s() > settings.window_s + 1e-6:
-            window.marginalize_oldest()
-
-    def _next_knot_ns(self) -> int | None:
-        window, intake, settings = self._active()
-        knot_ns = int(window.t_ns[-1]) + settings.knot_interval_ns
-        return knot_ns if intake.end_ns is not None and knot_ns <= intake.end_ns else None
-
-    def _active(self) -> tuple[Window, MeasurementBuffer, Settings]:
-        if self._window is None or self._settings is None:
-            raise EstimationError("the odometry has not started; expected packets until it is initialised")
-        return self._window, self._intake, self._settings
-
-    def _solved(self) -> Solution:
-        if self._solution is None:
-            raise EstimationError("no solution yet; expected an optimised window")
-        return self._solution
-
-    def _try_start(self, t_ns: int) -> tuple[list[Estimate], StepReport]:
-        self._noise.learn_until(t_ns)
-        self._rest.judge(t_ns, t_ns, None, self._noise.at_rest())
-        if self._first_state is None and self._next_attempt_ns is not None and t_ns < self._next_attempt_ns:
-            return [], self._initializing(t_ns, self._refusal)
-        self._next_attempt_ns = t_ns + RETRY_NS
-        self._intake.drop_until(t_ns - round(self._config.initialization.max_seconds * NS_PER_S))
-        self._settings = resolve(self._config, self._calibration, self._noise.now())
-        started = attempt_start(self._intake, self._settings, self._rest.rest, self._first_state)
-        if isinstance(started, str):
-            self._refusal = started
-            return [], self._initializing(t_ns, started)
-        self._first_state = None
-        self._window, self._solution = started.window, started.solution
-        covariance = joint_covariance(self._solution, 0)[:24, :24]
-        self.origin = estimate_of(self._window, 0, covariance, self._segment)
-        self._intake.drop_until(int(self._window.t_ns[-1]))
-        estimate = self._newest()
-        self._slide()
-        return [estimate], self._report(t_ns, Health.TRACKING)
-
-    def _initializing(self, t_ns: int, reason: str) -> StepReport:
-        return StepReport(t_ns, Health.INITIALIZING, reason, segment=self._segment)
-
-    def _newest(self) -> Estimate:
-        window, _, settings = self._active()
-        self._latest = newest_estimate(window, self._solved(), settings, self._segment)
-        return self._latest
-
-    def _report(self, t_ns: int, health: Health, reason: str = "") -> StepReport:
-        window, _, _ = self._active()
-        r = self._solved().report
-        return StepReport(
-            t_ns,
-            health,
-            reason,
-            segment=self._segment,
-            knots=window.knots,
-            landmarks=len(window.landmarks),
-            observations=window.observations,
-            iterations=r.iterations,
-            cost=r.cost,
-            rejected=r.rejected,
-        )
+        """The present estimate of the calibration; None before the present segment is initialized."""
+        tracking = self._segment.tracking
+        return None if tracking is None else camera_of(tracking.window, tracking.solution)

@@ -1,4 +1,4 @@
-"""Optimising the window without the tracks that contradict it."""
+"""Optimising the window without the tracks that contradict the motion."""
 
 from __future__ import annotations
 
@@ -9,19 +9,27 @@ from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution
 from asyneio.estimation.window import Window
 from asyneio.types import IntArray
 
-#: Where more of the landmarks contradict the motion, the motion is wrong, and no landmark is to blame.
+#: Where a larger share of the landmarks fails the chi-square test, the motion is wrong, and no track is
+#: rejected.
 _MAJORITY = 0.5
-#: Robust weights have taken most influence from the condemned already; only many together call for another
-#: optimisation before the next knot brings one anyway.
+#: Robust weights have already removed most of the influence of outliers; only a larger share of them calls
+#: for another optimisation before that of the next knot.
 _MANY = 0.05
 
 
-def optimize_without_outliers(
+def optimize_rejecting_outliers(
     window: Window, settings: OptimizerSettings, rounds: int = 1
 ) -> tuple[Solution, IntArray]:
-    """Optimise, remove the tracks whose landmarks contradict the result, and optimise again where it matters.
+    """Optimise the window, remove the tracks whose landmarks fail the chi-square test, and optimise again
+    where these are many.
 
-    Returns the solution and the ids of the removed tracks; at most `rounds` times.
+    Args:
+        window: the window; outliers are removed from it.
+        settings: of the optimiser.
+        rounds: largest number of tests.
+
+    Returns:
+        The solution, and the ids of the removed tracks.
 
     Raises:
         EstimationError: as `Window.optimize`.
@@ -29,11 +37,11 @@ def optimize_without_outliers(
     solution = window.optimize(settings)
     removed: list[IntArray] = [np.empty(0, dtype=np.int64)]
     for _ in range(rounds):
-        bad = contradicted_landmarks(solution)
-        share = float(np.mean(bad)) if len(bad) else 0.0
+        outlier = contradicted_landmarks(solution)
+        share = float(np.mean(outlier)) if len(outlier) else 0.0
         if share == 0.0 or share > _MAJORITY:
             break
-        removed.append(window.landmarks.track[bad])
+        removed.append(window.landmarks.track[outlier])
         window.remove_tracks(removed[-1])
         if share <= _MANY:
             break

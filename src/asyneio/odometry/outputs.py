@@ -1,4 +1,4 @@
-"""What the odometry gives out of a solved window: estimates, the trajectory, the camera."""
+"""Outputs of a solved window: estimates, the trajectory, the calibration."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def newest_estimate(window: Window, solution: Solution, settings: Settings, segm
     estimate = estimate_of(window, -1, newest_covariance(solution), segment)
     if not settings.window.scheme.propagates:
         return estimate
-    # No unknown of this window; what the increments say is better than what was predicted.
+    # Not an unknown of this window; the rate of the increments is better than the predicted one.
     rate = rate_at_end(window.preintegrations[-1], window.states.bias[-1])
     return replace(estimate, angular_velocity_b=rate)
 
@@ -77,7 +77,7 @@ def trajectory_of(
 
 
 def camera_of(window: Window, solution: Solution) -> CalibrationEstimate:
-    """What is believed of camera and IMU."""
+    """The present estimate of the calibration of camera and IMU."""
     sigma = np.zeros(CAMERA_DOF)
     sigma[window.camera.columns] = np.sqrt(camera_covariance(solution).diagonal())
     imu = _imu_of(window, solution)
@@ -87,7 +87,7 @@ def camera_of(window: Window, solution: Solution) -> CalibrationEstimate:
 def _imu_of(window: Window, solution: Solution) -> ImuCorrectionEstimate:
     sigma = np.zeros(IMU_DOF)
     sigma[window.imu.columns] = np.sqrt(imu_covariance(solution).diagonal())
-    # Each element belongs to one coordinate.
+    # Each element of the matrices depends on one unknown.
     of_elements = np.einsum("k,kij->kij", sigma, DIRECTIONS)
     first, second = of_elements[:GYROSCOPE_DOF].sum(axis=0), of_elements[GYROSCOPE_DOF:].sum(axis=0)
     return ImuCorrectionEstimate(*gains(window.imu), first, second)

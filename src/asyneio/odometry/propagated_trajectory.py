@@ -1,4 +1,4 @@
-"""The trajectory of a window without a kinematic prior: every knot carried on by its increments (29)."""
+"""The trajectory of a window without a kinematic prior: every knot propagated by its increments (29)."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from asyneio.factors.preintegration import propagated_pose, propagated_pose_jaco
 from asyneio.inertial.increments import Increments, Preintegration
 from asyneio.types import FloatArray, IntArray
 
-#: Step [s] of the differences that take a rate from increments: they are smooth, and exact to rounding.
+#: Step [s] of the differences that give a rate: increments are smooth, and exact to rounding.
 _RATE_STEP_S = 1e-3
 
 
 def rate_at_end(preintegration: Preintegration, bias: FloatArray) -> FloatArray:
-    """Angular velocity (3,) in the body at the end of an interval [rad/s], of the increments' own motion.
+    """Angular velocity (3,) in the body at the end of an interval [rad/s], from the increments.
 
-    `bias` (6,) are the biases of now. One-sided differences of second order.
+    `bias` (6,): present biases. The differences are one-sided and of second order.
     """
     step = min(_RATE_STEP_S, 0.25 * preintegration.duration)
     times = preintegration.duration - step * np.array([2.0, 1.0, 0.0])
@@ -33,9 +33,9 @@ def rate_at_end(preintegration: Preintegration, bias: FloatArray) -> FloatArray:
 class PropagatedTrajectory:
     """Poses, velocities and their covariance at any int64 nanosecond between the first and last knot.
 
-    A time belongs to the interval of the knot before it, and the state there follows from that knot and the
-    increments alone: at the end of an interval it meets the next knot up to the residual of (30).
-    Every query takes times (N,) and raises TrajectoryError for one outside the knots.
+    The state at a time follows from the knot before it and the increments alone: at the end of an interval it
+    agrees with the next knot up to the residual of (30). Every query takes times (N,) and raises
+    TrajectoryError for a time outside the knots.
     """
 
     def __init__(
@@ -47,8 +47,16 @@ class PropagatedTrajectory:
         covariance: Callable[[int], FloatArray],
         inflation: float,
     ) -> None:
-        """K knots at `t_ns`, the K-1 intervals' increments, `covariance(k)` (24,24) of knot k's errors, and
-        the factor `inflation` on the samples' noise."""
+        """A trajectory through K knots.
+
+        Args:
+            t_ns: (K,) times of the knots.
+            states: of the knots.
+            preintegrations: increments of the K-1 intervals.
+            gravity_w: (3,) [m/s^2].
+            covariance: gives the covariance (24,24) of the errors of knot k.
+            inflation: factor on the noise of the samples.
+        """
         self._t_ns = t_ns.copy()
         self._states = states.copied()
         self._preintegrations = list(preintegrations)
@@ -74,10 +82,10 @@ class PropagatedTrajectory:
         return out
 
     def covariance(self, t_ns: IntArray) -> FloatArray:
-        """Covariance (N,6,6) of the poses' errors eps, on the right, in the body (43).
+        """Covariance (N,6,6) of the pose errors eps, on the right, in the body (43).
 
-        The knot's covariance carried on, and that of the increments. What the next knot knows is not used, so
-        just before a knot this is larger than that knot's own.
+        The propagated covariance of the knot, plus that of the increments. The next knot is not used, so just
+        before it the result is larger than the covariance of that knot.
         """
         out = np.empty((len(t_ns), 6, 6))
         d_eps, d_nu, d_bias = np.empty((6, 6)), np.empty((6, 3)), np.empty((6, 6))
@@ -86,7 +94,7 @@ class PropagatedTrajectory:
             propagated_pose_jacobian(*self._knot(k), *increments, tau, self._gravity_w, d_eps, d_nu, d_bias)
             J = np.zeros((6, 24))
             J[:, :6], J[:, 9:12], J[:, 18:] = d_eps, d_nu, d_bias
-            # [phi, r] of the increments; r lies in the frame of the knot, the error in that of the query.
+            # [phi, r] of the increments; r is in the frame of the knot, the error in that of the query.
             noise = self._inflation**2 * self._preintegrations[k].covariance(tau)
             turn = np.zeros((6, 9))
             turn[:3, :3], turn[3:, 6:] = np.eye(3), at.C[0].T
@@ -94,17 +102,17 @@ class PropagatedTrajectory:
         return out
 
     def _knot(self, k: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """C, r, nu, bias of a knot, and the bias its increments were made with."""
+        """C, r, nu, bias of a knot, and the bias at which its increments were computed."""
         s = self._states
         return s.C[k], s.r[k], s.varpi[k, 0, 3:], s.bias[k], self._preintegrations[k].bias
 
     def _increments(self, t_ns: IntArray) -> list[tuple[int, float, Increments]]:
-        """Knot before, seconds since then and increments, of every time."""
+        """For every time: index of the knot before it, seconds since that knot, and increments."""
         times = np.asarray(t_ns, dtype=np.int64)
         first, last = int(self._t_ns[0]), int(self._t_ns[-1])
         if len(times) and not first <= times.min() <= times.max() <= last:
             raise TrajectoryError(
-                f"asked for times {times.min()} .. {times.max()} ns; "
+                f"found times {times.min()} .. {times.max()} ns; "
                 f"expected times within the knots, {first} .. {last} ns"
             )
         found = []

@@ -1,4 +1,4 @@
-"""Dead reckoning over the raw streams: the start of every new knot, and of the whole window."""
+"""Dead reckoning over inertial samples: the initial guess of every new knot, and of the first window."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from asyneio.types import FloatArray, IntArray, RecordArray
 
 @dataclass(frozen=True)
 class Propagation:
-    """Dead-reckoned states at chosen times (N,): `C` (N,3,3), `r` (N,3), `v` (N,3) in the world."""
+    """Dead-reckoned states at times `t_ns` (N,): `C` (N,3,3), `r` (N,3) [m], `v` (N,3) [m/s] in the world."""
 
     t_ns: IntArray
     C: FloatArray
@@ -21,7 +21,7 @@ class Propagation:
     v: FloatArray
 
     def at(self, t_ns: IntArray) -> IntArray:
-        """Indices of times that were asked for."""
+        """Indices of times that were passed to `propagate`."""
         return np.searchsorted(self.t_ns, t_ns)
 
 
@@ -33,9 +33,15 @@ def propagate(
     times_ns: IntArray,
     gravity_w: FloatArray,
 ) -> Propagation:
-    """Integrate from the first of `times_ns` to the last, through every sample and every time in between.
+    """Integrate from the first to the last of `times_ns`, with a step at every sample and time between them.
 
-    `start` = (C, r, v) at the first time; `bias` (6,) = [b_g, b_a]. Streams may have different rates.
+    Args:
+        gyroscope: samples (INERTIAL_DTYPE, ascending).
+        accelerometer: samples, which may have another rate.
+        bias: (6,) [b_g, b_a].
+        start: (C, r, v) at the first time.
+        times_ns: (N,) int64.
+        gravity_w: (3,) [m/s^2].
     """
     first, last = times_ns.min(), times_ns.max()
     grid = np.unique(np.concatenate([gyroscope["t_ns"], accelerometer["t_ns"], times_ns]))
@@ -58,7 +64,17 @@ def rates_at(
     gravity_w: FloatArray,
     half_width_ns: int,
 ) -> FloatArray:
-    """[varpi, varpi_dot] (2,6) at a time from samples (gyroscope, accelerometer) around it."""
+    """[varpi, varpi_dot] (2,6) at a time from the samples around it.
+
+    Args:
+        t_ns: the time.
+        C: (3,3) body to world.
+        v_w: (3,) velocity in the world [m/s].
+        streams: samples of gyroscope and accelerometer.
+        bias: (6,) [b_g, b_a].
+        gravity_w: (3,) [m/s^2].
+        half_width_ns: distance of the times whose difference gives the angular acceleration.
+    """
     gyroscope, accelerometer = streams
     times = np.array([t_ns - half_width_ns, t_ns, t_ns + half_width_ns])
     known = np.clip(times, gyroscope["t_ns"][0], gyroscope["t_ns"][-1])
@@ -78,7 +94,7 @@ def predict_knot(
     streams: tuple[RecordArray, RecordArray],
     gravity_w: FloatArray,
 ) -> States:
-    """The next knot (States with K = 1), dead-reckoned from the newest of `states`."""
+    """The knot at `to_ns` (States with K = 1), dead-reckoned from the newest of `states` at `from_ns`."""
     C, r, bias = states.C[-1], states.r[-1], states.bias[-1]
     v_w = C @ states.varpi[-1, 0, 3:]
     times = np.array([from_ns, to_ns])

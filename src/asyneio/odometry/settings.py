@@ -1,8 +1,8 @@
-"""From the configuration and the calibration to the plain values that the rooms below take."""
+"""From configuration and calibration to the plain values that estimation and initialization take."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from asyneio.types import NS_PER_S, Calibration, FloatArray
 
 
 @dataclass(frozen=True)
-class StartSettings:
-    """What the start needs beyond the window's settings."""
+class InitializationSettings:
+    """Settings of the initialization beyond those of the window."""
 
     min_seconds: float
     max_seconds: float
@@ -31,23 +31,55 @@ class StartSettings:
 
 @dataclass(frozen=True)
 class Settings:
-    """All plain values of one odometry."""
+    """All plain values of one odometry.
+
+    They are resolved once; only the noise, which is learned from the samples, changes afterwards.
+    """
 
     knot_interval_ns: int
     window_s: float
     window: WindowSettings
     optimizer: OptimizerSettings
-    start: StartSettings
+    initialization: InitializationSettings
+
+    def with_noise(self, noise: InertialNoise) -> Settings:
+        """The same settings for inertial samples of another noise."""
+        return replace(self, window=replace(self.window, noise=noise))
 
 
 def resolve(config: Config, calibration: Calibration, noise: InertialNoise) -> Settings:
     """Settings for inertial samples of the given noise."""
+    initialization, inertial, optimizer = config.initialization, config.inertial, config.optimizer
+    bias_sigma = [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma]
+    return Settings(
+        knot_interval_ns=round(config.window.knot_interval_s * NS_PER_S),
+        window_s=config.window.length_s,
+        window=_window(config, calibration, noise),
+        optimizer=OptimizerSettings(
+            optimizer.max_iterations, optimizer.relative_decrease, optimizer.initial_damping
+        ),
+        initialization=InitializationSettings(
+            min_seconds=initialization.min_seconds,
+            max_seconds=initialization.max_seconds,
+            min_landmarks=initialization.min_landmarks,
+            max_scale_sigma=initialization.max_scale_sigma,
+            bias_sigma=np.repeat(bias_sigma, 3),
+            optimizer=OptimizerSettings(
+                optimizer.initial_max_iterations,
+                optimizer.initial_relative_decrease,
+                optimizer.initial_damping,
+            ),
+        ),
+    )
+
+
+def _window(config: Config, calibration: Calibration, noise: InertialNoise) -> WindowSettings:
     declared, inertial, visual = calibration.noise, config.inertial, config.visual
     focal = 0.5 * (calibration.camera.fx + calibration.camera.fy)
     prior = config.motion_prior
     walk = inertial.walk_inflation * np.repeat([declared.gyroscope_walk, declared.accelerometer_walk], 3)
     bearing_damping = (focal / visual.bearing_sigma_px) ** 2
-    window = WindowSettings(
+    return WindowSettings(
         gravity_w=np.array([0.0, 0.0, -inertial.gravity]),
         motion_model=motion_model_named(prior.kind, prior.space),
         root_density=_root_density(prior),
@@ -66,36 +98,13 @@ def resolve(config: Config, calibration: Calibration, noise: InertialNoise) -> S
         calibration=_calibration(config.calibration, visual.estimate_bearing),
         imu=_correction(config.calibration, SCHEMES[inertial.scheme]),
     )
-    optimizer = config.optimizer
-    return Settings(
-        knot_interval_ns=round(config.window.knot_interval_s * NS_PER_S),
-        window_s=config.window.length_s,
-        window=window,
-        optimizer=OptimizerSettings(
-            optimizer.max_iterations, optimizer.relative_decrease, optimizer.initial_damping
-        ),
-        start=StartSettings(
-            min_seconds=config.initialization.min_seconds,
-            max_seconds=config.initialization.max_seconds,
-            min_landmarks=config.initialization.min_landmarks,
-            max_scale_sigma=config.initialization.max_scale_sigma,
-            bias_sigma=np.repeat(
-                [inertial.initial_gyroscope_bias_sigma, inertial.initial_accelerometer_bias_sigma], 3
-            ),
-            optimizer=OptimizerSettings(
-                optimizer.initial_max_iterations,
-                optimizer.initial_relative_decrease,
-                optimizer.initial_damping,
-            ),
-        ),
-    )
 
 
 def _calibration(config: CalibrationConfig, refines_bearing: bool) -> CalibrationSettings:
-    """What is estimated of the camera.
+    """Which parameters of the camera are estimated.
 
-    A bearing that stays fixed was interpolated to its knot with the time offset of that moment: the offset
-    cannot change any more.
+    A fixed bearing was interpolated to its knot with the time offset at that time: the offset cannot change
+    afterwards.
     """
     offset = config.estimate_time_offset and refines_bearing
     chosen = [offset, *[config.estimate_extrinsic_rotation] * 3]
@@ -108,14 +117,15 @@ def _calibration(config: CalibrationConfig, refines_bearing: bool) -> Calibratio
 
 
 def _correction(config: CalibrationConfig, scheme: Scheme) -> CorrectionSettings:
-    """What is estimated of the IMU: increments do not tell what they would be with other scale factors."""
+    """Which parameters of the IMU are estimated: increments do not show how they change with scale
+    factors."""
     if not (config.estimate_imu_scale and scheme.direct):
         return AS_READ
     return correction_settings(config.imu_scale_sigma, config.imu_misalignment_sigma, config.imu_scale_walk)
 
 
 def _root_density(prior: MotionPriorConfig) -> FloatArray:
-    """Square root (6,) of the power spectral density of what the prior takes for white."""
+    """Square root (6,) of the power spectral density of the quantity that the prior models as white noise."""
     if prior.kind == "wnoa":
         return np.repeat([prior.angular_acceleration_density, prior.linear_acceleration_density], 3)
     return np.repeat([prior.angular_jerk_density, prior.linear_jerk_density], 3)

@@ -49,10 +49,6 @@ from asyneio.types import (
 class Estimator(Protocol):
     """What the runner needs of an estimator."""
 
-    @property
-    def origin(self) -> Estimate | None:
-        """The knot that defines the world of the present segment, once there is one."""
-
     def calibration(self) -> CalibrationEstimate | None:
         """What is believed of the camera in the present segment, once there is one."""
 
@@ -116,7 +112,6 @@ def run_recording(
         )
     check_inertial_scales(recording)
     run, error, interrupted = Run(), "", False
-    origins: dict[int, Estimate] = {}
     ends_ns = start_ns + interval_ns * np.arange(total + 1, dtype=np.int64)
     with watch_compilation(progress) as compilation:
         compile_ahead(compilation, progress)
@@ -128,11 +123,9 @@ def run_recording(
                 packets(recording, start_ns, interval_ns, total, tracked), start=1
             ):
                 _step(estimator, packet, run, compilation)
-                if estimator.origin is not None:
-                    origins.setdefault(estimator.origin.segment, estimator.origin)
                 report, done_s = run.reports[-1], index * interval_ns / NS_PER_S
                 if tracked:
-                    tracked.set_outlier_share(report.refused)
+                    tracked.set_outlier_share(report.outlier_share)
                 if report.health is Health.LOST:
                     progress.message(f"lost after {done_s:.1f} s: {report.reason}")
                 progress.advance(done_s, total * interval_ns / NS_PER_S, report.health)
@@ -153,7 +146,8 @@ def run_recording(
         imu_scale=imu_scale_summary(estimator.calibration()),
         imu_noise=imu_noise_summary(calibration_of(recording).noise, run.reports),
     )
-    result = RunResult(run, summary, given, tuple(origins.values()))
+    origins = tuple(report.origin for report in run.reports if report.origin is not None)
+    result = RunResult(run, summary, given, origins)
     if interrupted:
         raise RunInterrupted(result)
     return result

@@ -39,7 +39,7 @@ class Stage:
 REST = "rest"
 
 STAGES: tuple[Stage, ...] = (
-    Stage("start", attempt, "attempt_start", True, "attempts to start, with all that they optimise"),
+    Stage("start", attempt, "initialize", True, "attempts to start, with all that they optimise"),
     Stage("measurements", window.Window, "extend", True, "samples and observations enter the window"),
     Stage("births", window.Window, "add_landmarks", True, "new landmarks"),
     Stage("arrays", window.Window, "problem", True, "arrays of the window's problem"),
@@ -52,7 +52,7 @@ STAGES: tuple[Stage, ...] = (
     Stage("outliers", misfit, "contradicted_landmarks", True, "test of the landmarks"),
     Stage("covariance", outputs, "newest_estimate", True, "the estimate with its covariance"),
     Stage("marginalise", window.Window, "marginalize_oldest", True, "the oldest knot becomes a prior"),
-    Stage(REST, Odometry, "process", False, "all else: intake, noise, attitude, prediction, health"),
+    Stage(REST, Odometry, "process", False, "all else: buffer, noise, attitude, prediction, health"),
 )
 
 

@@ -1,1 +1,1 @@
-"""How far the present estimate can be trusted: metrics, their judgement, and where the stream breaks off."""
+"""Health of the estimator: metrics of every knot, a state machine, and detection of scene changes."""

@@ -1,7 +1,7 @@
-"""Does the stream still show the same scene? A cut in it ends all tracks at once, and inertial samples jump.
+"""Detection of scene changes: a cut in the recording ends all tracks at once, and the inertial samples jump.
 
-Each alone may be harmless: where the image stands still for a moment before it moves the other way, a tracker
-may lose all of its features, and a blow makes the samples jump.
+Each alone may be harmless: where the image pauses before it moves the other way, a tracker may lose all of
+its features, and a shock makes the samples jump.
 """
 
 from __future__ import annotations
@@ -10,59 +10,56 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from asyneio.geometry.so3 import rotation
+from asyneio.odometry.raw_measurements import RawMeasurements
 from asyneio.types import (
-    INERTIAL_DTYPE,
     NS_PER_S,
     BoolArray,
     CameraIntrinsics,
     FloatArray,
     IntArray,
-    RecordArray,
 )
 
-#: A tracker needs about so long until the last feature of a scene that is gone has failed [s].
+#: Time in which a tracker loses the last feature of a scene that is no longer visible [s].
 _HORIZON_S = 0.3
-#: A pause of all observations this long [s] explains why no track goes on.
+#: A pause of all observations of this duration [s] explains why no track continues.
 _PAUSE_S = 0.1
-#: So many tracks must have been followed before, and be followed now. Half of them are older than the horizon
-#: if they end one by one with a median life of 0.35 s, as real ones do: that none is has odds of 1e-6.
+#: Least number of tracks before and now. If they end one by one with a median life of 0.35 s, as real ones
+#: do, half of them are older than the horizon: the probability that none is older is 1e-6.
 _ENOUGH = 20
-#: A jump between two samples is so many times as large as those around it usually are, and larger than what
-#: single samples of a consumer sensor scatter by [rad/s, m/s^2]; 0.2 m/s^2 is gravity turned by a degree.
+#: A jump between two samples exceeds the typical difference around it by this factor, and the scatter of
+#: single samples of a consumer sensor [rad/s, m/s^2]; 0.2 m/s^2 is gravity turned by a degree.
 _JUMP, _LEAST_JUMPS = 6.0, (0.02, 0.2)
-#: Samples on each side of a jump that tell what is usual.
+#: Samples on each side of a jump that give the typical difference.
 _AROUND = 12
-#: Steps around a jump that are not zero; fewer do not tell what is usual.
+#: Least number of differences around a jump that are not zero and give a typical one.
 _ENOUGH_CHANGES = 4
-#: Turning the optical axis by more than this share of the field of view carries all features away:
-#: one whose patch (21 px) reaches over the border is not followed for long.
+#: A rotation of the optical axis by more than this share of the field of view removes all features from the
+#: image: a feature whose patch (21 px) reaches over the border is soon lost.
 _TURN_SHARE = 0.85
 
 
 def field_of_view(camera: CameraIntrinsics) -> float:
-    """The smaller of the horizontal and vertical field of view [rad], of a lens without distortion."""
+    """The smaller of the horizontal and vertical field of view [rad], distortion neglected."""
     half = min(0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy)
     return float(2.0 * np.arctan(half))
 
 
 class Continuity:
-    """Watches the ages of the tracks that are followed.
-
-    Args:
-        field_of_view_rad: the smaller of the camera's horizontal and vertical field of view.
-    """
+    """Ages of the tracks that are followed, and whether all of them were replaced at once."""
 
     def __init__(self, field_of_view_rad: float) -> None:
+        """`field_of_view_rad`: the smaller of the camera's horizontal and vertical field of view."""
         self._max_turn = _TURN_SHARE * field_of_view_rad
-        #: Tracks seen in the last two horizons, by id, and when first and last [ns].
+        #: Ids of the tracks observed within the last two horizons; times of first and last observation [ns].
         self._track = self._first = self._last = np.empty(0, dtype=np.int64)
-        #: Turns (3,3) of the intervals of the last horizon, with their ends [ns].
+        #: Ends [ns] of the intervals within the last horizon, and the camera's rotations (3,3) in them.
         self._turns: list[tuple[int, FloatArray]] = []
         self._pause_ns: int | None = None
         self._newest_ns: int | None = None
 
-    def renewed(self, t_ns: int, stamps: IntArray, track: IntArray, turn_c: FloatArray) -> bool:
-        """Whether no track seen now was known shortly before, though nothing explains it.
+    def all_replaced(self, t_ns: int, stamps: IntArray, track: IntArray, turn_c: FloatArray) -> bool:
+        """Whether no track observed now is older than the horizon, and neither rotation nor a pause explains
+        it.
 
         Args:
             t_ns: end of the interval.
@@ -78,17 +75,17 @@ class Continuity:
         known_now = bool(old[now].any())
         known_before = int(np.count_nonzero(old))
         followed = int(np.count_nonzero(now))
-        # What has not been seen for two horizons is over.
-        lately = self._last >= t_ns - 2 * horizon_ns
-        self._track, self._first, self._last = self._track[lately], self._first[lately], self._last[lately]
+        # A track without an observation for two horizons has ended.
+        recent = self._last >= t_ns - 2 * horizon_ns
+        self._track, self._first, self._last = self._track[recent], self._first[recent], self._last[recent]
         turned_away = self._axis_turned() > self._max_turn
         paused = self._pause_ns is not None and self._pause_ns > t_ns - 2 * horizon_ns
         explained = turned_away or paused
         return not explained and not known_now and followed >= _ENOUGH and known_before >= _ENOUGH
 
     def _note_tracks(self, stamps: IntArray, track: IntArray) -> BoolArray:
-        """Remember when the tracks of these observations were first and last seen; which of all that are
-        remembered they are."""
+        """Update first and last times of the tracks of these observations; which of all known tracks (T,)
+        they are."""
         known = len(self._track)
         before_first = np.concatenate([self._first, stamps])
         before_last = np.concatenate([self._last, stamps])
@@ -96,7 +93,7 @@ class Continuity:
             np.concatenate([self._track, track]), return_index=True, return_inverse=True
         )
         self._first = before_first[first]
-        # Of several stamps of a track the last one written, which is the latest, remains.
+        # Of several times of a track the last one written remains, which is the latest.
         self._last = np.empty_like(self._first)
         self._last[at] = before_last
         now = np.zeros(len(self._track), dtype=np.bool_)
@@ -106,7 +103,7 @@ class Continuity:
     def _axis_turned(self) -> float:
         """Largest angle [rad] between the optical axis now and earlier within the horizon.
 
-        Roll, and shaking to and fro, leave features in the image.
+        Roll and shaking do not remove features from the image.
         """
         C, cosine = np.eye(3), 1.0
         for _, turn in reversed(self._turns):
@@ -126,39 +123,38 @@ class Continuity:
 
 
 class Jumps:
-    """Remembers when one of the inertial streams last jumped."""
+    """Time of the newest jump of the raw samples of one of the inertial sensors."""
 
     def __init__(self) -> None:
-        self._tails = [np.empty(0, dtype=INERTIAL_DTYPE) for _ in range(2)]
         self._last_ns: int | None = None
 
-    def see(self, gyroscope: RecordArray, accelerometer: RecordArray) -> None:
-        """Take the samples (INERTIAL_DTYPE, ascending) of the next packet.
+    def update(self, raw: RawMeasurements) -> None:
+        """Test the samples of the newest packet.
 
-        A step is judged once there are as many after it as before: vibration beats, and one side alone may be
-        its quieter half.
+        A difference is tested once there are as many samples after it as before it: vibration beats, and one
+        side alone may be its quieter half.
         """
-        for k, samples in enumerate((gyroscope, accelerometer)):
-            held = np.concatenate([self._tails[k], samples])
-            self._tails[k] = held[-2 * _AROUND - 1 :]
+        for samples, new, least in zip(raw.inertial, raw.new_samples, _LEAST_JUMPS, strict=True):
+            held = samples[-(2 * _AROUND + 1 + new) :]
             if len(held) <= 2 * _AROUND:
                 continue
-            jumped = _jumps(held["xyz"], _LEAST_JUMPS[k])
+            jumped = _jumps(held["xyz"], least)
             for at in np.flatnonzero(jumped)[-1:]:
                 found_ns = int(held["t_ns"][_AROUND + at + 1])
                 self._last_ns = max(found_ns, self._last_ns or found_ns)
 
-    def lately(self, t_ns: int) -> bool:
-        """Whether there was one in the time that a tracker needs to lose a scene that is gone."""
+    def recent(self, t_ns: int) -> bool:
+        """Whether there was a jump in the time before `t_ns` in which a tracker loses a scene."""
         return self._last_ns is not None and self._last_ns > t_ns - 2 * round(_HORIZON_S * NS_PER_S)
 
 
 def _jumps(value: FloatArray, least: float) -> BoolArray:
-    """Which steps (N-1-2*_AROUND,) from sample to sample of `value` (N,3), without the first and the last
-    `_AROUND`, stand out.
+    """Which differences (N-1-2*_AROUND,) between consecutive samples of `value` (N,3) are jumps, without the
+    first and the last `_AROUND`.
 
-    The usual step is the median of those around that are not zero: held samples and those of a coarse sensor
-    at rest make many steps of zero. Where nearly all are zero, so is the usual one.
+    The typical difference is the median of those around it that are not zero: held samples, and those of a
+    coarse stationary sensor, have many differences of zero. Where nearly all are zero, the typical one is
+    zero.
     """
     steps = np.linalg.norm(np.diff(value, axis=0), axis=1)
     out = steps[_AROUND : len(steps) - _AROUND] > least
@@ -166,7 +162,7 @@ def _jumps(value: FloatArray, least: float) -> BoolArray:
     if len(large):
         around = sliding_window_view(steps, 2 * _AROUND + 1)[large]
         changes = np.count_nonzero(around, axis=1)
-        # A step is larger than a multiple of the median if it is so for more than half; zeros come first.
+        # A difference exceeds a multiple of the median if it does so for more than half; zeros count first.
         exceeded = np.count_nonzero(_JUMP * around < steps[large + _AROUND, None], axis=1)
         most = around.shape[1] - changes // 2
         out[large] = (changes < _ENOUGH_CHANGES) | (exceeded >= most)

@@ -1,8 +1,8 @@
-"""Health metrics of the newest knot, from window, solution and samples."""
+"""Health metrics of the newest knot, from the solved window."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,20 +17,23 @@ from asyneio.estimation.problem.problem import (
 )
 from asyneio.estimation.solver.optimizer import Solution
 from asyneio.odometry.health.state_machine import MAX_SCALE_CHANGE, SCALE_MEMORY_S, HealthMetrics
-from asyneio.types import NS_PER_S, Estimate, FloatArray, RecordArray
+from asyneio.types import NS_PER_S, Estimate, FloatArray
 
-#: Median of a squared norm of two standard normal numbers.
+#: Median of the squared norm of two standard normal numbers.
 _MEDIAN_CHI2_2 = 2.0 * np.log(2.0)
-#: Fewer observations than this have no typical size.
+#: Least number of observations of which a median is taken.
 _ENOUGH = 10
-#: Positions of the window's knots within so little of their mean [m, RMS] say nothing of scale.
+#: The knots of a window show scale if their positions deviate from their mean by this much [m, RMS].
 _SPREAD_M = 0.05
 
 
 @dataclass(frozen=True)
 class VisualChiSquare:
-    """Of the newest interval: landmarks seen, share of observations beyond the gate, and the median squared
-    residual over its expectation (1 where there are too few observations)."""
+    """Residuals of the observations in the newest interval.
+
+    `landmarks` observed; `rejected`, the share of observations beyond the gate; `ratio` of the median squared
+    residual to its expectation, 1 where there are too few observations.
+    """
 
     landmarks: int
     rejected: float
@@ -38,8 +41,10 @@ class VisualChiSquare:
 
 
 def visual_chi_square(problem: Problem, squared: FloatArray) -> VisualChiSquare:
-    """How the observations of the newest interval agree with the states of `problem`, by the squared norms
-    (M,) of the whitened residuals of all observations."""
+    """How the observations of the newest interval agree with the states of `problem`.
+
+    `squared` (M,): squared norms of the whitened residuals of all observations.
+    """
     visual = problem.visual
     newest = slice(int(visual.start[-2]), int(visual.start[-1]))
     landmark = visual.landmark[newest]
@@ -57,7 +62,7 @@ def inertial_ratio(problem: Problem) -> float:
     residuals = 3 * (len(gyroscope.alpha) + len(accelerometer.alpha)) + 9 * int(preintegrated.present.sum())
     if residuals == 0:
         return 1.0
-    # The cost of a window of two knots that holds nothing else.
+    # The cost of a window of the two newest knots with nothing but these factors.
     nothing = Problem._field_defaults
     alone = problem._replace(**nothing)._replace(
         states=States._make(a[-2:] for a in problem.states),
@@ -79,25 +84,10 @@ def _newest(samples: Inertial) -> Inertial:
     return Inertial._make([np.array([0, end - begin]), *(a[begin:end] for a in samples[1:])])
 
 
-def sample_gap_s(streams: tuple[RecordArray, RecordArray], start_ns: int, end_ns: int) -> float:
-    """Longest time [s] without a sample that touches (start, end], in either stream.
-
-    A pause that began before counts from its beginning, as far as the streams still hold it; one that is not
-    over counts up to `end_ns`.
-    """
-    gaps = []
-    for samples in streams:
-        stamps = samples["t_ns"]
-        a, b = np.searchsorted(stamps, [start_ns, end_ns], side="right")
-        before = stamps[a - 1] if a else start_ns
-        gaps.append(np.diff(np.r_[before, stamps[a:b], end_ns]).max())
-    return float(max(gaps)) / NS_PER_S
-
-
 class ScaleChanges:
-    """Adds up by how much optimisation has revised the window's scale lately.
+    """Sum of the recent revisions of the window's scale by optimisation.
 
-    A sum that is large enough to be told (`MAX_SCALE_CHANGE`) is told once; then the account begins anew.
+    A sum beyond `MAX_SCALE_CHANGE` is reported once; then summation begins anew.
     """
 
     def __init__(self) -> None:
@@ -105,7 +95,10 @@ class ScaleChanges:
         self._log: list[float] = []
 
     def add(self, t_ns: int, before: FloatArray, after: FloatArray) -> float:
-        """Positions (K,3) [m] of the same knots before and after; relative change of `SCALE_MEMORY_S`."""
+        """Relative change of scale within `SCALE_MEMORY_S`.
+
+        `before`, `after` (K,3): positions of the same knots before and after an optimisation [m].
+        """
         before, after = before - before.mean(axis=0), after - after.mean(axis=0)
         square = float(np.sum(before**2))
         if square > len(before) * _SPREAD_M**2:
@@ -120,44 +113,32 @@ class ScaleChanges:
         return float(np.expm1(change))
 
 
-@dataclass(frozen=True)
-class Observed:
-    """What the odometry saw beside the window: arguments of `HealthMetrics` of the same names."""
-
-    since_vision_s: float
-    inertial_gap_s: float
-    renewed: bool
-    scale_change: float
-    gated: float = 0.0
-    saturated: bool = False
-    still: bool = False
-
-
-def measure_health(
-    solution: Solution, estimate: Estimate, observed: Observed, bias_sigma: FloatArray
+def with_estimate(
+    metrics: HealthMetrics, solution: Solution, estimate: Estimate, bias_sigma: FloatArray
 ) -> HealthMetrics:
-    """Metrics of the newest knot of a solved window; `bias_sigma` (6,) of the prior on the first biases."""
+    """Add the metrics of the newest knot of a solved window.
+
+    Args:
+        metrics: those that the measurements give.
+        solution: of the window.
+        estimate: of the newest knot.
+        bias_sigma: (6,) of the prior on the first biases.
+    """
     arrays = (estimate.T_w_b, estimate.velocity_w, estimate.covariance)
     if not all(np.isfinite(a).all() for a in arrays):
-        return HealthMetrics(finite=False)
+        return replace(metrics, finite=False)
     vision = visual_chi_square(solution.problem, solution.squared)
     bias = np.concatenate([estimate.bias_gyroscope, estimate.bias_accelerometer])
     C, covariance = estimate.T_w_b[:3, :3], estimate.covariance
     tilt = (C @ covariance[:3, :3] @ C.T)[:2, :2]
-    return HealthMetrics(
-        since_vision_s=observed.since_vision_s,
-        inertial_gap_s=observed.inertial_gap_s,
-        gated=observed.gated,
-        saturated=observed.saturated,
+    return replace(
+        metrics,
         landmarks=vision.landmarks,
-        rejected=vision.rejected,
+        rejected_observations=vision.rejected,
         visual_ratio=vision.ratio,
         inertial_ratio=inertial_ratio(solution.problem),
-        renewed=observed.renewed,
         speed=float(np.linalg.norm(estimate.velocity_w)),
         bias_sigmas=float(np.max(np.abs(bias) / bias_sigma)),
         velocity_sigma=float(np.sqrt(np.linalg.eigvalsh(covariance[9:12, 9:12])[-1])),
         tilt_sigma_rad=float(np.sqrt(np.linalg.eigvalsh(tilt)[-1])),
-        scale_change=observed.scale_change,
-        still=observed.still,
     )

@@ -1,1 +1,2 @@
-"""The first window: from a known state, stationary, or in motion; and what speaks against accepting it."""
+"""Initialization of a segment: the first window from a known state, stationary or in motion, and its
+checks."""

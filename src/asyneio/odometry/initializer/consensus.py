@@ -1,4 +1,4 @@
-"""Before the start, when nothing but the IMU is known: tracks that are no points of the static scene."""
+"""IMU-aided MSAC pre-filter of the tracks before a segment is initialized."""
 
 from __future__ import annotations
 
@@ -11,34 +11,37 @@ from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.propagation import propagate
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
-#: Tracks are compared over such spans, each half into the one before: long enough for an object at walking
-#: pace to part from the scene, short enough for the errors of a cheap IMU not to matter yet.
+#: Tracks are compared over spans of this duration [s] that overlap by half: long enough for an object at
+#: walking pace to move relative to the scene, short enough for the drift of a consumer IMU to be negligible.
 _SPAN_S = 1.0
 _SHORTEST_SPAN_S = 0.5
-#: Each look corrects the gyroscope's bias, so that the next is a sharper one.
-_LOOKS = 3
-#: Step of the numerical derivative by that bias [rad/s].
+#: Iterations; each corrects the gyroscope's bias, which makes the next test sharper.
+_ITERATIONS = 3
+#: Step of the numerical derivative with respect to that bias [rad/s].
 _BIAS_STEP = 1e-4
 
 
-def contradicting_tracks(
-    intake: MeasurementBuffer, T_b_c: FloatArray, gravity: float, bearing_sigma: float, gyroscope_sigma: float
+def outlier_tracks(
+    buffer: MeasurementBuffer, T_b_c: FloatArray, gravity: float, bearing_sigma: float, gyroscope_sigma: float
 ) -> IntArray:
-    """Ids of the tracks that contradict the motion on which most tracks and the IMU agree.
+    """Tracks that contradict the motion on which the IMU and most tracks agree.
 
     Args:
-        intake: what has been measured so far.
-        T_b_c: (4,4) camera in the body.
+        buffer: measurements of the segment.
+        T_b_c: (4,4) maps camera to body coordinates.
         gravity: its magnitude [m/s^2].
-        bearing_sigma: noise of a bearing [rad].
-        gyroscope_sigma: of the gyroscope's bias, which nobody has corrected [rad/s].
+        bearing_sigma: standard deviation of a bearing [rad].
+        gyroscope_sigma: standard deviation of the gyroscope's uncorrected bias [rad/s].
+
+    Returns:
+        Ids of the tracks, ascending.
     """
     none = np.empty(0, dtype=np.int64)
-    seen = intake.observations
-    if min(len(intake.gyroscope), len(intake.accelerometer)) < 2 or len(seen.t_ns) == 0:
+    seen = buffer.observations
+    if min(len(buffer.gyroscope), len(buffer.accelerometer)) < 2 or len(seen.t_ns) == 0:
         return none
-    starts = (intake.gyroscope["t_ns"][0], intake.accelerometer["t_ns"][0], seen.t_ns[0])
-    ends = (intake.gyroscope["t_ns"][-1], intake.accelerometer["t_ns"][-1], seen.t_ns[-1])
+    starts = (buffer.gyroscope["t_ns"][0], buffer.accelerometer["t_ns"][0], seen.t_ns[0])
+    ends = (buffer.gyroscope["t_ns"][-1], buffer.accelerometer["t_ns"][-1], seen.t_ns[-1])
     start_ns, end_ns = int(max(starts)), int(min(ends))
     span_ns = round(_SPAN_S * NS_PER_S)
     found = [none]
@@ -49,12 +52,14 @@ def contradicting_tracks(
         part = seen.between(first_ns - 1, last_ns)
         if len(part.t_ns) == 0:
             continue
-        found.append(_contradicting(intake, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma))
+        found.append(
+            _outliers_of_span(buffer, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma)
+        )
     return np.unique(np.concatenate(found))
 
 
-def _contradicting(
-    intake: MeasurementBuffer,
+def _outliers_of_span(
+    buffer: MeasurementBuffer,
     seen: TrackObservations,
     first_ns: int,
     T_b_c: FloatArray,
@@ -62,14 +67,14 @@ def _contradicting(
     bearing_sigma: float,
     gyroscope_sigma: float,
 ) -> IntArray:
-    """Ids of the contradicting tracks within one span; none where there is no verdict."""
+    """Ids of the outliers within one span; none where there is no consensus."""
     bias = np.zeros(3)
     agreeing = None
     sigma = gyroscope_sigma
-    for _ in range(_LOOKS):
-        data, ids = alignment_data(intake, seen, first_ns, T_b_c, bias)
+    for _ in range(_ITERATIONS):
+        data, ids = alignment_data(buffer, seen, first_ns, T_b_c, bias)
         moved = [
-            alignment_data(intake, seen, first_ns, T_b_c, bias + _BIAS_STEP * axis)[0] for axis in np.eye(3)
+            alignment_data(buffer, seen, first_ns, T_b_c, bias + _BIAS_STEP * axis)[0] for axis in np.eye(3)
         ]
         effect = BiasEffect(
             np.stack([(m.direction - data.direction) / _BIAS_STEP for m in moved], axis=2),
@@ -79,25 +84,26 @@ def _contradicting(
         if consensus.gyroscope_bias is None:
             break
         agreeing = consensus.agreeing
-        # What the rays tell of the bias leans on distances that are rough still.
+        # The bias from the rays depends on distances that are still inaccurate.
         sigma = max(consensus.gyroscope_sigma, 0.5 * sigma)
         bias = bias + consensus.gyroscope_bias
     return np.empty(0, dtype=np.int64) if agreeing is None else ids[~agreeing]
 
 
 def alignment_data(
-    intake: MeasurementBuffer,
+    buffer: MeasurementBuffer,
     seen: TrackObservations,
     first_ns: int,
     T_b_c: FloatArray,
     bias_gyroscope: FloatArray,
 ) -> tuple[AlignmentData, IntArray]:
-    """Rays of observations from `first_ns` on as alignment takes them, and the ids of their tracks (L,)."""
+    """Rays of the observations from `first_ns` on, as input of the alignment, and ids (L,) of their
+    tracks."""
     zero = np.zeros(3)
     times = np.union1d([first_ns], seen.t_ns)
     bias = np.concatenate([bias_gyroscope, zero])
     start = (np.eye(3), zero, zero)
-    free = propagate(intake.gyroscope, intake.accelerometer, bias, start, times, zero)
+    free = propagate(buffer.gyroscope, buffer.accelerometer, bias, start, times, zero)
     at = free.at(seen.t_ns)
     rays = np.column_stack([seen.xy, np.ones(len(seen.xy))])
     rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)) @ T_b_c[:3, :3].T

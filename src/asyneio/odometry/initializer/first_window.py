@@ -1,4 +1,4 @@
-"""The first window of a segment, however its motion was found."""
+"""The first window of a segment, whichever method found its motion."""
 
 from __future__ import annotations
 
@@ -10,61 +10,56 @@ from asyneio.estimation.problem.problem import Prior, States
 from asyneio.estimation.problem.window_settings import TrackObservations
 from asyneio.estimation.solver.optimizer import Solution
 from asyneio.estimation.window import Window
-from asyneio.odometry.buffer import MeasurementBuffer, around
+from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.settings import Settings
 from asyneio.types import BoolArray, FloatArray, IntArray
 
-#: The frame is defined by the first knot's position and yaw: as tight as rounding allows.
+#: The first knot's position and yaw define the world frame: as small as rounding allows.
 _GAUGE_SIGMA = 1e-4
-#: Roll and pitch are what the measurements say; the prior only keeps them from running away.
+#: The measurements determine roll and pitch; the prior only prevents divergence.
 _TILT_SIGMA = 0.5
 _NO_TRACKS = np.empty(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
-class Start:
-    """A started window with the solution it came from."""
+class FirstWindow:
+    """The first window, and the solution of its joint optimisation."""
 
     window: Window
     solution: Solution
 
 
 def filled_window(
-    intake: MeasurementBuffer,
+    buffer: MeasurementBuffer,
     settings: Settings,
     knots_ns: IntArray,
     states: States,
-    bad_tracks: IntArray = _NO_TRACKS,
-    still: BoolArray | None = None,
+    outliers: IntArray = _NO_TRACKS,
+    stationary: BoolArray | None = None,
     prior: Prior | None = None,
 ) -> Window:
-    """A window with all knots (K), their measurements and landmarks.
+    """A window with K knots, their measurements and landmarks.
 
     Args:
-        intake: where measurements come from.
+        buffer: the measurements.
         settings: of the odometry.
         knots_ns: (K,) times of the knots.
-        states: their first states.
-        bad_tracks: ids of tracks to leave out.
-        still: (K-1,) which intervals are at rest; None for none.
-        prior: on the first knots; None where nothing is known but the biases, near zero.
+        states: initial guess of the knots.
+        outliers: ids of the tracks to leave out.
+        stationary: (K-1,) which intervals are stationary; None for none.
+        prior: on the first knots; None for the prior of `first_prior`.
     """
 
     def knot(k: int) -> States:
         return States(*(a[k : k + 1].copy() for a in states))
 
-    known = first_prior(knot(0), settings.start.bias_sigma) if prior is None else prior
+    known = first_prior(knot(0), settings.initialization.bias_sigma) if prior is None else prior
     window = Window(settings.window, int(knots_ns[0]), knot(0), known)
     for k in range(1, len(knots_ns)):
-        span = (int(knots_ns[k - 1]), int(knots_ns[k]))
-        window.extend(
-            span[1],
-            knot(k),
-            around(intake.gyroscope, *span),
-            around(intake.accelerometer, *span),
-            _without(intake.observations.between(*span), bad_tracks),
-            still is not None and bool(still[k - 1]),
-        )
+        interval = buffer.interval(int(knots_ns[k - 1]), int(knots_ns[k]))
+        observations = _without(interval.observations, outliers)
+        zero_velocity = stationary is not None and bool(stationary[k - 1])
+        window.extend(interval.end_ns, knot(k), *interval.streams, observations, zero_velocity)
     window.add_landmarks()
     return window
 
@@ -77,11 +72,11 @@ def _without(seen: TrackObservations, tracks: IntArray) -> TrackObservations:
 
 
 def first_prior(first: States, bias_sigma: FloatArray) -> Prior:
-    """Prior on the first knot: position and yaw define the frame, tilt is free, biases are near zero.
+    """Prior on the first knot: position and yaw define the world frame, tilt is free, biases are near zero.
 
     Args:
-        first: states of that knot, K = 1.
-        bias_sigma: (6,) of [b_g, b_a] around zero [rad/s, m/s^2].
+        first: states of the first knot, K = 1.
+        bias_sigma: (6,) standard deviations of [b_g, b_a] around zero [rad/s, m/s^2].
     """
     R = np.zeros((12, 24))
     tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, _GAUGE_SIGMA])

@@ -1,4 +1,5 @@
-"""Start from the data alone: motion of a span, warm-up (40), joint optimisation (39), whether to trust it."""
+"""Initialization in motion: motion of a span, warm-up (40), joint optimisation (39), and checks of the
+result."""
 
 from __future__ import annotations
 
@@ -12,50 +13,51 @@ from asyneio.estimation.problem.window_settings import TrackObservations
 from asyneio.geometry.gravity import upright
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.checks import joint_refusal, motion_refusal
-from asyneio.odometry.initializer.first_window import Start, filled_window
+from asyneio.odometry.initializer.checks import joint_rejection, motion_rejection
+from asyneio.odometry.initializer.first_window import FirstWindow, filled_window
 from asyneio.odometry.initializer.span_motion import SpanMotion, span_motion
-from asyneio.odometry.outliers import optimize_without_outliers
+from asyneio.odometry.outliers import optimize_rejecting_outliers
 from asyneio.odometry.propagation import rates_at
 from asyneio.odometry.settings import Settings
 from asyneio.types import IntArray
 
-#: Zero priors of the warm-up: rates of any size a person or a drone makes.
+#: Standard deviations of the zero-mean priors of the warm-up: any velocity or acceleration of a person or
+#: drone.
 _WARM_UP_SIGMA = np.array([10.0, 100.0])
 
 
-def try_start(intake: MeasurementBuffer, settings: Settings) -> Start | str:
-    """A window over what the intake holds, or the reason, in words, why not yet."""
-    knots_ns = _knot_times(intake, settings)
+def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> FirstWindow | str:
+    """A window over all measurements of the buffer, or the reason why not yet."""
+    knots_ns = _knot_times(buffer, settings)
     if knots_ns is None:
         return "waiting for inertial samples and feature tracks that overlap in time"
     span_s = float(knots_ns[-1] - knots_ns[0]) * 1e-9
-    if span_s < settings.start.min_seconds:
-        return f"collecting measurements: {span_s:.2f} s of {settings.start.min_seconds:.2f} s"
-    seen = intake.observations.between(int(knots_ns[0]) - 1, int(knots_ns[-1]))
+    if span_s < settings.initialization.min_seconds:
+        return f"collecting measurements: {span_s:.2f} s of {settings.initialization.min_seconds:.2f} s"
+    seen = buffer.observations.between(int(knots_ns[0]) - 1, int(knots_ns[-1]))
     seen = _long_tracks(seen, settings.window.min_observations)
     tracks = len(np.unique(seen.track))
-    if tracks < settings.start.min_landmarks:
-        return f"too few feature tracks: {tracks} of {settings.start.min_landmarks}"
+    if tracks < settings.initialization.min_landmarks:
+        return f"too few feature tracks: {tracks}, {settings.initialization.min_landmarks} are required"
     try:
-        motion = span_motion(intake, settings, knots_ns, seen)
-        reason = motion_refusal(motion, settings)
+        motion = span_motion(buffer, settings, knots_ns, seen)
+        reason = motion_rejection(motion, settings)
         if reason:
             return reason
-        states = _first_states(intake, settings, knots_ns, motion)
-        window = filled_window(intake, _at_offset(settings, motion), knots_ns, states, motion.contradicting)
-        solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
+        states = _first_states(buffer, settings, knots_ns, motion)
+        window = filled_window(buffer, _at_offset(settings, motion), knots_ns, states, motion.outliers)
+        solution, outliers = optimize_rejecting_outliers(window, settings.initialization.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
-    reason = joint_refusal(solution, motion, settings)
+    reason = joint_rejection(solution, motion, settings)
     if reason:
         return reason
-    intake.refuse(np.concatenate([outliers, motion.contradicting]))
-    return Start(window, solution)
+    buffer.reject(np.concatenate([outliers, motion.outliers]))
+    return FirstWindow(window, solution)
 
 
 def _at_offset(settings: Settings, motion: SpanMotion) -> Settings:
-    """Settings of a window whose camera begins with the time offset found."""
+    """Settings of a window that begins with the camera's time offset of `motion`."""
     camera = settings.window.calibration
     if 0 not in camera.columns:
         return settings
@@ -63,20 +65,20 @@ def _at_offset(settings: Settings, motion: SpanMotion) -> Settings:
     return replace(settings, window=replace(settings.window, calibration=camera))
 
 
-def _knot_times(intake: MeasurementBuffer, settings: Settings) -> IntArray | None:
-    """Knot times from the first instant that all streams cover."""
-    if intake.end_ns is None or min(len(intake.gyroscope), len(intake.accelerometer)) < 2:
+def _knot_times(buffer: MeasurementBuffer, settings: Settings) -> IntArray | None:
+    """Knot times from the first time that all streams cover; None where there are fewer than two."""
+    if buffer.end_ns is None or min(len(buffer.gyroscope), len(buffer.accelerometer)) < 2:
         return None
-    if len(intake.observations.t_ns) == 0:
+    if len(buffer.observations.t_ns) == 0:
         return None
     first = max(
-        int(intake.gyroscope["t_ns"][0]),
-        int(intake.accelerometer["t_ns"][0]),
-        int(intake.observations.t_ns[0]),
+        int(buffer.gyroscope["t_ns"][0]),
+        int(buffer.accelerometer["t_ns"][0]),
+        int(buffer.observations.t_ns[0]),
     )
-    # The last knot falls on the end of the newest packet, so that later packets end on knots too.
-    first = intake.end_ns - (intake.end_ns - first) // settings.knot_interval_ns * settings.knot_interval_ns
-    times = np.arange(first, intake.end_ns + 1, settings.knot_interval_ns)
+    # The last knot is at the end of the newest packet, so that later packets end at knots too.
+    first = buffer.end_ns - (buffer.end_ns - first) // settings.knot_interval_ns * settings.knot_interval_ns
+    times = np.arange(first, buffer.end_ns + 1, settings.knot_interval_ns)
     return times if len(times) >= 2 else None
 
 
@@ -89,16 +91,16 @@ def _long_tracks(seen: TrackObservations, minimum: int) -> TrackObservations:
 
 
 def _first_states(
-    intake: MeasurementBuffer, settings: Settings, knots_ns: IntArray, motion: SpanMotion
+    buffer: MeasurementBuffer, settings: Settings, knots_ns: IntArray, motion: SpanMotion
 ) -> States:
-    """Knot states of a span's motion, world upright at the first knot; rates by warm-up (40)."""
+    """States of the knots: motion of the span with z up, velocities and accelerations by warm-up (40)."""
     w, found, at = settings.window, motion.adjusted.motion, motion.increments
     C_w_b0 = upright(found.gravity)
     t = ((knots_ns - knots_ns[0]) * 1e-9)[:, None]
     r = motion.displacement @ C_w_b0.T
     v = (found.velocity + found.gravity * t + at.nu) @ C_w_b0.T
     C = C_w_b0 @ at.C
-    streams = (intake.gyroscope, intake.accelerometer)
+    streams = (buffer.gyroscope, buffer.accelerometer)
     half = settings.knot_interval_ns // 2
     rates = np.stack(
         [

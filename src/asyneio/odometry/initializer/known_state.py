@@ -1,4 +1,4 @@
-"""Start from a state known beforehand: no waiting for parallax, and the world is that of the state."""
+"""Initialization from a known state: requires no parallax, and uses the world frame of the state."""
 
 from __future__ import annotations
 
@@ -7,22 +7,23 @@ import numpy as np
 from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.problem.problem import Prior, States
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.first_window import Start, filled_window
+from asyneio.odometry.initializer.first_window import FirstWindow, filled_window
 from asyneio.odometry.propagation import predict_knot, rates_at
 from asyneio.odometry.settings import Settings
 from asyneio.types import NS_PER_S, FloatArray, InitialState
 
-#: How far a rotation matrix may be from orthonormal: what single precision leaves.
+#: Largest deviation of a rotation matrix from orthonormality: that of single precision.
 _ROTATION_TOLERANCE = 1e-5
-#: Columns of a knot's error state that a first state tells of: pose, velocity, biases.
+#: Columns of a knot's error state that an initial state determines: pose, velocity, biases.
 _KNOWN = np.r_[0:6, 9:12, 18:24]
 
 
 def checked(first: InitialState) -> InitialState:
-    """The same state.
+    """The state itself, if it is valid.
 
     Raises:
-        EstimationError: it is not one: wrong shapes, not finite, no rotation, or without uncertainty.
+        EstimationError: a wrong shape, a value that is not finite, no rotation, or a standard deviation of
+            zero.
     """
     shapes = {
         "T_w_b": (4, 4),
@@ -35,63 +36,65 @@ def checked(first: InitialState) -> InitialState:
         value = np.asarray(getattr(first, name), dtype=np.float64)
         if value.shape != shape or not np.isfinite(value).all():
             raise EstimationError(
-                f"{name} of the known first state has shape {value.shape} or values that are not finite; "
+                f"{name} of the initial state has shape {value.shape} or values that are not finite; "
                 f"expected finite values of shape {shape}"
             )
     C = first.T_w_b[:3, :3]
     off = float(np.abs(C.T @ C - np.eye(3)).max())
     if off > _ROTATION_TOLERANCE or np.linalg.det(C) < 0.0:
         raise EstimationError(
-            f"T_w_b of the known first state is no pose: its rotation misses orthonormality by {off:.2g}; "
-            "expected a rotation matrix that takes body to world coordinates"
+            f"T_w_b of the initial state is not a pose: its rotation deviates from orthonormality by "
+            f"{off:.2g}; expected a rotation matrix that maps body to world coordinates"
         )
     if not first.sigma.min() > 0.0:
         raise EstimationError(
-            f"the smallest standard deviation of the known first state is {first.sigma.min():g}; expected "
-            "positive values: 1e-4 for what is as good as certain"
+            f"the smallest standard deviation of the initial state is {first.sigma.min():g}; expected "
+            "positive values, for instance 1e-4 for a quantity that is almost certain"
         )
     return first
 
 
-def known_start(intake: MeasurementBuffer, settings: Settings, first: InitialState) -> Start | str:
-    """A window of two knots, from the state to the end of what the intake holds, or, in words, why not yet.
+def initialize_from_state(
+    buffer: MeasurementBuffer, settings: Settings, first: InitialState
+) -> FirstWindow | str:
+    """A window of two knots, from the state to the end of the newest packet, or the reason why not yet.
 
     Raises:
         EstimationError: the inertial samples begin after the state, or the window cannot be solved.
     """
-    wait = "waiting for measurements after the known first state"
-    if intake.end_ns is None or intake.end_ns < first.t_ns + settings.knot_interval_ns // 2:
+    wait = "waiting for measurements after the initial state"
+    if buffer.end_ns is None or buffer.end_ns < first.t_ns + settings.knot_interval_ns // 2:
         return wait
-    streams = intake.gyroscope, intake.accelerometer
+    streams = buffer.gyroscope, buffer.accelerometer
     if any(len(samples) == 0 for samples in streams):
         return wait
     begin_ns = max(int(samples["t_ns"][0]) for samples in streams)
     if begin_ns > first.t_ns:
         raise EstimationError(
-            f"the known first state is {(begin_ns - first.t_ns) / NS_PER_S:.3f} s older than the inertial "
-            "samples; expected a state at a time from which on both sensors are heard"
+            f"the initial state is {(begin_ns - first.t_ns) / NS_PER_S:.3f} s older than the inertial "
+            "samples; expected a state at a time that the samples of both sensors cover"
         )
     try:
-        states = _first_knot(first, intake, settings)
-        knots_ns = np.array([first.t_ns, intake.end_ns])
-        end = predict_knot(states, first.t_ns, intake.end_ns, streams, settings.window.gravity_w)
+        states = _first_knot(first, buffer, settings)
+        knots_ns = np.array([first.t_ns, buffer.end_ns])
+        end = predict_knot(states, first.t_ns, buffer.end_ns, streams, settings.window.gravity_w)
         both = States(*(np.concatenate(pair) for pair in zip(states, end, strict=True)))
         prior = _prior(states, first.sigma)
-        window = filled_window(intake, settings, knots_ns, both, prior=prior)
-        return Start(window, window.optimize(settings.start.optimizer))
+        window = filled_window(buffer, settings, knots_ns, both, prior=prior)
+        return FirstWindow(window, window.optimize(settings.initialization.optimizer))
     except InertialError as error:
-        raise EstimationError(f"no start from the known first state: {error}") from error
+        raise EstimationError(f"cannot initialize from the initial state: {error}") from error
 
 
-def _first_knot(first: InitialState, intake: MeasurementBuffer, settings: Settings) -> States:
-    """The state as a knot, its rates from the samples around it."""
+def _first_knot(first: InitialState, buffer: MeasurementBuffer, settings: Settings) -> States:
+    """The state as a knot; velocities and accelerations from the samples around it."""
     bias = np.concatenate([first.bias_gyroscope, first.bias_accelerometer])
     C = np.asarray(first.T_w_b[:3, :3], dtype=np.float64)
     varpi = rates_at(
         first.t_ns,
         C,
         np.asarray(first.velocity_w, dtype=np.float64),
-        (intake.gyroscope, intake.accelerometer),
+        (buffer.gyroscope, buffer.accelerometer),
         bias,
         settings.window.gravity_w,
         settings.knot_interval_ns // 2,

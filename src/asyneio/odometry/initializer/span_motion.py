@@ -16,12 +16,12 @@ from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.settings import Settings
 from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
 
-#: The adjustment looks at so many tracks, those longest in view, and at so many observations of each.
+#: The adjustment uses this number of tracks, those with the longest duration, and of observations of each.
 _MAX_TRACKS = 400
 _MAX_OBSERVATIONS = 24
-#: A span so short [s] has few false minima.
+#: Spans up to this duration [s] have few false minima.
 _EASY_S = 1.5
-#: A solution whose cost is higher by less than this is nearly as likely: odds of 150 to 1.
+#: A solution whose cost is higher by less than this is a plausible alternative: odds of 150 to 1.
 _LIKELY = 5.0
 #: Standard deviation [s] of a time offset that is not estimated.
 _CERTAIN_S = 1e-6
@@ -29,45 +29,50 @@ _CERTAIN_S = 1e-6
 
 @dataclass(frozen=True)
 class SpanMotion:
-    """Motion of a span of knots: `increments` at the knots, dead-reckoned with the biases of
-    `adjusted.motion`.
+    """Motion of a span of K knots.
 
-    `contradicting` are ids of tracks that this motion does not explain; `relative_sigma` is the standard
-    deviation of the displacements' common factor, their scale. `ambiguous`: another motion explains the
-    tracks as well.
+    Attributes:
+        adjusted: result of the adjustment.
+        increments: at the knots, dead-reckoned with the biases of `adjusted.motion`.
+        displacement: (K,3) of the knots from the first, in the body frame of the first [m].
+        relative_sigma: standard deviation of scale, the common factor of the displacements.
+        outliers: ids of the tracks that contradict the motion.
+        ambiguous: another motion explains the tracks equally well.
     """
 
     adjusted: Adjusted
     increments: Increments
-    displacement: FloatArray  # (K,3) of the knots from the first, first body frame [m]
+    displacement: FloatArray
     relative_sigma: float
-    contradicting: IntArray
+    outliers: IntArray
     ambiguous: bool = False
 
 
 def span_motion(
-    intake: MeasurementBuffer, settings: Settings, knots_ns: IntArray, seen: TrackObservations
+    buffer: MeasurementBuffer, settings: Settings, knots_ns: IntArray, seen: TrackObservations
 ) -> SpanMotion:
-    """Velocity, gravity and biases of a span from the tracks `seen` in it.
+    """Velocity, gravity and biases of a span from the observations `seen` in it.
 
     Raises:
         EstimationError: too few tracks show parallax, or the equations are singular.
-        InertialError: the samples leave the span bare.
+        InertialError: the samples do not cover the span.
     """
-    w, start = settings.window, settings.start
+    w, initialization = settings.window, settings.initialization
     few, ids = _fewer(seen)
-    reckoning, data = _data(intake, settings, knots_ns, few)
+    reckoning, data = _data(buffer, settings, knots_ns, few)
     aligned = align(data, float(np.linalg.norm(w.gravity_w)), w.bearing_sigma)
     prior = BiasPrior(
-        start.bias_sigma, 1.0 / float(np.sqrt(w.landmark_damping[0])), _time_offset_sigma(w.calibration)
+        initialization.bias_sigma,
+        1.0 / float(np.sqrt(w.landmark_damping[0])),
+        _time_offset_sigma(w.calibration),
     )
     t = (knots_ns - knots_ns[0]) * 1e-9
     rays = reckoning.rays(np.zeros(6))
-    # Each of them has been seen to end far from the truth where another one does not.
+    # Each of these guesses failed in cases in which another one converged to the correct motion.
     guesses = [
         FirstMotion(aligned.velocity, aligned.gravity, np.zeros(6)),
         *_without_tracks(t[-1], reckoning, float(np.linalg.norm(w.gravity_w))),
-        *_of_first_part(intake, settings, knots_ns, seen, prior),
+        *_of_first_part(buffer, settings, knots_ns, seen, prior),
     ]
     found = [adjust(reckoning.rays, rays, guess, prior, w.gate) for guess in guesses]
     best, *others = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
@@ -76,40 +81,40 @@ def span_motion(
 
 
 def _time_offset_sigma(camera: CalibrationSettings) -> float:
-    """Of the camera's clock [s]; next to nothing where it is taken as calibrated."""
+    """Standard deviation of the camera's time offset [s]; almost zero where it is not estimated."""
     return float(camera.sigma[0]) if 0 in camera.columns else _CERTAIN_S
 
 
-def _given_the_clock(covariance: FloatArray) -> FloatArray:
-    """Covariance (11,11) of all but the time offset if that were known.
+def _given_time_offset(covariance: FloatArray) -> FloatArray:
+    """Covariance (11,11) of all unknowns but the time offset, given the time offset.
 
-    It is found so that a wrong clock does not spoil the start. A right one, whose calibration is better than
-    its prior, must not count as a reason to wait; the joint optimisation, which knows it better, is asked
-    again with the offset open.
+    The offset is estimated so that a wrong clock does not spoil the initialization. The prior uncertainty of
+    a correct clock is no reason to wait: the joint optimisation, which is more certain of the offset, is
+    checked with the offset free.
     """
     with_clock = covariance[:-1, -1]
     return np.asarray(covariance[:-1, :-1] - np.outer(with_clock, with_clock) / covariance[-1, -1])
 
 
 def _of_first_part(
-    intake: MeasurementBuffer,
+    buffer: MeasurementBuffer,
     settings: Settings,
     knots_ns: IntArray,
     seen: TrackObservations,
     prior: BiasPrior,
 ) -> list[FirstMotion]:
-    """The motion that the first part of a long span tells: a short one is found from farther away.
+    """The motion of the first part of a long span: a short span converges from farther away.
 
-    What is wrong of sensors and calibration adds up with time, and with it the number of false minima.
+    Errors of sensors and calibration accumulate with time, and with them the number of false minima.
     """
     part_ns = knots_ns[knots_ns <= knots_ns[0] + round(_EASY_S * NS_PER_S)]
     if len(part_ns) == len(knots_ns) or len(part_ns) < 2:
         return []
     few, ids = _fewer(seen.between(int(part_ns[0]) - 1, int(part_ns[-1])))
-    if len(ids) < settings.start.min_landmarks:
+    if len(ids) < settings.initialization.min_landmarks:
         return []
     w = settings.window
-    reckoning, _ = _data(intake, settings, part_ns, few)
+    reckoning, _ = _data(buffer, settings, part_ns, few)
     duration = float(part_ns[-1] - part_ns[0]) / NS_PER_S
     rays = reckoning.rays(np.zeros(6))
     guesses = _without_tracks(duration, reckoning, float(np.linalg.norm(w.gravity_w)))
@@ -118,10 +123,10 @@ def _of_first_part(
 
 
 def _without_tracks(duration: float, reckoning: DeadReckoning, gravity: float) -> list[FirstMotion]:
-    """Guesses that owe nothing to the tracks: the body ends as fast as it began, back where it was; or it
-    begins at rest.
+    """Guesses that do not depend on the tracks: the body ends at its initial position with its initial
+    velocity, or it begins with zero velocity.
 
-    Gravity is the mean of what the accelerometer felt, turned to the first instant.
+    Gravity is opposite to the mean specific force, rotated to the first body frame.
     """
     end = reckoning.increments(np.array([duration]), np.zeros(6))
     g = -end.nu[0] * gravity / np.linalg.norm(end.nu[0])
@@ -132,19 +137,18 @@ def _without_tracks(duration: float, reckoning: DeadReckoning, gravity: float) -
 def _of_span(t: FloatArray, reckoning: DeadReckoning, adjusted: Adjusted, ids: IntArray) -> SpanMotion:
     increments = reckoning.increments(t, adjusted.motion.bias)
     displacement, row = _displacement(t, adjusted, increments)
-    sigma = float(np.sqrt(row @ _given_the_clock(adjusted.covariance) @ row))
+    sigma = float(np.sqrt(row @ _given_time_offset(adjusted.covariance) @ row))
     return SpanMotion(adjusted, increments, displacement, sigma, ids[~adjusted.agreeing])
 
 
 def _alike(one: SpanMotion, other: SpanMotion) -> bool:
-    """Whether two solutions move alike, to three standard deviations of their scale."""
+    """Whether the displacements of two solutions agree to three standard deviations of their scale."""
     factor = np.linalg.norm(other.displacement - one.displacement) / np.linalg.norm(one.displacement)
     return bool(factor < 3.0 * np.hypot(one.relative_sigma, other.relative_sigma))
 
 
 def _displacement(t: FloatArray, adjusted: Adjusted, at: Increments) -> tuple[FloatArray, FloatArray]:
-    """Displacements d (K,3), and the row (11,) by which the unknowns change their factor `sum d d' / sum d
-    d`."""
+    """Displacements d (K,3), and the derivative (11,) of their scale `sum d d' / sum d d` by the unknowns."""
     motion = adjusted.motion
     half = 0.5 * t[:, None] ** 2
     d = motion.velocity * t[:, None] + half * motion.gravity + at.r
@@ -155,15 +159,15 @@ def _displacement(t: FloatArray, adjusted: Adjusted, at: Increments) -> tuple[Fl
 
 
 def _data(
-    intake: MeasurementBuffer, settings: Settings, knots_ns: IntArray, seen: TrackObservations
+    buffer: MeasurementBuffer, settings: Settings, knots_ns: IntArray, seen: TrackObservations
 ) -> tuple[DeadReckoning, AlignmentData]:
-    """Dead reckoning, and what the linear alignment takes: its rays without biases."""
+    """Dead reckoning, and the input of the linear alignment: its rays without biases."""
     w = settings.window
     duration = float(knots_ns[-1] - knots_ns[0]) * 1e-9
     t = np.minimum((seen.t_ns - knots_ns[0]) * 1e-9, duration)
     ids, track = np.unique(seen.track, return_inverse=True)
     observations = SpanObservations(t, track, seen.xy, seen.root_information)
-    streams = (*_seconds(intake.gyroscope, knots_ns), *_seconds(intake.accelerometer, knots_ns))
+    streams = (*_seconds(buffer.gyroscope, knots_ns), *_seconds(buffer.accelerometer, knots_ns))
     noise = w.noise.of_means(duration)
     reckoning = DeadReckoning(ImuWindow(*streams, duration), noise, w.T_b_c, observations)
     rays = reckoning.rays(np.zeros(6))
@@ -174,7 +178,8 @@ def _data(
 
 
 def _seconds(samples: RecordArray, knots_ns: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Times after the first knot and values of the samples of the span, and of one before and after it."""
+    """Times after the first knot [s] and values of the samples in the span, with one before and one after
+    it."""
     first = max(int(np.searchsorted(samples["t_ns"], knots_ns[0])) - 1, 0)
     last = int(np.searchsorted(samples["t_ns"], knots_ns[-1], side="right")) + 1
     chosen = samples[first:last]
@@ -182,7 +187,7 @@ def _seconds(samples: RecordArray, knots_ns: IntArray) -> tuple[FloatArray, Floa
 
 
 def _fewer(seen: TrackObservations) -> tuple[TrackObservations, IntArray]:
-    """The tracks longest in view, thinned evenly in order; and their ids, ascending."""
+    """The tracks of longest duration, with evenly subsampled observations; and their ids, ascending."""
     ids, track, count = np.unique(seen.track, return_inverse=True, return_counts=True)
     first, last = np.full(len(ids), np.iinfo(np.int64).max), np.zeros(len(ids), dtype=np.int64)
     np.minimum.at(first, track, seen.t_ns)
@@ -190,11 +195,11 @@ def _fewer(seen: TrackObservations) -> tuple[TrackObservations, IntArray]:
     chosen = np.zeros(len(ids), dtype=np.bool_)
     chosen[np.argsort(first - last, kind="stable")[:_MAX_TRACKS]] = True
     order = np.argsort(track, kind="stable")
-    place = np.empty(len(track), dtype=np.int64)
-    place[order] = np.arange(len(track)) - np.repeat(np.cumsum(count) - count, count)
+    rank = np.empty(len(track), dtype=np.int64)
+    rank[order] = np.arange(len(track)) - np.repeat(np.cumsum(count) - count, count)
     kept = np.minimum(count, _MAX_OBSERVATIONS)[track]
-    # Observation i of n is kept where i kept / n passes a whole number: `kept` of them, evenly.
-    even = (place + 1) * kept // count[track] > place * kept // count[track]
+    # Observation i of n is kept where i kept / n passes an integer: `kept` of them, evenly spaced.
+    even = (rank + 1) * kept // count[track] > rank * kept // count[track]
     keep = chosen[track] & even
     thinned = TrackObservations(seen.t_ns[keep], seen.track[keep], seen.xy[keep], seen.root_information[keep])
     return thinned, ids[chosen]

@@ -1,8 +1,9 @@
-"""Start at rest: a still IMU tells gravity's direction and the gyroscope's bias; velocity is zero.
+"""Stationary initialization: a stationary IMU shows the direction of gravity and the gyroscope's bias.
 
-No feature is needed: landmarks come when motion brings parallax, and scale with them, from the accelerometer.
-Of the accelerometer's bias, rest shows only the part along gravity. The other two cannot be told from tilt:
-both stay as uncertain as the prior on the bias leaves them, and correlated, in the window's covariance.
+No feature is required: landmarks are initialized when motion causes parallax, and the accelerometer then
+gives scale. A stationary accelerometer shows only the component of its bias along gravity. The other two
+components cannot be distinguished from tilt: in the covariance of the window they are correlated with it and
+remain as uncertain as their prior.
 """
 
 from __future__ import annotations
@@ -16,100 +17,108 @@ from asyneio.estimation.linearization.zero_velocity import CREEP, TREMOR
 from asyneio.estimation.problem.problem import Prior, States
 from asyneio.geometry.gravity import upright
 from asyneio.inertial.gravity_witness import FORCE_RATIO
-from asyneio.odometry.buffer import MeasurementBuffer, around
-from asyneio.odometry.initializer.checks import solution_refusal
-from asyneio.odometry.initializer.first_window import Start, filled_window, first_prior
-from asyneio.odometry.outliers import optimize_without_outliers
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.initializer.checks import solution_rejection
+from asyneio.odometry.initializer.first_window import FirstWindow, filled_window, first_prior
+from asyneio.odometry.intervals import around
+from asyneio.odometry.outliers import optimize_rejecting_outliers
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings
-from asyneio.odometry.stationary import Rest
+from asyneio.odometry.stationary import StationaryPhase
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray, RecordArray
 
-#: The end of a rest is noticed late: so much of what was judged to be at rest before it [ns] is doubted.
-_DOUBT_NS = 200_000_000
-#: Turn rate [rad/s] and velocity [m/s] that a short rest may hide: tracks at rest for 0.2 s exclude more.
+#: The end of a stationary phase is detected late: this duration before it [ns] does not count as stationary.
+_UNCERTAIN_NS = 200_000_000
+#: Standard deviations of the angular rate [rad/s] and velocity [m/s] in a short stationary phase: tracks that
+#: do not move for 0.2 s exclude larger ones.
 _COMMON_SIGMA = (1e-2, 1e-2)
 
 
-def static_start(intake: MeasurementBuffer, settings: Settings, rest: Rest) -> Start | str:
-    """A window that begins at rest, or the reason, in words, why not yet.
+def initialize_stationary(
+    buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase
+) -> FirstWindow | str:
+    """A window that begins in a stationary phase, or the reason why not yet.
 
-    While the rest goes on, a long one is enough. Once it is over, the window reaches from the rest into the
-    motion, and the tracks must confirm both.
+    While the phase continues, it suffices that it is long. Once it has ended, the window covers its end and
+    the motion after it, and the tracks must agree with both.
     """
-    if intake.end_ns is None or min(len(intake.gyroscope), len(intake.accelerometer)) < 2:
+    if buffer.end_ns is None or min(len(buffer.gyroscope), len(buffer.accelerometer)) < 2:
         return "waiting for inertial samples"
-    still_s = (rest.until_ns - rest.since_ns) / NS_PER_S
-    if not rest.over and still_s < settings.start.min_seconds:
-        return f"at rest: averaging the IMU, {still_s:.2f} s of {settings.start.min_seconds:.2f} s"
-    knots_ns = _knot_times(intake, settings, rest)
-    still = _at_rest(knots_ns, rest)
-    if not still.any():
-        return "no inertial samples that cover two knots at rest"
+    duration_s = (phase.end_ns - phase.start_ns) / NS_PER_S
+    if not phase.ended and duration_s < settings.initialization.min_seconds:
+        needed_s = settings.initialization.min_seconds
+        return f"stationary: averaging inertial samples, {duration_s:.2f} s of {needed_s:.2f} s"
+    knots_ns = _knot_times(buffer, settings, phase)
+    stationary = _stationary_intervals(knots_ns, phase)
+    if not stationary.any():
+        return "the inertial samples cover fewer than two knots of the stationary phase"
     try:
-        states = _first_states(intake, settings, knots_ns, still)
-        if not rest.over:
-            window = filled_window(intake, settings, knots_ns, states, still=still)
-            return Start(window, window.optimize(settings.start.optimizer))
-        prior = _prior(states, knots_ns[: 1 + np.count_nonzero(still)], settings)
-        window = filled_window(intake, settings, knots_ns, states, prior=prior)
-        if len(window.landmarks) < settings.start.min_landmarks:
-            return f"too few feature tracks: {len(window.landmarks)} of {settings.start.min_landmarks}"
-        solution, outliers = optimize_without_outliers(window, settings.start.optimizer, rounds=4)
+        states = _first_states(buffer, settings, knots_ns, stationary)
+        if not phase.ended:
+            window = filled_window(buffer, settings, knots_ns, states, stationary=stationary)
+            return FirstWindow(window, window.optimize(settings.initialization.optimizer))
+        prior = _prior(states, knots_ns[: 1 + np.count_nonzero(stationary)], settings)
+        window = filled_window(buffer, settings, knots_ns, states, prior=prior)
+        if len(window.landmarks) < settings.initialization.min_landmarks:
+            needed = settings.initialization.min_landmarks
+            return f"too few feature tracks: {len(window.landmarks)}, {needed} are required"
+        solution, outliers = optimize_rejecting_outliers(window, settings.initialization.optimizer, rounds=4)
     except (EstimationError, InertialError) as error:
         return str(error)
-    reason = solution_refusal(solution, settings)
+    reason = solution_rejection(solution, settings)
     if reason:
         return reason
-    intake.refuse(outliers)
-    return Start(window, solution)
+    buffer.reject(outliers)
+    return FirstWindow(window, solution)
 
 
-def _knot_times(intake: MeasurementBuffer, settings: Settings, rest: Rest) -> IntArray:
-    """Knots that end with the newest packet and begin at rest; at most a window of rest."""
-    assert intake.end_ns is not None
-    first = max(int(intake.gyroscope["t_ns"][0]), int(intake.accelerometer["t_ns"][0]), rest.since_ns)
-    first = max(first, rest.until_ns - round(settings.window_s * NS_PER_S))
-    intervals = max((intake.end_ns - first) // settings.knot_interval_ns, 0)
-    return intake.end_ns - settings.knot_interval_ns * np.arange(intervals, -1, -1, dtype=np.int64)
+def _knot_times(buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase) -> IntArray:
+    """Knots from the stationary phase, at most a window's length before its end, to the end of the newest
+    packet."""
+    assert buffer.end_ns is not None
+    first = max(int(buffer.gyroscope["t_ns"][0]), int(buffer.accelerometer["t_ns"][0]), phase.start_ns)
+    first = max(first, phase.end_ns - round(settings.window_s * NS_PER_S))
+    intervals = max((buffer.end_ns - first) // settings.knot_interval_ns, 0)
+    return buffer.end_ns - settings.knot_interval_ns * np.arange(intervals, -1, -1, dtype=np.int64)
 
 
-def _at_rest(knots_ns: IntArray, rest: Rest) -> BoolArray:
-    """Which intervals (K-1,) between knots (K,) are at rest: of a rest that is over its last part only where
-    there is no other."""
+def _stationary_intervals(knots_ns: IntArray, phase: StationaryPhase) -> BoolArray:
+    """Which intervals (K-1,) between knots (K,) are stationary. The last part of a phase that has ended
+    counts only in the first interval."""
     end_ns = knots_ns[1:]
-    still = end_ns <= rest.until_ns - _DOUBT_NS * rest.over
-    still[:1] = end_ns[:1] <= rest.until_ns
-    return np.asarray(still)
+    stationary = end_ns <= phase.end_ns - _UNCERTAIN_NS * phase.ended
+    stationary[:1] = end_ns[:1] <= phase.end_ns
+    return np.asarray(stationary)
 
 
 def _first_states(
-    intake: MeasurementBuffer, settings: Settings, knots_ns: IntArray, still: BoolArray
+    buffer: MeasurementBuffer, settings: Settings, knots_ns: IntArray, stationary: BoolArray
 ) -> States:
-    """At rest one pose, from there on dead reckoning."""
-    resting = 1 + int(np.count_nonzero(still))
-    streams = intake.gyroscope, intake.accelerometer
-    turn, force = (_mean(stream, int(knots_ns[0]), int(knots_ns[resting - 1])) for stream in streams)
+    """One pose for all knots of the stationary phase, dead reckoning after it."""
+    count = 1 + int(np.count_nonzero(stationary))
+    streams = buffer.gyroscope, buffer.accelerometer
+    omega, force = (_mean(stream, int(knots_ns[0]), int(knots_ns[count - 1])) for stream in streams)
     ratio = float(np.linalg.norm(force) / np.linalg.norm(settings.window.gravity_w))
     if not 1.0 / FORCE_RATIO < ratio < FORCE_RATIO:
         raise EstimationError(
-            f"at rest the accelerometer reads {ratio:.3g} times gravity: another unit or full-scale range"
+            f"the stationary accelerometer reads {ratio:.3g} times gravity; "
+            "check its unit and full-scale range"
         )
-    states = _states_at_rest(turn, force, settings, resting)
-    for from_ns, to_ns in pairwise(knots_ns[resting - 1 :].tolist()):
+    states = _stationary_states(omega, force, settings, count)
+    for from_ns, to_ns in pairwise(knots_ns[count - 1 :].tolist()):
         knot = predict_knot(states, from_ns, to_ns, streams, settings.window.gravity_w)
         states = States(*(np.concatenate(pair) for pair in zip(states, knot, strict=True)))
     return states
 
 
 def _prior(states: States, knots_ns: IntArray, settings: Settings) -> Prior:
-    """Prior on the knots (m,) at rest: all they know, and that they do not move.
+    """Prior on the knots (m,) of a stationary phase: that of the first knot, and zero velocity.
 
-    Samples and tracks of so short a time cannot tell rest from slow uniform motion, so the velocity that all
-    these knots share is less certain than that it is the same in all of them.
+    A short phase of samples and tracks does not exclude slow uniform motion. The common velocity of these
+    knots therefore has a larger standard deviation than the differences between them.
     """
-    rest = States(*(a[: len(knots_ns)].copy() for a in states))
-    first = first_prior(States(*(a[:1] for a in rest)), settings.start.bias_sigma)
+    mean = States(*(a[: len(knots_ns)].copy() for a in states))
+    first = first_prior(States(*(a[:1] for a in mean)), settings.initialization.bias_sigma)
     size = 24 * len(knots_ns)
     rows = [np.pad(first.R, [(0, 0), (0, size - 24)]), np.zeros((6, size))]
     rows[1][:, 6:12] = np.diag(1.0 / np.repeat(_COMMON_SIGMA, 3))
@@ -122,19 +131,22 @@ def _prior(states: States, knots_ns: IntArray, settings: Settings) -> Prior:
         after[6:, 6:] = before[6:, 6:] = np.diag(-0.5 * dt / creep)
         rows.append(change)
     R = np.concatenate(rows)
-    return Prior(R, R.T @ R, np.append(first.r_0, np.zeros(len(R) - len(first.r_0))), rest)
+    return Prior(R, R.T @ R, np.append(first.r_0, np.zeros(len(R) - len(first.r_0))), mean)
 
 
 def _mean(stream: RecordArray, start_ns: int, end_ns: int) -> FloatArray:
     return np.asarray(around(stream, start_ns, end_ns)["xyz"].mean(axis=0))
 
 
-def _states_at_rest(turn: FloatArray, force: FloatArray, settings: Settings, count: int) -> States:
-    """One pose for all knots: gravity opposite to the mean specific force `force` (3,), which in length may
-    differ from it by the accelerometer's bias; the mean rate `turn` (3,) is the gyroscope's."""
+def _stationary_states(omega: FloatArray, force: FloatArray, settings: Settings, count: int) -> States:
+    """One pose for `count` knots, with gravity opposite to the mean specific force `force` (3,).
+
+    The accelerometer's bias explains the difference in magnitude; the gyroscope's bias is the mean angular
+    rate `omega` (3,).
+    """
     gravity = float(np.linalg.norm(settings.window.gravity_w))
     length = float(np.linalg.norm(force))
-    bias = np.concatenate([turn, force * (1.0 - gravity / length)])
+    bias = np.concatenate([omega, force * (1.0 - gravity / length)])
     return States(
         np.tile(upright(-force), (count, 1, 1)),
         np.zeros((count, 3)),

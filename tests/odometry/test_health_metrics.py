@@ -1,4 +1,4 @@
-"""Residuals that health is judged by, against the cost that the window itself minimises."""
+"""Health metrics from residuals, against the cost that the window minimises."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def silenced(problem: Problem, quiet: Array) -> Problem:
     return problem._replace(visual=problem.visual._replace(root_information=root))
 
 
-def misfit_of(problem: Problem) -> VisualChiSquare:
+def chi_square_of(problem: Problem) -> VisualChiSquare:
     return visual_chi_square(problem, linearize(problem).squared)
 
 
@@ -42,7 +42,7 @@ def test_visual_ratio_is_that_of_the_window(scheme: str) -> None:
     # With so large a robust scale the cost of one observation is half its squared residual.
     squared = [2.0 * (everything - linearize(silenced(problem, n)).visual_cost) for n in newest(problem)]
     assert len(squared) > 20
-    found = misfit_of(problem)
+    found = chi_square_of(problem)
     # The difference of two large sums leaves few digits.
     assert found.ratio == pytest.approx(np.median(squared) / (2.0 * np.log(2.0)), rel=1e-4)
     assert found.landmarks == len(np.unique(problem.visual.landmark[newest(problem)]))
@@ -56,11 +56,11 @@ def test_what_contradicts_is_counted() -> None:
     xy[chosen[::4]] += 1.0
     xy[: chosen[0]] += 1.0  # earlier intervals do not count
     wrong = problem._replace(visual=problem.visual._replace(xy=xy))
-    before, after = misfit_of(problem), misfit_of(wrong)
+    before, after = chi_square_of(problem), chi_square_of(wrong)
     assert before.rejected < 0.2
     assert after.rejected == pytest.approx(before.rejected + 0.25, abs=0.1)
     few = problem.visual._replace(start=np.r_[problem.visual.start[:-2], chosen[-1] - 3, chosen[-1] + 1])
-    assert misfit_of(problem._replace(visual=few)).ratio == 1.0
+    assert chi_square_of(problem._replace(visual=few)).ratio == 1.0
 
 
 @every_scheme
@@ -84,7 +84,7 @@ def test_inertial_ratio_is_that_of_the_window(scheme: str) -> None:
     assert inertial_ratio(problem) == pytest.approx(squared / count, rel=1e-6)
 
 
-def test_nothing_measured_is_nothing_wrong() -> None:
+def test_no_measurements_no_deviation() -> None:
     problem = toy_problem("gpif")
     bare = {
         name: getattr(problem, name)._replace(start=np.r_[getattr(problem, name).start[:-1], [0]] * 0)

@@ -1,4 +1,4 @@
-"""From a known state: at once, in the world of that state, and believed no further than it is said to be."""
+"""Initialization from a known state: at once, in its world frame, weighted by its standard deviations."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ def run(
 
 
 @pytest.mark.parametrize("scheme", ["gpif", "gpp"])
-def test_starts_at_once_in_the_world_of_the_state(scheme: str) -> None:
+def test_initializes_at_once_in_the_world_of_the_state(scheme: str) -> None:
     simulation = simulated()
     first = true_state(0.73)
-    estimates, reports, odometry = run(simulation.recording, first, inertial={"scheme": scheme})
+    estimates, reports, _ = run(simulation.recording, first, inertial={"scheme": scheme})
     assert 0 < estimates[0].t_ns - first.t_ns < 160_000_000
     assert {report.segment for report in reports} == {0}
     assert reports[-1].health is Health.TRACKING
-    assert odometry.origin is not None
-    assert odometry.origin.t_ns == first.t_ns
+    [origin] = [report.origin for report in reports if report.origin is not None]
+    assert origin.t_ns == first.t_ns
     truth = simulation.truth.at([estimate.t_ns for estimate in estimates])
-    # Nothing is aligned: position and yaw are those of the world in which the state was given.
+    # Nothing is aligned: position and yaw are those of the world frame of the state.
     position = np.array([estimate.T_w_b[:3, 3] for estimate in estimates])
     miss = np.linalg.norm(position - truth.T_w_b[:, :3, 3], axis=1)
     path = np.linalg.norm(np.diff(truth.T_w_b[:, :3, 3], axis=0), axis=1).sum()
@@ -61,13 +61,13 @@ def test_starts_at_once_in_the_world_of_the_state(scheme: str) -> None:
 
 
 def test_a_wrong_velocity_is_corrected_as_far_as_its_sigma_allows() -> None:
-    doubtful = CERTAIN.copy()
-    doubtful[6:9] = 0.3
-    first = true_state(0.73, doubtful)
+    uncertain = CERTAIN.copy()
+    uncertain[6:9] = 0.3
+    first = true_state(0.73, uncertain)
     wrong = replace(first, velocity_w=first.velocity_w + np.array([0.2, -0.2, 0.1]))
     truth = simulated().truth
     left = []
-    for sigma in (doubtful, CERTAIN):
+    for sigma in (uncertain, CERTAIN):
         estimates, _, _ = run(simulated().recording, replace(wrong, sigma=sigma))
         early = estimates[8]
         left.append(np.linalg.norm(early.velocity_w - truth.at(early.t_ns).velocity_w[0]))
@@ -76,14 +76,14 @@ def test_a_wrong_velocity_is_corrected_as_far_as_its_sigma_allows() -> None:
 
 
 def test_covariance_begins_as_it_was_given() -> None:
-    doubtful = np.repeat([1e-3, 2e-2, 1e-3, 1e-4, 1e-3], 3)
-    estimates, _, _ = run(simulated().recording, true_state(0.73, doubtful))
+    uncertain = np.repeat([1e-3, 2e-2, 1e-3, 1e-4, 1e-3], 3)
+    estimates, _, _ = run(simulated().recording, true_state(0.73, uncertain))
     sigma = np.sqrt(np.diag(estimates[0].covariance))
     np.testing.assert_allclose(sigma[3:6], 2e-2, rtol=0.05)
     assert (sigma[:3] < 5e-3).all()
 
 
-def test_a_state_before_the_samples_is_refused() -> None:
+def test_a_state_before_the_samples_is_rejected() -> None:
     first = true_state(0.0)
     early = replace(first, t_ns=first.t_ns - 500_000_000)
     with pytest.raises(EstimationError, match="older than the inertial samples"):
@@ -94,7 +94,7 @@ def test_waits_for_a_state_to_come() -> None:
     _, reports, _ = run(simulated().recording, true_state(2.0))
     waiting = [report for report in reports if report.health is Health.INITIALIZING]
     assert len(waiting) in range(19, 23)
-    assert all("known first state" in report.reason for report in waiting)
+    assert all("after the initial state" in report.reason for report in waiting)
 
 
 @pytest.mark.parametrize(
@@ -103,10 +103,10 @@ def test_waits_for_a_state_to_come() -> None:
         ({"velocity_w": np.zeros(2)}, "velocity_w"),
         ({"bias_gyroscope": np.full(3, np.nan)}, "bias_gyroscope"),
         ({"T_w_b": 2.0 * np.eye(4)}, "orthonormality"),
-        ({"T_w_b": np.diag([1.0, 1.0, -1.0, 1.0])}, "no pose"),
+        ({"T_w_b": np.diag([1.0, 1.0, -1.0, 1.0])}, "not a pose"),
         ({"sigma": np.zeros(15)}, "positive"),
     ],
 )
-def test_what_is_no_state_is_refused(change: dict[str, Any], match: str) -> None:
+def test_invalid_states_are_rejected(change: dict[str, Any], match: str) -> None:
     with pytest.raises(EstimationError, match=match):
         Odometry(configured(), simulated().recording.calibration, replace(true_state(0.5), **change))

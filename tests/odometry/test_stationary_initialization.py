@@ -1,4 +1,4 @@
-"""From rest: the window starts at once, knows what rest tells and no more, and holds still until it moves."""
+"""Stationary initialization: at once, with the covariance of what is observable, and without drift."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asyneio.estimation.linearization.prior import difference, prior_cost
-from asyneio.odometry.initializer.stationary import _prior, _states_at_rest
+from asyneio.odometry.initializer.stationary import _prior, _stationary_states
 from asyneio.odometry.settings import resolve
 from asyneio.simulation import MotionStyle, Simulation, simulate
 from asyneio.types import Estimate, Health, Recording, StepReport
@@ -41,7 +41,7 @@ def seconds(outcome: Outcome) -> np.ndarray:
 
 def assert_tracks_at_rest_and_afterwards(reports: list[StepReport]) -> None:
     """Only from the end of the rest to the first landmarks it has inertial samples alone, and says so."""
-    assert {r.health for r in reports if r.still} <= {Health.TRACKING}
+    assert {r.health for r in reports if r.stationary} <= {Health.TRACKING}
     assert reports[-1].health is Health.TRACKING
     blind = [r for r in reports if r.health is not Health.TRACKING]
     assert all(r.health is Health.DEGRADED for r in blind)
@@ -49,7 +49,7 @@ def assert_tracks_at_rest_and_afterwards(reports: list[StepReport]) -> None:
 
 
 @pytest.mark.parametrize("frames", [False, True], ids=["events", "frames"])
-def test_starts_at_rest_without_parallax(frames: bool) -> None:
+def test_initializes_stationary_without_parallax(frames: bool) -> None:
     _, outcome = held(0, frames=frames)
     assert seconds(outcome)[0] < 1.3
     before = [r for r in outcome.reports if r.health is Health.INITIALIZING]
@@ -57,9 +57,9 @@ def test_starts_at_rest_without_parallax(frames: bool) -> None:
     after = outcome.reports[len(before) :]
     assert_tracks_at_rest_and_afterwards(after)
     assert all(r.attitude is None for r in after)
-    resting = [r.still for r in after if r.t_ns < START_NS + 2_000_000_000]
+    resting = [r.stationary for r in after if r.t_ns < START_NS + 2_000_000_000]
     assert all(resting)
-    assert not any(r.still for r in after if r.t_ns > START_NS + 2_300_000_000)
+    assert not any(r.stationary for r in after if r.t_ns > START_NS + 2_300_000_000)
     for estimate in outcome.estimates[: len(resting)]:
         assert np.linalg.norm(estimate.velocity_w) < 0.005
         assert np.linalg.norm(estimate.T_w_b[:3, 3]) < 1e-3
@@ -79,7 +79,7 @@ def test_scale_is_right_once_it_moves(seed: int) -> None:
     assert e.tilt < 1.0
 
 
-def test_covariance_says_what_rest_shows_of_the_biases() -> None:
+def test_covariance_of_the_biases_after_a_stationary_phase() -> None:
     """Along gravity the accelerometer's bias is seen; across it, it stays as uncertain as before and is
     one with the tilt. The gyroscope's bias is seen as well as averaging its noise allows."""
     simulation, outcome = held(0)
@@ -128,15 +128,14 @@ def test_standing_still_from_the_start_does_not_drift() -> None:
 
 
 @pytest.mark.parametrize("wide", [False, True], ids=["usual priors", "wide priors of the biases"])
-def test_a_short_rest_enters_the_start(wide: bool) -> None:
+def test_initialization_uses_a_short_phase(wide: bool) -> None:
     """Without it the same motion needs a second more. Wide priors are those of turn-on biases."""
     biases = {"initial_gyroscope_bias_sigma": 0.1, "initial_accelerometer_bias_sigma": 0.5}
     simulation = simulate(varied(1, motion=MotionStyle.MODERATE, duration_s=4.0, pause_s=(0.0, 0.4)))
     outcome = run(eventful(simulation.recording, 0.0, 0.4), configured(inertial=biases if wide else {}))
     assert seconds(outcome)[0] < 0.4 + 1.2
     assert {r.health for r in outcome.reports} <= {Health.INITIALIZING, Health.TRACKING}
-    origin = outcome.odometry.origin
-    assert origin is not None
+    [origin] = outcome.origins
     assert origin.t_ns <= START_NS + 200_000_000
     assert np.linalg.norm(origin.velocity_w) < 0.02
     turn = origin.bias_gyroscope - simulation.truth.at([origin.t_ns]).bias_gyroscope[0]
@@ -146,12 +145,12 @@ def test_a_short_rest_enters_the_start(wide: bool) -> None:
     assert errors(simulation, outcome.estimates).position < 0.08
 
 
-def test_prior_of_a_short_rest_allows_for_slow_uniform_motion() -> None:
+def test_prior_of_a_short_phase_allows_slow_uniform_motion() -> None:
     """Whatever all knots share costs what one velocity costs, what differs among them costs dearly."""
     settings = resolve(
         configured(), simulate(varied(0)).recording.calibration, declared_noise(SCENARIO.noise, 200.0, 190.0)
     )
-    at_rest = _states_at_rest(np.zeros(3), np.array([0.3, 0.5, 9.79]), settings, 3)
+    at_rest = _stationary_states(np.zeros(3), np.array([0.3, 0.5, 9.79]), settings, 3)
     t = np.array([0.0, 0.1, 0.2])
     prior = _prior(at_rest, START_NS + (t * 1e9).astype(np.int64), settings)
     assert prior.knots == 3
@@ -173,7 +172,7 @@ def test_a_rest_on_the_way() -> None:
     simulation = simulate(varied(1, motion=MotionStyle.MODERATE, duration_s=16.0, pause_s=(4.0, 14.0)))
     outcome = run(eventful(simulation.recording, 4.0, 14.0))
     assert_tracks_at_rest_and_afterwards(outcome.reports[-110:])
-    still = np.array([(r.t_ns - START_NS) * 1e-9 for r in outcome.reports if r.still])
+    still = np.array([(r.t_ns - START_NS) * 1e-9 for r in outcome.reports if r.stationary])
     assert 4.0 < still[0] < 4.8
     assert still[-1] < 14.3
     assert len(still) > 90

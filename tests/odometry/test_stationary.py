@@ -1,4 +1,4 @@
-"""Rest or not: what inertial samples and the image say together, situation by situation."""
+"""Stationary or not: what inertial samples and the image say together, situation by situation."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from asyneio.config import InertialConfig
+from asyneio.odometry.raw_measurements import RawMeasurements
 from asyneio.odometry.stationary import StationaryDetector
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, Estimate, Packet, RecordArray
 from tests.inertial.windows import declared_noise
@@ -65,12 +66,17 @@ class Situation:
         return out
 
 
+def new_detector() -> tuple[RawMeasurements, StationaryDetector]:
+    calibration = simulated().recording.calibration
+    return RawMeasurements(), StationaryDetector(InertialConfig(), calibration, PIXEL_SIGMA)
+
+
 def judged(situation: Situation, seconds: float = 1.5, known: Estimate | None = None) -> list[bool]:
-    detector = StationaryDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
+    raw, detector = new_detector()
     answers = []
     for packet in situation.packets(seconds):
-        detector.append(packet)
-        answers.append(detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, known, CALM))
+        raw.append(packet)
+        answers.append(detector.update(raw, packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, known, CALM))
     return answers
 
 
@@ -125,7 +131,7 @@ IN_MOTION = {
 
 
 @pytest.mark.parametrize("name", AT_REST)
-def test_at_rest(name: str) -> None:
+def test_stationary_situations(name: str) -> None:
     situation, estimate = AT_REST[name]
     answers = judged(situation, 1.5, estimate)
     needed = 2 if estimate is None else 5
@@ -144,14 +150,14 @@ def pushed_at(begin: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda t: np.where(np.asarray(t)[:, None] > begin, 0.4, 0.0) * np.array([1.0, 0.0, 0.0])
 
 
-def test_a_push_ends_it_at_once() -> None:
+def test_an_acceleration_ends_a_phase_at_once() -> None:
     answers = judged(Situation(push=pushed_at(1.5)), 2.5)
     assert all(answers[5:15])
     # Gliding on unseen looks like rest again; an estimate would know better.
     assert not any(answers[16:19])
 
 
-def test_somebody_walks_through_the_image() -> None:
+def test_a_person_walks_through_the_image() -> None:
     """A rest that has begun goes on while every track moves, but none begins."""
     passer_by = Situation(image=lambda t: steady(30.0)(np.maximum(np.asarray(t) - 1.0, 0.0)))
     answers = judged(passer_by, 2.5)
@@ -172,14 +178,14 @@ def test_lifted_too_softly_for_the_accelerometer_but_seen() -> None:
 
 
 def test_a_gap_in_the_samples_ends_it() -> None:
-    detector = StationaryDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
+    raw, detector = new_detector()
     packets = QUIET.packets(2.0)
     packets[12] = replace(packets[12], gyroscope=packets[12].gyroscope[:0])
     answers = []
     for packet in packets:
-        detector.append(packet)
-        answers.append(detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None, CALM))
-        assert (detector.rest is not None and not detector.rest.over) == detector.still == answers[-1]
+        raw.append(packet)
+        answers.append(detector.update(raw, packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None, CALM))
+        assert (detector.phase is not None and not detector.phase.ended) == detector.stationary == answers[-1]
     assert all(answers[2:12])
     assert not any(answers[12:17])
     assert all(answers[18:])
@@ -188,13 +194,16 @@ def test_a_gap_in_the_samples_ends_it() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_rest_lasts(seed: int) -> None:
     """Half a minute of noise and walking biases: never interrupted."""
-    detector = StationaryDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
+    raw, detector = new_detector()
     for n, packet in enumerate(QUIET.packets(30.0, seed)):
         drift = np.sqrt(n / 10.0)
         packet.accelerometer["xyz"] += NOISE.accelerometer_walk * drift
         packet.gyroscope["xyz"] -= NOISE.gyroscope_walk * drift
-        detector.append(packet)
-        assert detector.judge(packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None, CALM) == (n >= 1) or n < 6
+        raw.append(packet)
+        assert (
+            detector.update(raw, packet.t_end_ns - INTERVAL_NS, packet.t_end_ns, None, CALM) == (n >= 1)
+            or n < 6
+        )
 
 
 def short_rest(seconds: float, image: Callable[[np.ndarray], np.ndarray] | None = None) -> StationaryDetector:
@@ -203,23 +212,23 @@ def short_rest(seconds: float, image: Callable[[np.ndarray], np.ndarray] | None 
     def push(t: np.ndarray) -> np.ndarray:
         return np.where(np.asarray(t)[:, None] > seconds, wave(0.8, 1.0)(np.asarray(t) - seconds), 0.0)
 
-    detector = StationaryDetector(InertialConfig(), simulated().recording.calibration, PIXEL_SIGMA)
+    raw, detector = new_detector()
     for packet in Situation(push=push, image=image, tracks=40).packets(seconds + 0.5):
-        detector.append(packet)
-        detector.judge(packet.t_end_ns, packet.t_end_ns, None, CALM)
+        raw.append(packet)
+        detector.update(raw, packet.t_end_ns, packet.t_end_ns, None, CALM)
     return detector
 
 
 @pytest.mark.parametrize("seconds", [0.2, 0.3, 0.5, 0.9])
-def test_a_short_rest_is_remembered(seconds: float) -> None:
-    rest = short_rest(seconds).rest
-    assert rest is not None
-    assert rest.over
-    assert rest.since_ns == 0
-    assert abs(rest.until_ns * 1e-9 - seconds) < 0.15
+def test_a_short_phase_is_remembered(seconds: float) -> None:
+    phase = short_rest(seconds).phase
+    assert phase is not None
+    assert phase.ended
+    assert phase.start_ns == 0
+    assert abs(phase.end_ns * 1e-9 - seconds) < 0.15
 
 
-def test_no_short_rest_while_all_tracks_creep() -> None:
+def test_no_short_phase_while_all_tracks_creep() -> None:
     """By less than the noise of one track, but all of them alike."""
-    assert short_rest(0.3, image=steady(3.5)).rest is None
-    assert short_rest(0.3, image=nothing).rest is not None
+    assert short_rest(0.3, image=steady(3.5)).phase is None
+    assert short_rest(0.3, image=nothing).phase is not None
