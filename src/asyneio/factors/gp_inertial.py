@@ -13,6 +13,7 @@ from numba import njit
 from asyneio.geometry.linalg import matvec_t
 from asyneio.geometry.se3 import right_jacobian, right_jacobian_times
 from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
+from asyneio.state import BIAS_0, BIAS_1, KINEMATIC_DOF, XI_DOT_0
 from asyneio.trajectory.interpolation import query_rates, query_rates_jacobian, weighted
 from asyneio.types import FloatArray
 
@@ -53,11 +54,11 @@ def gyroscope_jacobian(local: FloatArray, weights: FloatArray, alpha: float, jac
     jacobian[:] = 0.0
     for i in range(3):
         for b in range(5):
-            o = 6 + 6 * b
+            o = XI_DOT_0 + 6 * b
             for j in range(3):
                 jacobian[i, o + j] = -(weights[0, b] * d_xi[i, j] + weights[1, b] * J[i, j])
-        jacobian[i, 36 + i] = -(1.0 - alpha)
-        jacobian[i, 42 + i] = -alpha
+        jacobian[i, BIAS_0 + i] = -(1.0 - alpha)
+        jacobian[i, BIAS_1 + i] = -alpha
 
 
 @njit(cache=True, nogil=True)
@@ -111,13 +112,13 @@ def accelerometer_jacobian(
 ) -> None:
     """`jacobian` (3,48) of `accelerometer_residual` with respect to the local coordinates, (22)-(23)."""
     varpi = np.empty((2, 6))
-    rates = np.empty((12, 18))
+    rates = np.empty((12, KINEMATIC_DOF))
     C_d = np.empty((3, 3))
     J = np.empty((3, 3))
     xi = np.empty(6)
     g_0 = np.empty(3)
     g = np.empty(3)
-    d_gamma = np.empty((3, 18))
+    d_gamma = np.empty((3, KINEMATIC_DOF))
     query_rates_jacobian(local, weights, space, varpi, rates)
     # Gravity turns with the rotation alone: d phi(tau) = C_d^T d phi_k + J_r(phi) d phi (62)-(63).
     weighted(local, weights[0], xi)
@@ -130,7 +131,7 @@ def accelerometer_jacobian(
     for i in range(3):
         i1 = (i + 1) % 3
         i2 = (i + 2) % 3
-        for j in range(18):
+        for j in range(KINEMATIC_DOF):
             # - nu_dot - omega x nu = - nu_dot + nu^ omega - omega^ nu (23)
             d_gamma[i, j] = (
                 -rates[9 + i, j]
@@ -142,12 +143,12 @@ def accelerometer_jacobian(
             d_gamma[i, j] += g[i1] * J[i2, j] - g[i2] * J[i1, j]
             jacobian[i, j] = g[i1] * C_d[j, i2] - g[i2] * C_d[j, i1]
         for b in range(5):
-            o = 6 + 6 * b
+            o = XI_DOT_0 + 6 * b
             for j in range(6):
                 jacobian[i, o + j] = (
                     weights[0, b] * d_gamma[i, j]
                     + weights[1, b] * d_gamma[i, 6 + j]
                     + weights[2, b] * d_gamma[i, 12 + j]
                 )
-        jacobian[i, 39 + i] = -(1.0 - alpha)
-        jacobian[i, 45 + i] = -alpha
+        jacobian[i, BIAS_0 + 3 + i] = -(1.0 - alpha)
+        jacobian[i, BIAS_1 + 3 + i] = -alpha

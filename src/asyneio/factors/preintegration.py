@@ -12,6 +12,7 @@ from numba import njit
 
 from asyneio.geometry.linalg import matmul, matmul_tn, matvec, matvec_t, set_block, skew
 from asyneio.geometry.so3 import so3_exp, so3_log, so3_right_jacobian, so3_right_jacobian_inverse
+from asyneio.state import BIAS, DOF, NU, PHI, RHO
 from asyneio.types import FloatArray
 
 
@@ -123,28 +124,28 @@ def preintegration_jacobian(
     matvec_t(C_0, r_1 - r_0, way)
     jacobian[:] = 0.0
     matmul(J_inv, C_01.T, product)
-    set_block(jacobian, 0, 0, -1.0, product)
-    set_block(jacobian, 0, 24, 1.0, J_inv)
+    set_block(jacobian, 0, PHI, -1.0, product)
+    set_block(jacobian, 0, DOF + PHI, 1.0, J_inv)
     skew(speed - dt * fall, hat)
-    set_block(jacobian, 3, 0, 1.0, hat)
+    set_block(jacobian, 3, PHI, 1.0, hat)
     skew(way - 0.5 * dt * dt * fall, hat)
-    set_block(jacobian, 6, 0, 1.0, hat)
+    set_block(jacobian, 6, PHI, 1.0, hat)
     skew(nu_1, hat)
     matmul(C_01, hat, product)
-    set_block(jacobian, 3, 24, -1.0, product)
-    set_block(jacobian, 3, 33, 1.0, C_01)
-    set_block(jacobian, 6, 27, 1.0, C_01)
+    set_block(jacobian, 3, DOF + PHI, -1.0, product)
+    set_block(jacobian, 3, DOF + NU, 1.0, C_01)
+    set_block(jacobian, 6, DOF + RHO, 1.0, C_01)
     for i in range(3):
-        jacobian[3 + i, 9 + i] = -1.0
-        jacobian[6 + i, 3 + i] = -1.0
-        jacobian[6 + i, 9 + i] = -dt
+        jacobian[3 + i, NU + i] = -1.0
+        jacobian[6 + i, RHO + i] = -1.0
+        jacobian[6 + i, NU + i] = -dt
         for j in range(6):
             s = 0.0
             for k in range(3):
                 s += by_psi[i, k] * d_bias[k, j]
-            jacobian[i, 18 + j] = -s
-            jacobian[3 + i, 18 + j] = -d_bias[3 + i, j]
-            jacobian[6 + i, 18 + j] = -d_bias[6 + i, j]
+            jacobian[i, BIAS + j] = -s
+            jacobian[3 + i, BIAS + j] = -d_bias[3 + i, j]
+            jacobian[6 + i, BIAS + j] = -d_bias[6 + i, j]
 
 
 @njit(cache=True, nogil=True)

@@ -13,6 +13,7 @@ from numba import njit
 
 from asyneio.geometry.linalg import matmul, matmul_tn, matvec_t, set_block, skew
 from asyneio.geometry.so3 import so3_log, so3_right_jacobian_inverse
+from asyneio.state import DOF, PHI, RHO, VARPI
 from asyneio.types import FloatArray
 
 #: Rows of the residual: turn, displacement, and the velocities of both knots.
@@ -60,12 +61,12 @@ def zero_velocity_jacobian(
     matvec_t(C_0, r_1 - r_0, way)
     skew(way, hat)
     jacobian[:] = 0.0
-    set_block(jacobian, 0, 0, -1.0, product)
-    set_block(jacobian, 0, 24, 1.0, J_inv)
-    set_block(jacobian, 3, 0, 1.0, hat)
-    set_block(jacobian, 3, 27, 1.0, C_01)
+    set_block(jacobian, 0, PHI, -1.0, product)
+    set_block(jacobian, 0, DOF + PHI, 1.0, J_inv)
+    set_block(jacobian, 3, PHI, 1.0, hat)
+    set_block(jacobian, 3, DOF + RHO, 1.0, C_01)
     for i in range(3):
-        jacobian[3 + i, 3 + i] = -1.0
+        jacobian[3 + i, RHO + i] = -1.0
     for i in range(6):
-        jacobian[6 + i, 6 + i] = 1.0
-        jacobian[12 + i, 30 + i] = 1.0
+        jacobian[6 + i, VARPI + i] = 1.0
+        jacobian[12 + i, DOF + VARPI + i] = 1.0

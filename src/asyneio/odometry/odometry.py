@@ -27,6 +27,7 @@ from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.stationary import StationaryDetector
+from asyneio.state import DOF
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import (
     NS_PER_S,
@@ -256,7 +257,7 @@ class Odometry:
             return [], self._initializing(t_ns, started)
         self._first_state = None
         self._window, self._solution = started.window, started.solution
-        covariance = joint_covariance(self._solution, 0)[:24, :24]
+        covariance = joint_covariance(self._solution, 0)[:DOF, :DOF]
         self.origin = estimate_of(self._window, 0, covariance, self._segment)
         self._intake.drop_until(int(self._window.t_ns[-1]))
         estimate = self._newest()

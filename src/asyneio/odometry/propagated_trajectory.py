@@ -11,6 +11,7 @@ from asyneio.errors import TrajectoryError
 from asyneio.estimation.problem.problem import States
 from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
 from asyneio.inertial.increments import Increments, Preintegration
+from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import FloatArray, IntArray
 
 #: Step [s] of the differences that take a rate from increments: they are smooth, and exact to rounding.
@@ -84,8 +85,8 @@ class PropagatedTrajectory:
         for n, (k, tau, at) in enumerate(self._increments(t_ns)):
             increments = at.C[0], at.r[0], at.d_bias[0]
             propagated_pose_jacobian(*self._knot(k), *increments, tau, self._gravity_w, d_eps, d_nu, d_bias)
-            J = np.zeros((6, 24))
-            J[:, :6], J[:, 9:12], J[:, 18:] = d_eps, d_nu, d_bias
+            J = np.zeros((6, DOF))
+            J[:, EPS : EPS + 6], J[:, NU : NU + 3], J[:, BIAS:] = d_eps, d_nu, d_bias
             # [phi, r] of the increments; r lies in the frame of the knot, the error in that of the query.
             noise = self._inflation**2 * self._preintegrations[k].covariance(tau)
             turn = np.zeros((6, 9))

@@ -31,6 +31,7 @@ from asyneio.inertial.stationarity import (
     measure_stationarity,
     shakes,
 )
+from asyneio.state import B_G, NU
 from asyneio.types import (
     INERTIAL_DTYPE,
     NS_PER_S,
@@ -200,11 +201,11 @@ class StationaryDetector:
             offset = _MAX_OFFSET_WITH_TRACKS if image is _Image.STILL else _MAX_OFFSET
             return bool(np.abs(turn).max() < offset) and self._is_gravity(force)
         sigma = np.sqrt(known.covariance.diagonal())
-        turning = np.abs(turn - known.bias_gyroscope) > _BIAS_SLACK + _ENTER * sigma[18:21]
+        turning = np.abs(turn - known.bias_gyroscope) > _BIAS_SLACK + _ENTER * sigma[B_G : B_G + 3]
         if turning.any() or not self._is_gravity(force - known.bias_accelerometer):
             return False
         speed = float(np.linalg.norm(known.velocity_w))
-        slowest = _SLOW + _SPEED_SIGMAS * float(np.linalg.norm(sigma[9:12]))
+        slowest = _SLOW + _SPEED_SIGMAS * float(np.linalg.norm(sigma[NU : NU + 3]))
         return image is _Image.STILL or speed < slowest
 
     def _is_gravity(self, force: FloatArray) -> bool:

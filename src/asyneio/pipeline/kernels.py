@@ -33,6 +33,7 @@ from asyneio.inertial.increments import ImuWindow, SampleNoise
 from asyneio.initialization.dead_reckoned import BiasPrior, FirstMotion, adjust
 from asyneio.initialization.dead_reckoned_rays import DeadReckoning, SpanObservations
 from asyneio.odometry.propagation import predict_knot
+from asyneio.state import DOF, LOCAL_DOF
 from asyneio.trajectory.model import WNOJ_SE3
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, CameraIntrinsics
 
@@ -57,15 +58,15 @@ def compile_frontend() -> None:
 def compile_visual() -> None:
     """The kernels of the observations, of a step, of the lens and of dead reckoning."""
     problem = _tiny_problem()
-    local, chain = np.zeros((1, 5, 6)), np.zeros((1, 48, 48))
+    local, chain = np.zeros((1, 5, 6)), np.zeros((1, LOCAL_DOF, LOCAL_DOF))
     sums = empty_sums(problem)
     visual_terms.visual_terms(
-        problem, local, local, chain, False, np.zeros((1, 48, 48)), np.zeros((1, 48)), sums, np.empty(1)
+        problem, local, local, chain, False, chain, np.zeros((1, LOCAL_DOF)), sums, np.empty(1)
     )
-    H, b = np.zeros((48, 48)), np.zeros(48)
+    H, b = np.zeros((2 * DOF, 2 * DOF)), np.zeros(2 * DOF)
     system = LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.W_camera, 0.0, 0.0, 0, np.empty(1))
     eliminate_landmarks(system, problem.landmarks, problem.model)
-    retract(problem, system, np.zeros(48))
+    retract(problem, system, b)
     C, r, kappa = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0]] * 2)
     model, weights = problem.model, np.zeros((2, 5))
     interval = np.zeros(2, dtype=np.int64)
@@ -87,17 +88,17 @@ def compile_intervals() -> None:
     problem = _tiny_problem()
     states = problem.states
     local = np.zeros((1, 5, 6))
-    H, b = np.zeros((1, 48, 48)), np.zeros((1, 48))
+    H, b = np.zeros((1, LOCAL_DOF, LOCAL_DOF)), np.zeros((1, LOCAL_DOF))
     space = problem.model.motion_model.space
     interval_terms.interval_locals(states, space, local)
-    interval_terms.interval_chains(states, np.ones(1, dtype=np.bool_), space, np.zeros((1, 48, 48)))
+    interval_terms.interval_chains(states, np.ones(1, dtype=np.bool_), space, np.zeros_like(H))
     interval_terms.motion_terms(problem, local, True, H, b)
     interval_terms.gyroscope_terms(problem.gyroscope, states.bias, local, local, True, H, b)
     interval_terms.accelerometer_terms(
         problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
     )
     resting = problem._replace(zero_velocity=zero_velocity_of(np.ones(1, dtype=np.bool_), problem.model))
-    zero_velocity_terms(resting, True, np.zeros((48, 48)), np.zeros(48))
+    zero_velocity_terms(resting, True, np.zeros((2 * DOF, 2 * DOF)), np.zeros(2 * DOF))
 
 
 def compile_start() -> None:

@@ -24,9 +24,8 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import TrajectoryError
+from asyneio.state import DOF, KINEMATIC_DOF, KINEMATIC_LOCAL_DOF
 from asyneio.trajectory.interpolation import (
-    KINEMATIC_DOF,
-    LOCAL_DOF,
     interval_chain,
     interval_local,
     query_pose,
@@ -39,8 +38,7 @@ from asyneio.trajectory.motion_prior import conditional_covariance, interpolatio
 from asyneio.types import FloatArray, IntArray
 
 #: Error-state size of a knot with its biases, and of the two knots a joint covariance is for.
-_KNOT_DOF = 24
-_JOINT_DOF = 2 * _KNOT_DOF
+
 #: How far from orthonormal a knot's rotation may be.
 _ORTHONORMAL = 1e-6
 
@@ -182,7 +180,7 @@ class GPTrajectory:
         out = np.empty((len(times), KINEMATIC_DOF, KINEMATIC_DOF))
         for interval in np.unique(k):
             chosen = np.flatnonzero(k == interval)
-            chain = np.empty((LOCAL_DOF, LOCAL_DOF))
+            chain = np.empty((KINEMATIC_LOCAL_DOF, KINEMATIC_LOCAL_DOF))
             pair = slice(interval, interval + 2)
             C, r, varpi = self._C[pair], self._r[pair], self._varpi[pair]
             interval_chain(C[0], r[0], varpi[0], C[1], r[1], varpi[1], self._space, chain)
@@ -207,13 +205,13 @@ class GPTrajectory:
                 "this trajectory was built without covariances; expected `joint_covariance`"
             )
         joint = np.asarray(self._joint_covariance(interval), dtype=np.float64)
-        if joint.shape != (_JOINT_DOF, _JOINT_DOF) or not np.isfinite(joint).all():
+        if joint.shape != (2 * DOF, 2 * DOF) or not np.isfinite(joint).all():
             raise TrajectoryError(
                 f"the joint covariance of knots {interval} and {interval + 1} has shape {joint.shape} and "
                 f"{np.count_nonzero(~np.isfinite(joint))} entries that are not finite; expected a finite "
-                f"({_JOINT_DOF},{_JOINT_DOF}) matrix"
+                f"({2 * DOF},{2 * DOF}) matrix"
             )
-        kept = np.concatenate([np.arange(KINEMATIC_DOF), _KNOT_DOF + np.arange(KINEMATIC_DOF)])
+        kept = np.concatenate([np.arange(KINEMATIC_DOF), DOF + np.arange(KINEMATIC_DOF)])
         return np.ascontiguousarray(joint[np.ix_(kept, kept)])
 
     def _checked_times(self, t_ns: IntArray | int) -> tuple[IntArray, bool]:
@@ -343,7 +341,7 @@ def _posterior(
     out: FloatArray,
 ) -> None:
     """`out[index]` (N,18,18) for the times of one interval: J P J^T + G (K x Q_c) G^T."""
-    to_local = np.zeros((KINEMATIC_DOF, LOCAL_DOF))
+    to_local = np.zeros((KINEMATIC_DOF, KINEMATIC_LOCAL_DOF))
     G = np.zeros((KINEMATIC_DOF, KINEMATIC_DOF))
     K = np.empty((3, 3))
     spread = np.empty((KINEMATIC_DOF, KINEMATIC_DOF))

@@ -15,7 +15,17 @@ import numpy as np
 from numba import njit
 
 from asyneio.geometry.linalg import add_block, cross, matmul, matvec, matvec_t, set_block, skew
+from asyneio.state import KINEMATIC_DOF, NU, NU_DOT, OMEGA, PHI, RHO, XI, XI_DDOT, XI_DDOT_0, XI_DOT
 from asyneio.types import FloatArray
+
+#: Position rows of the local coordinates: those after the three of the rotation.
+_ACCELERATION_0, _POSITION, _RATE, _ACCELERATION = XI_DDOT_0 + 3, XI + 3, XI_DOT + 3, XI_DDOT + 3
+#: Columns of the second knot in the chain.
+_PHI_1, _RHO_1, _OMEGA_1 = KINEMATIC_DOF + PHI, KINEMATIC_DOF + RHO, KINEMATIC_DOF + OMEGA
+_NU_1, _NU_DOT_1 = KINEMATIC_DOF + NU, KINEMATIC_DOF + NU_DOT
+#: Rows and columns of d [omega, nu, omega_dot, nu_dot] / d [phi, rho, phi_dot, rho_dot, phi_ddot, rho_ddot].
+_D_NU, _D_NU_DOT = 3, 9
+_BY_PHI, _BY_PHI_DOT, _BY_RHO_DOT, _BY_RHO_DDOT = 0, 6, 9, 15
 
 
 @njit(cache=True, nogil=True)
@@ -52,34 +62,35 @@ def linear_chain(
     _inertial_acceleration(varpi_1, a)
     # Row 1: nu_dot + omega x nu at the first knot.
     skew(varpi_0[0, 3:], S)
-    set_block(out, 15, 6, -1.0, S)
+    set_block(out, _ACCELERATION_0, OMEGA, -1.0, S)
     skew(varpi_0[0, :3], S)
-    set_block(out, 15, 9, 1.0, S)
-    for block in range(3):
-        out[21 + 6 * block : 24 + 6 * block] = 0.0
+    set_block(out, _ACCELERATION_0, NU, 1.0, S)
+    for row in (_POSITION, _RATE, _ACCELERATION):
+        out[row : row + 3] = 0.0
     skew(r, S)
-    set_block(out, 21, 0, 1.0, S)
+    set_block(out, _POSITION, PHI, 1.0, S)
     for i in range(3):
-        out[21 + i, 3 + i] = -1.0
-    set_block(out, 21, 21, 1.0, C)
+        out[_POSITION + i, RHO + i] = -1.0
+    set_block(out, _POSITION, _RHO_1, 1.0, C)
     matvec(C, varpi_1[0, 3:], x)
     skew(x, S)
-    set_block(out, 27, 0, 1.0, S)
-    set_block(out, 27, 27, 1.0, C)
+    set_block(out, _RATE, PHI, 1.0, S)
+    set_block(out, _RATE, _NU_1, 1.0, C)
     matvec(C, a, x)
     skew(x, S)
-    set_block(out, 33, 0, 1.0, S)
-    set_block(out, 33, 33, 1.0, C)
+    set_block(out, _ACCELERATION, PHI, 1.0, S)
+    set_block(out, _ACCELERATION, _NU_DOT_1, 1.0, C)
     skew(varpi_1[0, :3], S)
-    matmul(C, S, out[33:36, 27:30])
+    matmul(C, S, out[_ACCELERATION : _ACCELERATION + 3, _NU_1 : _NU_1 + 3])
     # - C nu^ and - C a^: of the second knot's rotation, and of omega in omega x nu.
     skew(varpi_1[0, 3:], S)
     S *= -1.0
-    matmul(C, S, out[27:30, 18:21])
-    set_block(out, 33, 24, 1.0, out[27:30, 18:21])
+    by_turn = out[_RATE : _RATE + 3, _PHI_1 : _PHI_1 + 3]
+    matmul(C, S, by_turn)
+    set_block(out, _ACCELERATION, _OMEGA_1, 1.0, by_turn)
     skew(a, S)
     S *= -1.0
-    matmul(C, S, out[33:36, 18:21])
+    matmul(C, S, out[_ACCELERATION : _ACCELERATION + 3, _PHI_1 : _PHI_1 + 3])
 
 
 @njit(cache=True, nogil=True)
@@ -95,7 +106,7 @@ def linear_rates(C_d: FloatArray, gamma: FloatArray, out: FloatArray) -> None:
 
 @njit(cache=True, nogil=True)
 def linear_rates_jacobian(C_d: FloatArray, J: FloatArray, varpi: FloatArray, jacobian: FloatArray) -> None:
-    """Rows of nu (3..5) and nu_dot (9..11) of `jacobian` (12,18) = d [varpi, varpi_dot] / d gamma.
+    """Rows of nu and nu_dot of `jacobian` (12,18) = d [varpi, varpi_dot] / d [xi, xi_dot, xi_ddot].
 
     `varpi` (2,6) at the query time, `J` = J_r(phi) (3,3); the rows of omega are there on entry.
     """
@@ -106,19 +117,19 @@ def linear_rates_jacobian(C_d: FloatArray, J: FloatArray, varpi: FloatArray, jac
     skew(varpi[0, 3:], N)
     skew(varpi[0, :3], W)
     skew(a, A)
-    jacobian[3:6] = 0.0
-    jacobian[9:12] = 0.0
+    jacobian[_D_NU : _D_NU + 3] = 0.0
+    jacobian[_D_NU_DOT : _D_NU_DOT + 3] = 0.0
     # A turn e of C_d turns C_d^T x by x_b^ e; e = J d phi.
     matmul(N, J, turned)
-    set_block(jacobian, 3, 0, 1.0, turned)
-    set_block(jacobian, 3, 9, 1.0, C_d.T)
+    set_block(jacobian, _D_NU, _BY_PHI, 1.0, turned)
+    set_block(jacobian, _D_NU, _BY_RHO_DOT, 1.0, C_d.T)
     # d nu_dot = d (C_d^T rho_ddot) - omega^ d nu + nu^ d omega.
-    matmul(A, J, jacobian[9:12, :3])
+    matmul(A, J, jacobian[_D_NU_DOT : _D_NU_DOT + 3, :3])
     matmul(W, turned, work)
-    add_block(jacobian, 9, 0, -1.0, work)
+    add_block(jacobian, _D_NU_DOT, _BY_PHI, -1.0, work)
     matmul(N, jacobian[:3, :3], work)
-    add_block(jacobian, 9, 0, 1.0, work)
-    set_block(jacobian, 9, 6, 1.0, turned)
-    matmul(W, jacobian[3:6, 9:12], work)
-    set_block(jacobian, 9, 9, -1.0, work)
-    set_block(jacobian, 9, 15, 1.0, C_d.T)
+    add_block(jacobian, _D_NU_DOT, _BY_PHI, 1.0, work)
+    set_block(jacobian, _D_NU_DOT, _BY_PHI_DOT, 1.0, turned)
+    matmul(W, jacobian[_D_NU : _D_NU + 3, _BY_RHO_DOT : _BY_RHO_DOT + 3], work)
+    set_block(jacobian, _D_NU_DOT, _BY_RHO_DOT, -1.0, work)
+    set_block(jacobian, _D_NU_DOT, _BY_RHO_DDOT, 1.0, C_d.T)

@@ -15,6 +15,7 @@ from asyneio.factors.gp_inertial import (
     gyroscope_jacobian,
     gyroscope_residual,
 )
+from asyneio.state import DOF, LOCAL_DOF
 from asyneio.types import FloatArray
 
 
@@ -40,7 +41,8 @@ def add_correction_terms(
         if size == 0:
             continue
         directions = np.ascontiguousarray(DIRECTIONS[mine])
-        border, own, slope = np.zeros((len(local), 48, size)), np.zeros((size, size)), np.zeros(size)
+        border = np.zeros((len(local), LOCAL_DOF, size))
+        own, slope = np.zeros((size, size)), np.zeros(size)
         sums = (directions, border, own, slope)
         if mine[0] < GYROSCOPE_DOF:
             gyroscope_correction(problem.gyroscope, states.bias, local, local_lin, *sums)
@@ -52,9 +54,9 @@ def add_correction_terms(
         H[at:end, at:end] += own
         b[at:end] += slope
         for i, moved in enumerate(chain.transpose(0, 2, 1) @ border):
-            o = 24 * i
-            H[o : o + 48, at:end] += moved
-            H[at:end, o : o + 48] += moved.T
+            first, last = DOF * i, DOF * (i + 2)
+            H[first:last, at:end] += moved
+            H[at:end, first:last] += moved.T
 
 
 @njit(cache=True, nogil=True)
@@ -72,7 +74,7 @@ def gyroscope_correction(
     what a unit of each coordinate adds to E."""
     most = samples.root_information.shape[1]
     residual = np.empty((most, 3))
-    jacobian = np.empty((most, 3, 48))
+    jacobian = np.empty((most, 3, LOCAL_DOF))
     for i in range(local.shape[0]):
         begin, end = samples.start[i], samples.start[i + 1]
         for n in range(begin, end):
@@ -101,7 +103,7 @@ def accelerometer_correction(
     """As `gyroscope_correction`."""
     most = samples.root_information.shape[1]
     residual = np.empty((most, 3))
-    jacobian = np.empty((most, 3, 48))
+    jacobian = np.empty((most, 3, LOCAL_DOF))
     for i in range(local.shape[0]):
         begin, end = samples.start[i], samples.start[i + 1]
         biases = states.bias[i : i + 2]
@@ -150,5 +152,5 @@ def _accumulate(
                 b[p] += v * residual[n, a]
                 for q in range(size):
                     H[p, q] += v * row[a, q]
-                for k in range(48):
+                for k in range(LOCAL_DOF):
                     border[k, p] += jacobian[n, a, k] * v

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from asyneio.estimation.problem.problem import LANDMARK_COLUMNS
 from asyneio.types import FloatArray, IntArray
 
 
@@ -39,11 +40,12 @@ class Couplings(NamedTuple):
     def dense(self, anchor: IntArray, dof: int) -> FloatArray:
         """All of them (L,dof,K,18), for tests and what is computed once."""
         knots = len(self.width)
-        out = np.zeros((len(anchor), dof, knots, 18))
+        out = np.zeros((len(anchor), dof, knots, LANDMARK_COLUMNS))
         for k in range(knots):
             mine = self.order[self.first[k] : self.first[k + 1]]
-            span = int(self.width[k]) // 18
-            out[mine, :, k : k + span] = self.group(k, dof).reshape(len(mine), dof, span, 18)
+            span = int(self.width[k]) // LANDMARK_COLUMNS
+            rows = self.group(k, dof).reshape(len(mine), dof, span, LANDMARK_COLUMNS)
+            out[mine, :, k : k + span] = rows
         return out
 
 
@@ -64,7 +66,7 @@ def empty_couplings(
     for j in range(count):
         a = anchor[j]
         first[a + 1] += 1
-        width[a] = max(width[a], 18 * (end[j] - a))
+        width[a] = max(width[a], LANDMARK_COLUMNS * (end[j] - a))
     offset = np.zeros(knots, dtype=np.int64)
     total = 0
     for a in range(knots):

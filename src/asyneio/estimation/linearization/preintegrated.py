@@ -7,6 +7,7 @@ from numba import njit
 
 from asyneio.estimation.problem.problem import Problem
 from asyneio.factors.preintegration import preintegration_jacobian, preintegration_residual
+from asyneio.state import DOF
 from asyneio.types import FloatArray
 
 
@@ -16,7 +17,7 @@ def preintegration_terms(problem: Problem, with_jacobian: bool, H: FloatArray, b
     states, linearization, sums = problem.states, problem.linearization, problem.preintegrated
     gravity_w = problem.model.gravity_w
     residual = np.empty(9)
-    jacobian = np.empty((9, 48))
+    jacobian = np.empty((9, 2 * DOF))
     cost = 0.0
     for i in range(sums.present.shape[0]):
         if not sums.present[i]:
@@ -61,6 +62,7 @@ def preintegration_terms(problem: Problem, with_jacobian: bool, H: FloatArray, b
             jacobian,
         )
         J = np.dot(sums.root_information[i], jacobian)
-        H[24 * i : 24 * i + 48, 24 * i : 24 * i + 48] += np.dot(J.T, J)
-        b[24 * i : 24 * i + 48] += np.dot(J.T, whitened)
+        first, end = DOF * i, DOF * (i + 2)
+        H[first:end, first:end] += np.dot(J.T, J)
+        b[first:end] += np.dot(J.T, whitened)
     return cost

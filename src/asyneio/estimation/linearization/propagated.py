@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from asyneio.estimation.linearization.visual_sums import VisualSums
-from asyneio.estimation.problem.problem import Landmarks, Problem, States
+from asyneio.estimation.problem.problem import LANDMARK_COLUMNS, Landmarks, Problem, States
 from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
 from asyneio.factors.propagated_rates import propagated_velocity
 from asyneio.factors.reprojection import (
@@ -27,6 +27,7 @@ from asyneio.factors.reprojection import (
 )
 from asyneio.factors.robust import cauchy
 from asyneio.geometry.tuples import ORIGIN, Vector, matrix_at, matrix_of, plus, vector_at
+from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import FloatArray
 
 #: Coordinates that an observation depends on: pose and velocity of the knot before, its biases, anchor pose,
@@ -34,6 +35,8 @@ from asyneio.types import FloatArray
 _EPS, _NU, _BIAS, _ANCHOR, _CAMERA = 0, 6, 9, 15, 21
 #: Where a row holds the derivatives by the pose at the observation, before they are moved to the knot.
 _POSE = _EPS
+#: Where the biases stand among `PROPAGATED_COLUMNS`, which leave out the accelerations.
+_LANDMARK_BIAS = 12
 
 
 @njit(cache=True, nogil=True)
@@ -94,7 +97,7 @@ def propagated_terms(
                 if row.shape[1] > _CAMERA:
                     _write_camera(problem, by, seen, rig, h, velocity, row[m])
             _move_to_knot(problem, i, n, row)
-            _sum_knots(row, residual, robust, i, a, 24 * problem.states.r.shape[0], H, b)
+            _sum_knots(row, residual, robust, i, a, DOF * problem.states.r.shape[0], H, b)
             _sum_landmark(row, residual, d_landmark, robust, i, j, a, sums)
     return cost, rejected
 
@@ -205,13 +208,13 @@ def _move_to_knot(problem: Problem, i: int, n: int, row: FloatArray) -> None:
 def _column(k: int, i: int, a: int, knots_end: int) -> int:
     """Coordinate in the stacked error states of entry k of a row; the camera's follow those of the knots."""
     if k < _NU:
-        return 24 * i + k
+        return DOF * i + EPS + k
     if k < _BIAS:
-        return 24 * i + 3 + k
+        return DOF * i + NU + k - _NU
     if k < _ANCHOR:
-        return 24 * i + 9 + k
+        return DOF * i + BIAS + k - _BIAS
     if k < _CAMERA:
-        return 24 * a + k - _ANCHOR
+        return DOF * a + EPS + k - _ANCHOR
     return knots_end + k - _CAMERA
 
 
@@ -253,12 +256,12 @@ def _sum_landmark(
         for e in range(dof):
             sums.H_l[j, d, e] += first * d_landmark[0, e] + second * d_landmark[1, e]
         of_anchor = sums.W.begin[j] + d * sums.W.width[a]
-        of_knot = of_anchor + 18 * (i - a)
+        of_knot = of_anchor + LANDMARK_COLUMNS * (i - a)
         for k in range(6):
             values[of_anchor + k] += first * row[0, _ANCHOR + k] + second * row[1, _ANCHOR + k]
-            values[of_knot + k] += first * row[0, _EPS + k] + second * row[1, _EPS + k]
-            values[of_knot + 12 + k] += first * row[0, _BIAS + k] + second * row[1, _BIAS + k]
+            values[of_knot + EPS + k] += first * row[0, _EPS + k] + second * row[1, _EPS + k]
+            values[of_knot + _LANDMARK_BIAS + k] += first * row[0, _BIAS + k] + second * row[1, _BIAS + k]
         for k in range(3):
-            values[of_knot + 9 + k] += first * row[0, _NU + k] + second * row[1, _NU + k]
+            values[of_knot + NU + k] += first * row[0, _NU + k] + second * row[1, _NU + k]
         for k in range(sums.W_camera.shape[2]):
             sums.W_camera[j, d, k] += first * row[0, _CAMERA + k] + second * row[1, _CAMERA + k]

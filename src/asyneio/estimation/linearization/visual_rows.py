@@ -19,12 +19,15 @@ from asyneio.factors.reprojection import (
 )
 from asyneio.factors.robust import cauchy
 from asyneio.geometry.tuples import dot, matrix_at, plus, transposed_product, transposed_times, vector_at
+from asyneio.state import KINEMATIC_LOCAL_DOF, XI_DOT_0
 from asyneio.trajectory.step import local_variable, row_times_step_jacobian, step_pose
 from asyneio.types import FloatArray
 
 #: Columns of a row: anchor pose, local coordinates of the interval, residual, landmark, what is estimated of
 #: the camera.
-ANCHOR, LOCAL, RESIDUAL, LANDMARK, CAMERA = 0, 6, 42, 43, 46
+ANCHOR, LOCAL = 0, 6
+RESIDUAL = LOCAL + KINEMATIC_LOCAL_DOF
+LANDMARK, CAMERA = RESIDUAL + 1, RESIDUAL + 4
 
 
 @njit(cache=True, nogil=True)
@@ -95,8 +98,8 @@ def fill_rows(
             for p in range(5):
                 w = weights[n, 0, p]
                 for k in range(3):
-                    rows[o, LOCAL + 6 + 6 * p + k] = w * step[0][k]
-                    rows[o, LOCAL + 9 + 6 * p + k] = w * step[1][k]
+                    rows[o, LOCAL + XI_DOT_0 + 6 * p + k] = w * step[0][k]
+                    rows[o, LOCAL + XI_DOT_0 + 6 * p + 3 + k] = w * step[1][k]
             rows[o, RESIDUAL] = root * (e0 if m == 0 else e1)
             rows[o, LANDMARK] = row.by_rho
             rows[o, LANDMARK + 1], rows[o, LANDMARK + 2] = bearing_row(row, rig, tangent, j)

@@ -14,6 +14,7 @@ from numba import njit
 
 from asyneio.estimation.problem.problem import NOTHING_AT_REST, Model, Problem, ZeroVelocity
 from asyneio.factors.zero_velocity import REST_ROWS, zero_velocity_jacobian, zero_velocity_residual
+from asyneio.state import DOF, VARPI, VARPI_DOT
 from asyneio.types import BoolArray, FloatArray
 
 #: Creep of the pose at rest: rad/sqrt(s) and m/sqrt(s).
@@ -30,7 +31,7 @@ def zero_velocity_of(present: BoolArray, model: Model) -> ZeroVelocity:
     creep = np.repeat(CREEP, 3) * np.sqrt(dt)
     tremor = np.repeat(TREMOR, 3) * np.sqrt(2.0) * np.ones_like(dt)
     # A rate that is no unknown of the model would only add a constant to the cost.
-    known = np.isin(np.arange(6, 12), model.active)
+    known = np.isin(np.arange(VARPI, VARPI_DOT), model.active)
     return ZeroVelocity(present, np.hstack([1.0 / creep, known / tremor, known / tremor]))
 
 
@@ -39,7 +40,7 @@ def zero_velocity_terms(problem: Problem, with_jacobian: bool, H: FloatArray, b:
     """Cost of standing still; adds to `H` (24K,24K) and `b` (24K,)."""
     states, linearization, rest = problem.states, problem.linearization, problem.zero_velocity
     residual = np.empty(REST_ROWS)
-    jacobian = np.empty((REST_ROWS, 48))
+    jacobian = np.empty((REST_ROWS, 2 * DOF))
     cost = 0.0
     for i in range(rest.present.shape[0]):
         if not rest.present[i]:
@@ -66,8 +67,9 @@ def zero_velocity_terms(problem: Problem, with_jacobian: bool, H: FloatArray, b:
             jacobian,
         )
         for row in range(REST_ROWS):
-            for column in range(48):
+            for column in range(2 * DOF):
                 jacobian[row, column] *= rest.root_information[i, row]
-        H[24 * i : 24 * i + 48, 24 * i : 24 * i + 48] += np.dot(jacobian.T, jacobian)
-        b[24 * i : 24 * i + 48] += np.dot(jacobian.T, residual)
+        first, end = DOF * i, DOF * (i + 2)
+        H[first:end, first:end] += np.dot(jacobian.T, jacobian)
+        b[first:end] += np.dot(jacobian.T, residual)
     return cost

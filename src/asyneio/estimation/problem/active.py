@@ -12,11 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from asyneio.state import BIAS, DOF, EPS, NU, VARPI_DOT
 from asyneio.trajectory.model import WNOA, MotionModel
 from asyneio.types import FloatArray, IntArray
-
-#: Size of a knot's error state.
-KNOT_DOF = 24
 
 
 def active_coordinates(motion_model: MotionModel, kinematic_prior: bool = True) -> IntArray:
@@ -24,17 +22,17 @@ def active_coordinates(motion_model: MotionModel, kinematic_prior: bool = True) 
 
     Without a kinematic prior only pose, velocity and biases are left: nothing else is measured.
     """
-    every = np.arange(KNOT_DOF)
+    every = np.arange(DOF)
     if not kinematic_prior:
-        return np.r_[0:6, 9:12, 18:24]
-    return np.delete(every, np.s_[12:18]) if motion_model.prior == WNOA else every
+        return np.r_[EPS : EPS + 6, NU : NU + 3, BIAS : BIAS + 6]
+    return np.delete(every, np.s_[VARPI_DOT : VARPI_DOT + 6]) if motion_model.prior == WNOA else every
 
 
 def active_in_window(active: IntArray, knots: int, behind: int = 0) -> IntArray:
     """Indices (n K + c) of the active coordinates in the stacked error states (24 K) of K knots and the
     c = `behind` coordinates that follow."""
-    of_knots = (KNOT_DOF * np.arange(knots)[:, None] + active).ravel()
-    return np.concatenate([of_knots, KNOT_DOF * knots + np.arange(behind)])
+    of_knots = (DOF * np.arange(knots)[:, None] + active).ravel()
+    return np.concatenate([of_knots, DOF * knots + np.arange(behind)])
 
 
 def active_part(matrix: FloatArray, active: IntArray) -> FloatArray:
@@ -42,9 +40,9 @@ def active_part(matrix: FloatArray, active: IntArray) -> FloatArray:
 
     Where all are active this is the matrix itself.
     """
-    if len(active) == KNOT_DOF:
+    if len(active) == DOF:
         return matrix
-    indices = active_in_window(active, *divmod(len(matrix), KNOT_DOF))
+    indices = active_in_window(active, *divmod(len(matrix), DOF))
     return matrix[np.ix_(indices, indices)]
 
 
@@ -54,9 +52,9 @@ def with_inactive_zero(values: FloatArray, active: IntArray, behind: int) -> Flo
 
     Where all are active these are the values themselves.
     """
-    if len(active) == KNOT_DOF:
+    if len(active) == DOF:
         return values
     knots = (values.shape[-1] - behind) // len(active)
-    out = np.zeros((*values.shape[:-1], KNOT_DOF * knots + behind))
+    out = np.zeros((*values.shape[:-1], DOF * knots + behind))
     out[..., active_in_window(active, knots, behind)] = values
     return out

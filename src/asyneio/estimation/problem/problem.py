@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from asyneio.state import BIAS, DOF, EPS, KINEMATIC_DOF, VARPI_DOT
 from asyneio.trajectory.model import MotionModel
 from asyneio.types import BoolArray, FloatArray, IntArray
 
@@ -168,9 +169,11 @@ class Prior(NamedTuple):
 
 
 #: Coordinates of a knot that an observation between two knots of a GP trajectory depends on.
-KINEMATIC_COLUMNS = np.arange(18)
+KINEMATIC_COLUMNS = np.arange(KINEMATIC_DOF)
 #: And one whose pose is propagated from the knot before: eps, varpi, biases.
-PROPAGATED_COLUMNS = np.r_[0:12, 18:24]
+PROPAGATED_COLUMNS = np.r_[EPS:VARPI_DOT, BIAS:DOF]
+#: Columns of a knot that observations depend on, in either case.
+LANDMARK_COLUMNS = 18
 
 NOTHING_PREINTEGRATED = Preintegrated(
     np.zeros(0, dtype=np.bool_),

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 
 from asyneio.errors import EstimationError
-from asyneio.estimation.problem.active import KNOT_DOF, active_in_window, active_part, with_inactive_zero
+from asyneio.estimation.problem.active import active_in_window, active_part, with_inactive_zero
 from asyneio.estimation.solver.optimizer import Solution
+from asyneio.state import DOF
 from asyneio.types import FloatArray
 
 
@@ -33,18 +34,18 @@ def _factor(solution: Solution) -> FloatArray:
 def newest_covariance(solution: Solution) -> FloatArray:
     """Covariance (24,24) of the newest knot's error state."""
     covariance = _last_covariance(solution)
-    return covariance[:KNOT_DOF, :KNOT_DOF]
+    return covariance[:DOF, :DOF]
 
 
 def camera_covariance(solution: Solution) -> FloatArray:
     """Covariance (c,c) of what is estimated of the camera [s, rad]."""
-    end = KNOT_DOF + len(solution.problem.camera.columns)
-    return _last_covariance(solution)[KNOT_DOF:end, KNOT_DOF:end]
+    end = DOF + len(solution.problem.camera.columns)
+    return _last_covariance(solution)[DOF:end, DOF:end]
 
 
 def imu_covariance(solution: Solution) -> FloatArray:
     """Covariance (s,s) of what is estimated of the IMU's scale factors and misalignment."""
-    begin = KNOT_DOF + len(solution.problem.camera.columns)
+    begin = DOF + len(solution.problem.camera.columns)
     return _last_covariance(solution)[begin:, begin:]
 
 
@@ -73,7 +74,7 @@ def joint_covariance(solution: Solution, knot: int) -> FloatArray:
     unit[pair] = np.eye(2 * n)
     columns = cho_solve((L, True), unit, check_finite=False)[pair]
     chosen = active_in_window(active, 2)
-    covariance = np.zeros((2 * KNOT_DOF, 2 * KNOT_DOF))
+    covariance = np.zeros((2 * DOF, 2 * DOF))
     covariance[np.ix_(chosen, chosen)] = 0.5 * (columns + columns.T)
     return covariance
 
@@ -93,7 +94,7 @@ def relative_scale_sigma(solution: Solution) -> float:
     # First row of L^{-T}: what each whitened coordinate does to the inverse depth.
     row = np.linalg.solve(L, np.eye(dof)[None].repeat(len(L), axis=0))[:, :, 0]
     row /= landmarks.rho[finite][:, None]
-    c = np.zeros((len(system.W.width), 24))
+    c = np.zeros((len(system.W.width), DOF))
     W = system.W.dense(landmarks.anchor, dof)[finite]
     c[:, solution.problem.model.landmark_columns] = np.einsum("ld,ldkc->kc", row, W) / finite.sum()
     of_camera = np.einsum("ld,ldc->c", row, system.W_camera[finite]) / finite.sum()

@@ -12,10 +12,11 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from asyneio.errors import EstimationError
 from asyneio.estimation.linearization.linear_system import LinearSystem, evaluate, linearize
 from asyneio.estimation.linearization.prior import add_prior, difference, prior_cost
-from asyneio.estimation.problem.active import KNOT_DOF, active_in_window, active_part, with_inactive_zero
+from asyneio.estimation.problem.active import active_in_window, active_part, with_inactive_zero
 from asyneio.estimation.problem.problem import Prior, Problem
 from asyneio.estimation.solver.elimination import eliminate_landmarks
 from asyneio.estimation.solver.retraction import retract
+from asyneio.state import DOF
 from asyneio.types import FloatArray, IntArray
 
 _MAX_DAMPING = 1e8
@@ -186,7 +187,7 @@ def _solve(
     """Step (24K+c+s,), zero where not active, and the Cholesky factor of the active part; None where the
     matrix is not positive definite."""
     knots = len(system.W.width)
-    behind = len(diagonal) - KNOT_DOF * knots
+    behind = len(diagonal) - DOF * knots
     chosen = active_in_window(active, knots, behind)
     H = active_part(system.H, active)
     if damping > 0.0:

@@ -17,6 +17,7 @@ from asyneio.estimation.problem.problem import (
 )
 from asyneio.estimation.solver.optimizer import Solution
 from asyneio.odometry.health.state_machine import MAX_SCALE_CHANGE, SCALE_MEMORY_S, HealthMetrics
+from asyneio.state import NU
 from asyneio.types import NS_PER_S, Estimate, FloatArray, RecordArray
 
 #: Median of a squared norm of two standard normal numbers.
@@ -156,7 +157,7 @@ def measure_health(
         renewed=observed.renewed,
         speed=float(np.linalg.norm(estimate.velocity_w)),
         bias_sigmas=float(np.max(np.abs(bias) / bias_sigma)),
-        velocity_sigma=float(np.sqrt(np.linalg.eigvalsh(covariance[9:12, 9:12])[-1])),
+        velocity_sigma=float(np.sqrt(np.linalg.eigvalsh(covariance[NU : NU + 3, NU : NU + 3])[-1])),
         tilt_sigma_rad=float(np.sqrt(np.linalg.eigvalsh(tilt)[-1])),
         scale_change=observed.scale_change,
         still=observed.still,

@@ -12,6 +12,7 @@ from asyneio.estimation.solver.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.buffer import MeasurementBuffer, around
 from asyneio.odometry.settings import Settings
+from asyneio.state import BIAS, DOF, PHI, RHO
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: The frame is defined by the first knot's position and yaw: as tight as rounding allows.
@@ -83,11 +84,11 @@ def first_prior(first: States, bias_sigma: FloatArray) -> Prior:
         first: states of that knot, K = 1.
         bias_sigma: (6,) of [b_g, b_a] around zero [rad/s, m/s^2].
     """
-    R = np.zeros((12, 24))
+    R = np.zeros((12, DOF))
     tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, _GAUGE_SIGMA])
-    R[:3, :3] = first.C[0] / tilt_yaw[:, None]
-    R[3:6, 3:6] = np.eye(3) / _GAUGE_SIGMA
-    R[6:, 18:] = np.diag(1.0 / bias_sigma)
+    R[:3, PHI : PHI + 3] = first.C[0] / tilt_yaw[:, None]
+    R[3:6, RHO : RHO + 3] = np.eye(3) / _GAUGE_SIGMA
+    R[6:, BIAS:] = np.diag(1.0 / bias_sigma)
     r_0 = np.zeros(12)
     r_0[6:] = first.bias[0] / bias_sigma
     return Prior(R, R.T @ R, r_0, first)

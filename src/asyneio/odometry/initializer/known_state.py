@@ -10,12 +10,13 @@ from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.first_window import Start, filled_window
 from asyneio.odometry.propagation import predict_knot, rates_at
 from asyneio.odometry.settings import Settings
+from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import NS_PER_S, FloatArray, InitialState
 
 #: How far a rotation matrix may be from orthonormal: what single precision leaves.
 _ROTATION_TOLERANCE = 1e-5
 #: Columns of a knot's error state that a first state tells of: pose, velocity, biases.
-_KNOWN = np.r_[0:6, 9:12, 18:24]
+_KNOWN = np.r_[EPS : EPS + 6, NU : NU + 3, BIAS : BIAS + 6]
 
 
 def checked(first: InitialState) -> InitialState:
@@ -101,6 +102,6 @@ def _first_knot(first: InitialState, intake: MeasurementBuffer, settings: Settin
 
 def _prior(first: States, sigma: FloatArray) -> Prior:
     """Prior on the first knot with the standard deviations (15,) of pose, velocity and biases."""
-    R = np.zeros((len(_KNOWN), 24))
+    R = np.zeros((len(_KNOWN), DOF))
     R[np.arange(len(_KNOWN)), _KNOWN] = 1.0 / sigma
     return Prior(R, R.T @ R, np.zeros(len(_KNOWN)), first)

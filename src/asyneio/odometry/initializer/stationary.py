@@ -23,6 +23,7 @@ from asyneio.odometry.outliers import optimize_without_outliers
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings
 from asyneio.odometry.stationary import Rest
+from asyneio.state import DOF, VARPI, VARPI_DOT
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray, RecordArray
 
 #: The end of a rest is noticed late: so much of what was judged to be at rest before it [ns] is doubted.
@@ -110,16 +111,18 @@ def _prior(states: States, knots_ns: IntArray, settings: Settings) -> Prior:
     """
     rest = States(*(a[: len(knots_ns)].copy() for a in states))
     first = first_prior(States(*(a[:1] for a in rest)), settings.start.bias_sigma)
-    size = 24 * len(knots_ns)
-    rows = [np.pad(first.R, [(0, 0), (0, size - 24)]), np.zeros((6, size))]
-    rows[1][:, 6:12] = np.diag(1.0 / np.repeat(_COMMON_SIGMA, 3))
+    size = DOF * len(knots_ns)
+    rows = [np.pad(first.R, [(0, 0), (0, size - DOF)]), np.zeros((6, size))]
+    rows[1][:, VARPI:VARPI_DOT] = np.diag(1.0 / np.repeat(_COMMON_SIGMA, 3))
     for k, dt in enumerate(np.diff(knots_ns) * 1e-9):
         change = np.zeros((12, size))
-        before, after = change[:, 24 * k : 24 * k + 12], change[:, 24 * k + 24 : 24 * k + 36]
+        begin = DOF * k
+        before = change[:, begin : begin + VARPI_DOT]
+        after = change[:, begin + DOF : begin + DOF + VARPI_DOT]
         tremor, creep = np.sqrt(2.0) * np.repeat(TREMOR, 3), np.sqrt(dt) * np.repeat(CREEP, 3)
-        after[:6, 6:], before[:6, 6:] = np.diag(1.0 / tremor), np.diag(-1.0 / tremor)
-        after[6:, :6], before[6:, :6] = np.diag(1.0 / creep), np.diag(-1.0 / creep)
-        after[6:, 6:] = before[6:, 6:] = np.diag(-0.5 * dt / creep)
+        after[:6, VARPI:], before[:6, VARPI:] = np.diag(1.0 / tremor), np.diag(-1.0 / tremor)
+        after[6:, :VARPI], before[6:, :VARPI] = np.diag(1.0 / creep), np.diag(-1.0 / creep)
+        after[6:, VARPI:] = before[6:, VARPI:] = np.diag(-0.5 * dt / creep)
         rows.append(change)
     R = np.concatenate(rows)
     return Prior(R, R.T @ R, np.append(first.r_0, np.zeros(len(R) - len(first.r_0))), rest)
