@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from asyneio.estimation.problem.problem import States
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.estimation.solver.optimizer import OptimizerSettings
 from asyneio.estimation.window import Window
 from tests.estimation import naive

@@ -23,7 +23,8 @@ from asyneio.estimation.problem.problem import (
 )
 from asyneio.estimation.problem.propagated_queries import propagated_at
 from asyneio.estimation.problem.schemes import measure
-from asyneio.estimation.problem.window_settings import TrackObservations, WindowSettings
+from asyneio.estimation.problem.track_observations import TrackObservations
+from asyneio.estimation.problem.window_settings import WindowSettings
 from asyneio.estimation.solver.marginalization import marginalize_oldest
 from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution, optimize
 from asyneio.inertial.increments import Preintegration
@@ -119,10 +120,8 @@ class Window:
         )
         self._still = np.append(self._still, still)
         self.t_ns = np.append(self.t_ns, t_ns)
-        self.states = States(*(np.concatenate(pair) for pair in zip(self.states, knot, strict=True)))
-        self._linearization = States(
-            *(np.concatenate(pair) for pair in zip(self._linearization, knot, strict=True))
-        )
+        self.states = self.states.joined(knot)
+        self._linearization = self._linearization.joined(knot)
 
     def revert_zero_velocity(self, since_ns: int) -> None:
         """Intervals that end after `since_ns` are no longer taken to be at rest."""
@@ -223,8 +222,8 @@ class Window:
         self._preintegrations.drop_before(self.first)
         self._still = self._still[1:]
         self.t_ns = self.t_ns[1:]
-        self.states = States(*(a[1:] for a in self.states))
-        self._linearization = States(*(a[1:] for a in self._linearization))
+        self.states = self.states.chosen(slice(1, None))
+        self._linearization = self._linearization.chosen(slice(1, None))
         if s.frozen_linearization:
             self._frozen = self.prior.knots
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.geometry.camera import CameraModel
 from asyneio.inertial.gating import SampleGate, SensorLimits
 from asyneio.odometry.neighbourhood import Neighbourhood
@@ -40,8 +40,7 @@ class MeasurementBuffer:
         self._pixel_sigma = pixel_sigma
         self.gyroscope: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
         self.accelerometer: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
-        empty = np.empty(0, dtype=np.int64)
-        self.observations = TrackObservations(empty, empty, np.empty((0, 2)), np.empty((0, 2, 2)))
+        self.observations = TrackObservations.none()
         self.end_ns: int | None = None
         self.invalid = 0
         self.gated = 0
@@ -77,13 +76,7 @@ class MeasurementBuffer:
             xy[valid],
             self._root_information(d_xy_d_uv[valid], raw["covariance"][valid]),
         )
-        old = self.observations
-        self.observations = TrackObservations(
-            np.concatenate([old.t_ns, new.t_ns]),
-            np.concatenate([old.track, new.track]),
-            np.concatenate([old.xy, new.xy]),
-            np.concatenate([old.root_information, new.root_information]),
-        )
+        self.observations = self.observations.joined(new)
         return gyroscope, accelerometer
 
     def _gate(self, packet: Packet, rates_hz: tuple[float, float] | None) -> tuple[RecordArray, RecordArray]:
@@ -126,11 +119,7 @@ class MeasurementBuffer:
         if len(ids) == 0:
             return
         self._refused = np.concatenate([self._refused, ids])[-_REFUSED:]
-        o = self.observations
-        keep = ~np.isin(o.track, ids)
-        self.observations = TrackObservations(
-            o.t_ns[keep], o.track[keep], o.xy[keep], o.root_information[keep]
-        )
+        self.observations = self.observations.chosen(~np.isin(self.observations.track, ids))
 
     def _root_information(self, d_xy_d_uv: FloatArray, covariance_uv: FloatArray) -> FloatArray:
         """(N,2,2): whitens normalised coordinates with the pixel noise they come from.
@@ -156,9 +145,8 @@ class MeasurementBuffer:
         self._neighbourhood.forget(t_ns)
         self.gyroscope = _tail(self.gyroscope, t_ns)
         self.accelerometer = _tail(self.accelerometer, t_ns)
-        o = self.observations
-        n = int(np.searchsorted(o.t_ns, t_ns, side="right"))
-        self.observations = TrackObservations(o.t_ns[n:], o.track[n:], o.xy[n:], o.root_information[n:])
+        n = int(np.searchsorted(self.observations.t_ns, t_ns, side="right"))
+        self.observations = self.observations.chosen(slice(n, None))
 
 
 def rate_hz(samples: RecordArray) -> float:

@@ -28,6 +28,19 @@ class States(NamedTuple):
         """A copy that shares no memory."""
         return States(self.C.copy(), self.r.copy(), self.varpi.copy(), self.bias.copy())
 
+    def chosen(self, knots: slice) -> States:
+        """Some of the knots, as views."""
+        return States(self.C[knots], self.r[knots], self.varpi[knots], self.bias[knots])
+
+    def joined(self, other: States) -> States:
+        """These knots, then those of `other`."""
+        return States(
+            np.concatenate([self.C, other.C]),
+            np.concatenate([self.r, other.r]),
+            np.concatenate([self.varpi, other.varpi]),
+            np.concatenate([self.bias, other.bias]),
+        )
+
 
 class Inertial(NamedTuple):
     """Samples of one inertial sensor, or the few values that stand for those of an interval

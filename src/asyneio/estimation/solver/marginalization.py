@@ -30,7 +30,6 @@ from asyneio.estimation.problem.problem import (
     Preintegrated,
     Prior,
     Problem,
-    States,
     Visual,
 )
 from asyneio.estimation.solver.elimination import eliminate_landmarks
@@ -68,7 +67,7 @@ def marginalize_oldest(problem: Problem, prior: Prior, walk: FloatArray | None =
     gradient = b[n:] - gain.T @ b[:n]
     if walk is not None:
         information, gradient = after_walk(information, gradient, walk)
-    linearization = States(*(a[1:knots].copy() for a in problem.linearization))
+    linearization = problem.linearization.chosen(slice(1, knots)).copied()
     root, y = _square_root(0.5 * (information + information.T), gradient)
     R = with_inactive_zero(root, active, camera + imu)
     # Gradient R^T (R delta + r_0) at the present delta, which is zero for knots frozen only now.
@@ -80,7 +79,8 @@ def marginalize_oldest(problem: Problem, prior: Prior, walk: FloatArray | None =
         problem.camera if camera else None,
         problem.imu if imu else None,
     )
-    delta = difference(States(*(a[1:] for a in problem.states)), shifted, problem.camera, problem.imu)
+    remaining = problem.states.chosen(slice(1, None))
+    delta = difference(remaining, shifted, problem.camera, problem.imu)
     return shifted._replace(r_0=y - R @ delta)
 
 
@@ -110,8 +110,8 @@ def _factors_of_oldest(problem: Problem, prior: Prior) -> Problem:
     motion = np.zeros(knots - 1, dtype=np.bool_)
     motion[0] = problem.motion[0]
     return problem._replace(
-        states=States(*(a[:knots] for a in problem.states)),
-        linearization=States(*(a[:knots] for a in problem.linearization)),
+        states=problem.states.chosen(slice(knots)),
+        linearization=problem.linearization.chosen(slice(knots)),
         frozen=min(problem.frozen, knots),
         motion=motion,
         gyroscope=_first_interval(problem.gyroscope, knots),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.estimation.problem.problem import Prior, States
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.estimation.solver.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.buffer import MeasurementBuffer, around
@@ -52,7 +52,7 @@ def filled_window(
     """
 
     def knot(k: int) -> States:
-        return States(*(a[k : k + 1].copy() for a in states))
+        return states.chosen(slice(k, k + 1)).copied()
 
     known = first_prior(knot(0), settings.start.bias_sigma) if prior is None else prior
     window = Window(settings.window, int(knots_ns[0]), knot(0), known)
@@ -71,10 +71,7 @@ def filled_window(
 
 
 def _without(seen: TrackObservations, tracks: IntArray) -> TrackObservations:
-    chosen = ~np.isin(seen.track, tracks)
-    return TrackObservations(
-        seen.t_ns[chosen], seen.track[chosen], seen.xy[chosen], seen.root_information[chosen]
-    )
+    return seen.chosen(~np.isin(seen.track, tracks))
 
 
 def first_prior(first: States, bias_sigma: FloatArray) -> Prior:

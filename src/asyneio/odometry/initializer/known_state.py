@@ -76,7 +76,7 @@ def known_start(intake: MeasurementBuffer, settings: Settings, first: InitialSta
         states = _first_knot(first, intake, settings)
         knots_ns = np.array([first.t_ns, intake.end_ns])
         end = predict_knot(states, first.t_ns, intake.end_ns, streams, settings.window.gravity_w)
-        both = States(*(np.concatenate(pair) for pair in zip(states, end, strict=True)))
+        both = states.joined(end)
         prior = _prior(states, first.sigma)
         window = filled_window(intake, settings, knots_ns, both, prior=prior)
         return Start(window, window.optimize(settings.start.optimizer))

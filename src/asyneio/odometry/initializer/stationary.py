@@ -99,7 +99,7 @@ def _first_states(
     states = _states_at_rest(turn, force, settings, resting)
     for from_ns, to_ns in pairwise(knots_ns[resting - 1 :].tolist()):
         knot = predict_knot(states, from_ns, to_ns, streams, settings.window.gravity_w)
-        states = States(*(np.concatenate(pair) for pair in zip(states, knot, strict=True)))
+        states = states.joined(knot)
     return states
 
 
@@ -109,8 +109,8 @@ def _prior(states: States, knots_ns: IntArray, settings: Settings) -> Prior:
     Samples and tracks of so short a time cannot tell rest from slow uniform motion, so the velocity that all
     these knots share is less certain than that it is the same in all of them.
     """
-    rest = States(*(a[: len(knots_ns)].copy() for a in states))
-    first = first_prior(States(*(a[:1] for a in rest)), settings.start.bias_sigma)
+    rest = states.chosen(slice(len(knots_ns))).copied()
+    first = first_prior(rest.chosen(slice(1)), settings.start.bias_sigma)
     size = DOF * len(knots_ns)
     rows = [np.pad(first.R, [(0, 0), (0, size - DOF)]), np.zeros((6, size))]
     rows[1][:, VARPI:VARPI_DOT] = np.diag(1.0 / np.repeat(_COMMON_SIGMA, 3))
