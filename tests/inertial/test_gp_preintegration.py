@@ -16,7 +16,7 @@ from asyneio.inertial.preintegration import midpoint
 from asyneio.inertial.smoothness import Smoothness, find_smoothness
 from asyneio.simulation import AnalyticMotion
 
-from ..factors.jacobian_checker import check_jacobian, numeric_jacobian
+from ..factors.jacobian_checker import check_jacobian
 from .dense_gp import DenseRegression, SquaredExponential
 from .windows import (
     START,
@@ -161,42 +161,6 @@ def test_bias_derivatives(tau: float, factor: float) -> None:
         lambda d: difference(found, gp_preintegration(window, BIAS + d, noise).at(time))[0],
         [("b_g", 3), ("b_a", 3)],
     )
-
-
-@pytest.mark.parametrize("tau", [0.2, 0.1234])
-def test_time_shift_derivative(tau: float) -> None:
-    noise, time = noise_at(200.0), np.array([tau])
-    window = window_of(shaken(3), 0.2, 200.0, 150.0, offsets=(0.0011, 0.0031), noise=noise)
-    rule = fixed(find_smoothness(window, noise))
-    found = rule(window, BIAS, noise)
-    middle = found.at(time)
-
-    def shifted(d: Array) -> Array:
-        # Steps below the distance between nodes: a sample that crosses 0 s changes no posterior.
-        return difference(middle, rule(altered(window, 0.0, 0.0, 0.1 * d[0]), BIAS, noise).at(time))[0]
-
-    analytic = 0.1 * found.time_shift_jacobian(tau)[:, None]
-    check_jacobian("time shift", analytic, shifted, [("shift", 1)])
-
-
-def test_time_shift_moves_along_the_motion() -> None:
-    """Late stamps give the increments of the motion some time earlier: told by the analytic motion."""
-    motion = shaken(7)
-    found = gp_preintegration(window_of(motion, 0.2, 500.0), NO_BIAS, QUIET)
-
-    def earlier(d: Array) -> Array:
-        T = motion.T_w_b(1.0 - d[0] + np.array([0.0, 0.2]))
-        v = motion.velocity_w(1.0 - d[0] + np.array([0.0, 0.2]))
-        C_0, g = T[0, :3, :3], GRAVITY_W
-        moved = (
-            (C_0.T @ T[1, :3, :3])[None],
-            (C_0.T @ (v[1] - v[0] - 0.2 * g))[None],
-            (C_0.T @ (T[1, :3, 3] - T[0, :3, 3] - 0.2 * v[0] - 0.02 * g))[None],
-        )
-        return -difference(moved, found.end())[0] if d[0] else np.zeros(9)
-
-    expected = numeric_jacobian(earlier, 1, 1e-3)[:, 0]
-    np.testing.assert_allclose(found.time_shift_jacobian(0.2), expected, atol=1e-5 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(("factor", "tolerance"), [(1.0, 1e-3), (20.0, 2e-2)])

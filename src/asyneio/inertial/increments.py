@@ -33,6 +33,13 @@ class Increments(NamedTuple):
     d_bias: FloatArray  # (N,9,6)
 
 
+def empty_increments(count: int) -> Increments:
+    """Memory for increments at `count` times."""
+    return Increments(
+        np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 9, 6))
+    )
+
+
 class Preintegration(Protocol):
     """Increments of one interval, whatever the rule that made them."""
 

@@ -18,7 +18,17 @@ from typing import NamedTuple
 import numpy as np
 
 from asyneio.errors import EstimationError
-from asyneio.initialization.dead_reckoned_kernels import SHARED, Rays, sums
+from asyneio.initialization.dead_reckoned_kernels import (
+    GYROSCOPE,
+    OFFSET,
+    SHARED,
+    TILT,
+    VELOCITY,
+    NormalEquations,
+    Rays,
+    Unknowns,
+    add_normal_equations,
+)
 from asyneio.types import BoolArray, FloatArray
 
 #: Scales of the Cauchy cost in standard deviations: from the errors of the alignment to the noise of a track.
@@ -93,14 +103,9 @@ class _State(NamedTuple):
 
 
 class _System(NamedTuple):
-    """Normal equations at a state: shared unknowns, coupling and points apart; the cost of each track."""
+    """Normal equations at a state, priors included."""
 
-    H: FloatArray
-    b: FloatArray
-    W: FloatArray
-    H_l: FloatArray
-    b_l: FloatArray
-    track_cost: FloatArray
+    equations: NormalEquations
     tangent: FloatArray
     cost: float
 
@@ -124,7 +129,7 @@ def adjust(
     state = _State(first.velocity, first.gravity, first.bias, first.time_offset, _first_points(rays))
     for _ in range(_POINT_STEPS):
         system = _system(rays, state, reckoned, prior, _SCALES[0], gate)
-        points = state.points - np.einsum("lab,lb->la", _inverse(system, 0.0), system.b_l)
+        points = state.points - np.einsum("lab,lb->la", _inverse(system, 0.0), system.equations.b_l)
         points[:, 2] = np.maximum(points[:, 2], _FARTHEST)
         state = state._replace(points=points)
     for scale in _SCALES[:-1]:
@@ -133,7 +138,7 @@ def adjust(
     state, system = _descend(rays, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
     agreeing = np.ones(len(rays.reference), dtype=np.bool_)
     for _ in range(_ROUNDS):
-        agreeing &= _agreeing(system.track_cost, rays, agreeing)
+        agreeing &= _agreeing(system.equations.track_cost, rays, agreeing)
         # Without information an observation has neither cost nor influence.
         silent = np.where(agreeing[rays.track], 1.0, 0.0)[:, None, None]
         heard = rays._replace(root_information=rays.root_information * silent)
@@ -182,28 +187,34 @@ def _system(
 ) -> _System:
     """Linearise at a state; `reckoned` are the biases that `rays` were made with."""
     count = len(state.points)
-    H, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
-    W, H_l, b_l = np.zeros((count, 3, SHARED)), np.zeros((count, 3, 3)), np.zeros((count, 3))
-    track_cost = np.zeros(count)
+    equations = NormalEquations(
+        H=np.zeros((SHARED, SHARED)),
+        b=np.zeros(SHARED),
+        W=np.zeros((count, 3, SHARED)),
+        H_l=np.zeros((count, 3, 3)),
+        b_l=np.zeros((count, 3)),
+        track_cost=np.zeros(count),
+    )
     size = np.linalg.norm(state.gravity)
     tangent = np.ascontiguousarray(np.linalg.svd(state.gravity[None] / size)[2][1:].T * size)
     corrections = np.append(state.bias - reckoned, state.time_offset)
-    motion = (state.velocity, state.gravity, tangent, corrections, state.points)
-    sums(rays, *motion, scale, gate, H, b, W, H_l, b_l, track_cost)
+    unknowns = Unknowns(state.velocity, state.gravity, tangent, corrections, state.points)
+    add_normal_equations(rays, unknowns, scale, gate, equations)
+    H, b, W, H_l, b_l, track_cost = equations
     sigma = np.append(prior.bias_sigma, prior.time_offset_sigma)
     whitened = np.append(state.bias, state.time_offset) / sigma
-    H[range(5, SHARED), range(5, SHARED)] += 1.0 / sigma**2
-    b[5:] += whitened / sigma
+    H[range(GYROSCOPE, SHARED), range(GYROSCOPE, SHARED)] += 1.0 / sigma**2
+    b[GYROSCOPE:] += whitened / sigma
     rho = state.points[:, 2] / prior.inverse_depth_sigma
     H_l[:, 2, 2] += 1.0 / prior.inverse_depth_sigma**2
     b_l[:, 2] += rho / prior.inverse_depth_sigma
     cost = float(track_cost.sum() + 0.5 * whitened @ whitened + 0.5 * rho @ rho)
-    return _System(H, b, W, H_l, b_l, track_cost, tangent, cost)
+    return _System(equations, tangent, cost)
 
 
 def _inverse(system: _System, damping: float) -> FloatArray:
     """Inverses (L,3,3) of the points' blocks."""
-    H_l = system.H_l.copy()
+    H_l = system.equations.H_l.copy()
     i = np.arange(3)
     # Keeps a track all of whose observations are gated where it is; next to 1 for a single observation.
     H_l[:, i, i] += damping * H_l[:, i, i] + 1e-6
@@ -214,9 +225,10 @@ def _reduced(system: _System, damping: float) -> tuple[FloatArray, FloatArray, F
     """Normal equations (12,12), (12,) with the points eliminated, their inverse blocks, and gains
     (L,3,12)."""
     inverse = _inverse(system, damping)
-    gain = inverse @ system.W
-    H = system.H + damping * np.diag(system.H.diagonal()) - np.einsum("lap,laq->pq", system.W, gain)
-    return H, system.b - np.einsum("lap,la->p", gain, system.b_l), inverse, gain
+    full = system.equations
+    gain = inverse @ full.W
+    H = full.H + damping * np.diag(full.H.diagonal()) - np.einsum("lap,laq->pq", full.W, gain)
+    return H, full.b - np.einsum("lap,la->p", gain, full.b_l), inverse, gain
 
 
 def _stepped(state: _State, system: _System, damping: float) -> _State:
@@ -229,13 +241,13 @@ def _stepped(state: _State, system: _System, damping: float) -> _State:
             "expected translation with parallax: move the sensor"
         ) from error
     size = np.linalg.norm(state.gravity)
-    gravity = state.gravity + system.tangent @ step[3:5]
-    points = state.points - np.einsum("lab,lb->la", inverse, system.b_l) - gain @ step
+    gravity = state.gravity + system.tangent @ step[TILT:GYROSCOPE]
+    points = state.points - np.einsum("lab,lb->la", inverse, system.equations.b_l) - gain @ step
     return _State(
-        state.velocity + step[:3],
+        state.velocity + step[VELOCITY:TILT],
         gravity * (size / np.linalg.norm(gravity)),
-        state.bias + step[5:11],
-        state.time_offset + float(step[11]),
+        state.bias + step[GYROSCOPE:OFFSET],
+        state.time_offset + float(step[OFFSET]),
         points,
     )
 

@@ -11,6 +11,7 @@ from numba import njit
 
 from asyneio.estimation.linearization.visual_sums import VisualSums
 from asyneio.estimation.problem.problem import LANDMARK_COLUMNS, Landmarks, Problem, States
+from asyneio.estimation.problem.propagated_queries import increment_at, knot_at
 from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
 from asyneio.factors.propagated_rates import propagated_velocity
 from asyneio.factors.reprojection import (
@@ -129,38 +130,19 @@ def _write_camera(
 @njit(cache=True, nogil=True)
 def pose_at(problem: Problem, states: States, i: int, n: int, C: FloatArray, r: FloatArray) -> None:
     """Body pose at observation n of interval i, propagated from knot i of `states`."""
-    propagated, sums = problem.propagated, problem.preintegrated
-    propagated_pose(
-        states.C[i],
-        states.r[i],
-        states.varpi[i, 0, 3:],
-        states.bias[i],
-        sums.bias[i],
-        propagated.C[n],
-        propagated.r[n],
-        propagated.d_bias[n],
-        propagated.tau[n],
-        problem.model.gravity_w,
-        C,
-        r,
-    )
+    increment = increment_at(problem.propagated, problem.preintegrated.bias[i], n)
+    propagated_pose(knot_at(states, i), increment, problem.model.gravity_w, C, r)
 
 
 @njit(cache=True, nogil=True)
 def _pose_rate(problem: Problem, i: int, n: int, out: FloatArray) -> None:
     """Generalised velocity (6,) of the pose of `pose_at`, at the linearisation point."""
-    propagated, states = problem.propagated, problem.linearization
+    propagated = problem.propagated
     propagated_velocity(
-        states.C[i],
-        states.varpi[i, 0, 3:],
-        states.bias[i],
-        problem.preintegrated.bias[i],
-        propagated.C[n],
-        propagated.d_bias[n],
-        propagated.tau[n],
+        knot_at(problem.linearization, i),
+        increment_at(propagated, problem.preintegrated.bias[i], n),
         propagated.omega[n],
-        propagated.nu[n],
-        propagated.d_turn[n],
+        propagated.d_bias_rate[n],
         problem.model.gravity_w,
         out,
     )
@@ -170,23 +152,9 @@ def _pose_rate(problem: Problem, i: int, n: int, out: FloatArray) -> None:
 def _move_to_knot(problem: Problem, i: int, n: int, row: FloatArray) -> None:
     """The derivatives by the pose at observation n, the first six of `row` (2,21+c), into those by eps, nu
     and the biases of knot i, its first 15."""
-    propagated, states = problem.propagated, problem.linearization
     d_eps, d_nu, d_bias = np.empty((6, 6)), np.empty((6, 3)), np.empty((6, 6))
-    propagated_pose_jacobian(
-        states.C[i],
-        states.r[i],
-        states.varpi[i, 0, 3:],
-        states.bias[i],
-        problem.preintegrated.bias[i],
-        propagated.C[n],
-        propagated.r[n],
-        propagated.d_bias[n],
-        propagated.tau[n],
-        problem.model.gravity_w,
-        d_eps,
-        d_nu,
-        d_bias,
-    )
+    increment = increment_at(problem.propagated, problem.preintegrated.bias[i], n)
+    propagated_pose_jacobian(knot_at(problem.linearization, i), increment, d_eps, d_nu, d_bias)
     d_pose = np.empty(6)
     for m in range(2):
         d_pose[:] = row[m, _POSE : _POSE + 6]

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from asyneio.estimation.problem.problem import Landmarks, Propagated, States, bearing_tangent
+from asyneio.estimation.problem.propagated_queries import increment_at, knot_at
 from asyneio.factors.preintegration import propagated_pose
 from asyneio.geometry.linalg import matmul, matvec
 from asyneio.geometry.triangulation import triangulate_inverse_depth
@@ -117,20 +118,7 @@ def propagated_camera_poses(
     r = np.empty(3)
     for n in range(interval.shape[0]):
         i = interval[n]
-        propagated_pose(
-            states.C[i],
-            states.r[i],
-            states.varpi[i, 0, 3:],
-            states.bias[i],
-            bias_ref[i],
-            increments.C[n],
-            increments.r[n],
-            increments.d_bias[n],
-            increments.tau[n],
-            gravity_w,
-            C,
-            r,
-        )
+        propagated_pose(knot_at(states, i), increment_at(increments, bias_ref[i], n), gravity_w, C, r)
         _camera_of(C, r, C_bc, r_bc, C_out[n], r_out[n])
 
 

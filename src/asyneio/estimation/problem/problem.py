@@ -121,7 +121,7 @@ class Propagated(NamedTuple):
     """Increments (29) at the times of the observations, computed with the bias of `Preintegrated`.
 
     Empty (M = 0) where the pose at an observation is interpolated between knots. The last three say how they
-    change with time; where no time offset is estimated nobody asks, and `omega` and `d_turn` are zero.
+    change with time; where no time offset is estimated nobody asks, and `omega` and `d_bias_rate` are zero.
     """
 
     tau: FloatArray  # (M,) seconds after the knot before, time offset included
@@ -130,7 +130,7 @@ class Propagated(NamedTuple):
     d_bias: FloatArray  # (M,9,6)
     omega: FloatArray  # (M,3) rate of C in the body
     nu: FloatArray  # (M,3) rate of r
-    d_turn: FloatArray  # (M,3,6) rate of d_bias[:3]
+    d_bias_rate: FloatArray  # (M,3,6) rate of d_bias[:3]
 
     def chosen(self, index: IntArray | BoolArray) -> Propagated:
         """Those of some observations."""
