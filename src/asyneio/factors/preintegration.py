@@ -77,7 +77,7 @@ def preintegration_residual(
 def preintegration_jacobian(
     k0: Knot, k1: Knot, increment: Increment, gravity_w: FloatArray, jacobian: FloatArray
 ) -> None:
-    """`jacobian` (9,48) of `preintegration_residual` with respect to the error states of both knots, exact."""
+    """`jacobian` (9,48) of `preintegration_residual` by the error states of both knots, exact."""
     C_01 = np.empty((3, 3))
     dR = np.empty((3, 3))
     E = np.empty((3, 3))

@@ -200,7 +200,7 @@ def _system(
     corrections = np.append(state.bias - reckoned, state.time_offset)
     unknowns = Unknowns(state.velocity, state.gravity, tangent, corrections, state.points)
     add_normal_equations(rays, unknowns, scale, gate, equations)
-    H, b, W, H_l, b_l, track_cost = equations
+    H, b, _, H_l, b_l, track_cost = equations
     sigma = np.append(prior.bias_sigma, prior.time_offset_sigma)
     whitened = np.append(state.bias, state.time_offset) / sigma
     H[range(GYROSCOPE, SHARED), range(GYROSCOPE, SHARED)] += 1.0 / sigma**2

@@ -23,10 +23,10 @@ from asyneio.types import FloatArray, IntArray
 #: accelerometer bias (3) and time offset of the camera (1).
 VELOCITY, TILT, GYROSCOPE, ACCELEROMETER, OFFSET = 0, 3, 5, 8, 11
 SHARED = 12
-#: Columns of `Rays.d_centre`, of `Unknowns.corrections`, and of `Rays.d_angle`, which no accelerometer enters.
+#: Columns of `Rays.d_centre` and `Unknowns.corrections`; `Rays.d_angle` has no columns of the accelerometer.
 _D_GYROSCOPE, _D_ACCELEROMETER, _D_OFFSET = 0, 3, 6
 _ANGLE_OFFSET = 3
-#: A point must lie in front of every camera that sees it, by this fraction of its distance from the reference.
+#: A point must lie in front of every camera by this fraction of its distance from the reference.
 _NEAREST = 0.05
 
 

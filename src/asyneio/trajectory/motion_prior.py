@@ -18,9 +18,7 @@ from numba import njit
 from asyneio.trajectory.model import WNOA
 from asyneio.types import FloatArray
 
-#: Local quantities at a query time (rows): xi, xi_dot, xi_ddot.
-#: Weighted end quantities (columns): xi_dot, xi_ddot at t_k, then xi, xi_dot, xi_ddot at t_{k+1}.
-WEIGHT_SHAPE = (3, 5)
+
 
 
 @njit(cache=True, nogil=True)

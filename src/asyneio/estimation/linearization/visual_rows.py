@@ -8,7 +8,9 @@ from numba import njit
 from asyneio.estimation.problem.problem import Landmarks, Problem, States
 from asyneio.factors.reprojection import (
     Anchored,
+    PoseRow,
     Rig,
+    Row,
     anchored,
     bearing_row,
     extrinsic_rotation_row,
@@ -41,11 +43,11 @@ def fill_rows(
     squared: FloatArray,
 ) -> tuple[float, int]:
     """Rows (2m,46+c) of the m observations of interval i, whitened and robustly weighted, two for each:
-    residuals at the states, Jacobians at the linearisation point. What has no influence keeps zeros.
+    residuals at the states, Jacobians at the linearisation point. Rows without influence keep their zeros.
 
-    Returns their cost and how many have no influence; `squared` (M,) takes the squared norms of their
-    whitened residuals, infinite behind the camera, whatever the robust cost makes of them. The base frame is
-    the body at knot i; what depends on the landmark alone is found once for its run of observations.
+    Returns the cost and the number of observations without influence. `squared` (M,) receives the squared
+    norms of the whitened residuals before the robust cost, infinite behind the camera. The base frame is the
+    body at knot i; what depends on the landmark alone is computed once for its consecutive observations.
     """
     visual, model, camera_columns = problem.visual, problem.model, problem.camera.columns
     landmark_of, xy, root_information, weights = (
@@ -92,14 +94,7 @@ def fill_rows(
             w0, w1 = root * root_information[n, m, 0], root * root_information[n, m, 1]
             row = reprojection_row(w0, w1, lin, C, r, rig, x_b, h)
             step = row_times_step_jacobian(row.query, phi, rho, C, space)
-            for k in range(3):
-                rows[o, ANCHOR + k], rows[o, ANCHOR + 3 + k] = row.anchor[0][k], row.anchor[1][k]
-                rows[o, LOCAL + k], rows[o, LOCAL + 3 + k] = row.base[0][k], row.base[1][k]
-            for p in range(5):
-                w = weights[n, 0, p]
-                for k in range(3):
-                    rows[o, LOCAL + XI_DOT_0 + 6 * p + k] = w * step[0][k]
-                    rows[o, LOCAL + XI_DOT_0 + 6 * p + 3 + k] = w * step[1][k]
+            _write_poses(row, step, weights, n, rows, o)
             rows[o, RESIDUAL] = root * (e0 if m == 0 else e1)
             rows[o, LANDMARK] = row.by_rho
             rows[o, LANDMARK + 1], rows[o, LANDMARK + 2] = bearing_row(row, rig, tangent, j)
@@ -112,6 +107,23 @@ def fill_rows(
                     column = camera_columns[k]
                     rows[o, CAMERA + k] = by_offset if column == 0 else by_turn[column - 1]
     return cost, rejected
+
+
+# Inlined before compilation: as a call it would cost a few per cent of the whole linearisation.
+@njit(cache=True, nogil=True, inline="always")
+def _write_poses(row: Row, step: PoseRow, weights: FloatArray, n: int, rows: FloatArray, o: int) -> None:
+    """Derivatives by the anchor's pose and by the local coordinates, into row o of `rows`.
+
+    `step` is the derivative of observation n by xi(tau), which its `weights` (N,2,5) distribute (20).
+    """
+    for k in range(3):
+        rows[o, ANCHOR + k], rows[o, ANCHOR + 3 + k] = row.anchor[0][k], row.anchor[1][k]
+        rows[o, LOCAL + k], rows[o, LOCAL + 3 + k] = row.base[0][k], row.base[1][k]
+    for p in range(5):
+        w = weights[n, 0, p]
+        for k in range(3):
+            rows[o, LOCAL + XI_DOT_0 + 6 * p + k] = w * step[0][k]
+            rows[o, LOCAL + XI_DOT_0 + 6 * p + 3 + k] = w * step[1][k]
 
 
 @njit(cache=True, nogil=True)
