@@ -96,7 +96,6 @@ def test_so3_values(angle: float) -> None:
         assert block_error(out, oracle.to_array(oracle.group_exp(exact))) < VALUE
         for kernel, value in (
             (so3.so3_right_jacobian, J),
-
             (so3.so3_right_jacobian_inverse, J**-1),
             (so3.so3_left_jacobian_inverse, J_left**-1),
         ):

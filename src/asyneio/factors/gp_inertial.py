@@ -1,8 +1,9 @@
 """GPIF: gyroscope and accelerometer samples as separate factors on the trajectory (21)-(23).
 
-Biases are interpolated linearly between the knots, `alpha` = (tau - t_k) / (t_{k+1} - t_k). A gyroscope sees
-the rotation alone, whose relations are the same in every `space`. Under white noise on acceleration the
-accelerometer is compared with the derivative of the interpolated velocity, a straight line in each interval.
+Biases are interpolated linearly between the knots, `alpha` = (tau - t_k) / (t_{k+1} - t_k). A gyroscope
+depends on the rotation alone, whose relations are the same in every `space`. Under white noise on
+acceleration the accelerometer is compared with the derivative of the interpolated velocity, which is linear
+in each interval.
 """
 
 from __future__ import annotations
@@ -120,7 +121,7 @@ def accelerometer_jacobian(
     g = np.empty(3)
     d_gamma = np.empty((3, KINEMATIC_DOF))
     query_rates_jacobian(local, weights, space, varpi, rates)
-    # Gravity turns with the rotation alone: d phi(tau) = C_d^T d phi_k + J_r(phi) d phi (62)-(63).
+    # Gravity depends on the rotation alone: d phi(tau) = C_d^T d phi_k + J_r(phi) d phi (62)-(63).
     weighted(local, weights[0], xi)
     so3_exp(xi[:3], C_d)
     so3_right_jacobian(xi[:3], J)
@@ -139,7 +140,7 @@ def accelerometer_jacobian(
                 + (v[i1] * rates[i2, j] - v[i2] * rates[i1, j])
             )
         for j in range(3):
-            # (C^T g)^ on the rotation of the query pose (23).
+            # (C^T g)^ times the perturbation of the query's rotation (23).
             d_gamma[i, j] += g[i1] * J[i2, j] - g[i2] * J[i1, j]
             jacobian[i, j] = g[i1] * C_d[j, i2] - g[i2] * C_d[j, i1]
         for b in range(5):

@@ -1,8 +1,8 @@
 """Square-root marginal prior: `|| R delta + r_0 ||^2 / 2` over the error states of the first knots.
 
-`delta` is measured from the frozen linearisation point of those knots: poses by `Log(T_lin^{-1} T)`,
-the rest by
-difference. The prior is linear in delta, so its Jacobian is R, always.
+`delta` is measured from the frozen linearisation point of those knots: poses by `Log(T_lin^{-1} T)`, all
+other blocks by subtraction. The prior is linear in delta, so its Jacobian is the constant R
+(docs/derivations/shifted-prior.md).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Standing still between two knots: the pose is the same at both, and both have no velocity.
+"""Zero-velocity and zero-displacement update between two knots: equal poses, and no velocity at either.
 
-The residual is that of a zero-velocity and zero-displacement update (Skog et al., "Zero-velocity detection",
-IEEE TBME 2010, describe the first): with `C`, `r` the poses and `varpi` the velocities of the knots
+Skog et al., "Zero-velocity detection", IEEE TBME 2010, describe the zero-velocity update. With `C`, `r` the
+poses and `varpi` the velocities of the knots, the residual is
 
     e = [Log(C_0^T C_1), C_0^T (r_1 - r_0), varpi_0, varpi_1].
 """
@@ -16,8 +16,8 @@ from asyneio.geometry.so3 import so3_log, so3_right_jacobian_inverse
 from asyneio.state import DOF, PHI, RHO, VARPI
 from asyneio.types import FloatArray
 
-#: Rows of the residual: turn, displacement, and the velocities of both knots.
-REST_ROWS = 18
+#: Rows of the residual: rotation, displacement, and the velocities of both knots.
+ROWS = 18
 
 
 @njit(cache=True, nogil=True)
@@ -50,7 +50,7 @@ def zero_velocity_jacobian(
     """`jacobian` (18,48) of `zero_velocity_residual` by the error states of both knots, exact."""
     C_01 = np.empty((3, 3))
     phi = np.empty(3)
-    way = np.empty(3)
+    dp = np.empty(3)
     hat = np.empty((3, 3))
     J_inv = np.empty((3, 3))
     product = np.empty((3, 3))
@@ -58,8 +58,8 @@ def zero_velocity_jacobian(
     so3_log(C_01, phi)
     so3_right_jacobian_inverse(phi, J_inv)
     matmul(J_inv, C_01.T, product)
-    matvec_t(C_0, r_1 - r_0, way)
-    skew(way, hat)
+    matvec_t(C_0, r_1 - r_0, dp)
+    skew(dp, hat)
     jacobian[:] = 0.0
     set_block(jacobian, 0, PHI, -1.0, product)
     set_block(jacobian, 0, DOF + PHI, 1.0, J_inv)

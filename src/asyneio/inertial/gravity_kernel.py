@@ -1,4 +1,4 @@
-"""Specific force, turned along with the gyroscope and summed, with its derivatives: see `gravity_witness`."""
+"""Specific force rotated by the integrated gyroscope and summed, with derivatives: see `gravity_witness`."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def sum_force(rate: FloatArray, force: FloatArray, step_s: float, every: int) ->
     Args:
         rate, force: (K,N,3) means over steps of `step_s` [rad/s, m/s^2].
         step_s: the step.
-        every: the sums after so many steps are given out.
+        every: a sum is returned after each `every` steps.
 
     Returns:
-        (K,N/every,3,7): V [m/s], its change with a bias that is taken off the rate, `sum (C f)^ (sum C dt)
-        dt`, and less the velocity that a lever arm adds, `-C omega^`.
+        (K,N/every,3,7): V [m/s], its derivative by a bias subtracted from the rate, `sum (C f)^ (sum C dt)
+        dt`, and the negative of the velocity due to a lever arm, `-C omega^`.
     """
     out = np.empty((rate.shape[0], rate.shape[1] // every, 3, 7))
     half, middle, hat, product = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))

@@ -1,5 +1,4 @@
-"""Warm-up (40): generalised velocity and acceleration of the knots from known poses, through the
-motion prior.
+"""Warm-up (40): generalised velocity and acceleration of the knots from known poses and the motion prior.
 
 Minimises the motion prior over varpi and varpi_dot with poses fixed, plus zero priors on those of the first
 knot, which remove the null space of the prior. Under white noise on acceleration varpi_dot stays as it is.
@@ -68,7 +67,7 @@ def _normal_equations(
 ) -> None:
     """Add the prior (16) of all intervals, differentiated with respect to the rates of their two knots.
 
-    Not a kernel: it runs once, and would compile the interval's kernels a second time.
+    Not a kernel, because it runs once and would compile the interval's kernels a second time.
     """
     local, chain = np.empty((5, 6)), np.empty((LOCAL_DOF, LOCAL_DOF))
     coefficients, residual = np.empty((3, 5)), np.empty((3, 6))

@@ -1,4 +1,4 @@
-"""Small inputs that make Numba compile the kernels a run with the default configuration needs, by group."""
+"""Compilation of the kernels that a run with the default configuration needs, by calls with small inputs."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, CameraIntrinsics
 
 
 def are_compiled() -> bool:
-    """Whether the kernel cache on disk holds the largest kernels."""
+    """Whether the kernel cache on disk contains the largest kernels."""
     kernels = (
         visual_terms.visual_terms,
         interval_terms.accelerometer_terms,
@@ -51,12 +51,12 @@ def are_compiled() -> bool:
 
 
 def compile_frontend() -> None:
-    """The event loop and all it calls."""
+    """The event loop."""
     Frontend(FrontendConfig(), 32, 32).process(np.zeros(1, dtype=EVENT_DTYPE))
 
 
 def compile_visual() -> None:
-    """The kernels of the observations, of a step, of the lens and of dead reckoning."""
+    """The kernels of observations, steps, lens and dead reckoning."""
     problem = _tiny_problem()
     local, chain = np.zeros((1, 5, 6)), np.zeros((1, LOCAL_DOF, LOCAL_DOF))
     sums = empty_sums(problem)
@@ -84,7 +84,7 @@ def compile_visual() -> None:
 
 
 def compile_intervals() -> None:
-    """The kernels of the trajectory and of the inertial samples."""
+    """The kernels of the trajectory and the inertial samples."""
     problem = _tiny_problem()
     states = problem.states
     local = np.zeros((1, 5, 6))
@@ -113,12 +113,12 @@ def compile_start() -> None:
 
 
 def compile_linearization() -> None:
-    """The sum of all factors, and what the other groups left."""
+    """The sum of all factors, and all kernels that the other groups do not compile."""
     linearize(_tiny_problem())
 
 
 def _tiny_problem() -> Problem:
-    """Two knots at rest, one sample of each kind, one landmark."""
+    """Two stationary knots, one sample of each kind, one landmark."""
     states = States(np.stack([np.eye(3)] * 2), np.zeros((2, 3)), np.zeros((2, 2, 6)), np.zeros((2, 6)))
     start = np.array([0, 1])
     value, root = np.zeros((1, 3)), np.ones((1, 1))

@@ -1,4 +1,4 @@
-"""The continuous-time trajectory as an object: knots in, state and covariance at any instant between them.
+"""Continuous-time trajectory: state and covariance at any instant between its knots.
 
 | symbol    | meaning                                      | shape   | unit, frame            |
 |-----------|----------------------------------------------|---------|------------------------|
@@ -13,7 +13,7 @@ The state at t is a function of the two knots around it, through gamma (20), so 
     J P J^T + G (K x Q_c) G^T,
 
 J its exact Jacobian with respect to the knots, G that with respect to gamma, and K the covariance that the
-motion prior leaves between two perfectly known knots.
+motion prior leaves between two perfectly known knots (docs/derivations/motion-prior.md).
 """
 
 from __future__ import annotations
@@ -37,7 +37,6 @@ from asyneio.trajectory.model import WNOJ_SE3, MotionModel
 from asyneio.trajectory.motion_prior import conditional_covariance, interpolation_weights_many
 from asyneio.types import FloatArray, IntArray
 
-#: Error-state size of a knot with its biases, and of the two knots a joint covariance is for.
 
 #: How far from orthonormal a knot's rotation may be.
 _ORTHONORMAL = 1e-6
@@ -51,14 +50,14 @@ class GPTrajectory:
 
     Every query takes one time or an array (N,) of them, in any order; results have no leading axis for a
     single time. Every query raises TrajectoryError for a time outside the knots or not an integer.
-    Two neighbouring knots must be less than half a turn apart: there the logarithm of a rotation ends.
+    Two neighbouring knots must be less than half a turn apart, where the logarithm of a rotation is unique.
 
     Laws (tested): at a knot every query returns the knot; the derivative in time of the pose is the
     generalised velocity, that of the generalised velocity the generalised acceleration, exactly (8), (9).
 
-    Under white noise on acceleration the knots have no varpi_dot: what is passed is not used, and
-    accelerations are the derivative of the interpolated velocity. They jump at the knots, where they are
-    those of the interval that follows.
+    Under white noise on acceleration the knots have no varpi_dot: the values passed are ignored, and
+    accelerations are the derivative of the interpolated velocity. They jump at the knots, where a query
+    returns the value of the following interval.
     """
 
     def __init__(
@@ -164,15 +163,15 @@ class GPTrajectory:
         return _unwrapped((1.0 - alpha) * self._bias[k] + alpha * self._bias[k + 1], scalar)
 
     def covariance(self, t_ns: IntArray | int) -> FloatArray:
-        """Covariance (N,18,18) or (18,18) of the errors [eps, varpi, varpi_dot]; at a knot that knot's own.
+        """Covariance (N,18,18) or (18,18) of the errors [eps, varpi, varpi_dot]; at a knot, that of the knot.
 
         eps perturbs the pose on the right, in the body (43); units are those of the state. Under white noise
-        on acceleration varpi_dot is the derivative of the interpolated velocity, and its covariance what the
-        errors of the knots do to that; the prior leaves the acceleration itself without a finite variance.
+        on acceleration varpi_dot is the derivative of the interpolated velocity, and its covariance comes
+        from the errors of the knots alone: under the prior the acceleration itself has no finite variance.
 
         Raises:
-            TrajectoryError: there is no source of joint covariances, its answer is unusable, or a time is
-                outside the knots.
+            TrajectoryError: there is no source of joint covariances, it returns an unusable matrix, or a
+                time is outside the knots.
         """
         times, scalar = self._checked_times(t_ns)
         k, tau = self._interval(times)

@@ -8,8 +8,9 @@
 | xi_dot     | J_r^{-1}(xi) varpi_{k+1}                                        (8)  | 6    |
 | xi_ddot    | J_r^{-1}(xi) varpi_dot_{k+1} + (d/dt J_r^{-1}) varpi_{k+1}      (9)  | 6    |
 
-These are the relations on SE(3). On SO(3) x R^3 the rotation's are the same, and the position's those of
-linear_position.py, where the second derivative at the first knot is nu_dot + omega x nu. `space` chooses.
+These are the relations on SE(3). On SO(3) x R^3 the rotation has the same relations and the position those of
+linear_position.py, where the second derivative at the first knot is nu_dot + omega x nu. The argument `space`
+selects between them.
 
 Everything measured inside an interval is a function of its *local coordinates*
 
@@ -17,8 +18,9 @@ Everything measured inside an interval is a function of its *local coordinates*
 
 (on SE(3) the derivatives at t_k are varpi_k and varpi_dot_k themselves)
 
-and depends on the last five only through fixed scalar weights (20). The one place where the knot k+1 enters
-is `interval_chain`, d y / d (knot k, knot k+1), computed once per interval and iteration.
+and depends on the last five only through fixed scalar weights (20). Knot k+1 enters only through
+`interval_chain`, d y / d (knot k, knot k+1), which is computed once per interval and iteration.
+docs/derivations/local-coordinates.md derives the Jacobians.
 """
 
 from __future__ import annotations

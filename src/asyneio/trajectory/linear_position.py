@@ -1,12 +1,12 @@
-"""SO(3) x R^3: the half of an interval's relations that differs from SE(3), that of the position.
+"""SO(3) x R^3: the relations of an interval that differ from SE(3), those of the position.
 
-With C the rotation from T_k to the body and r its position in the frame of T_k, the local variables are
-linear in what they stand for,
+With C the rotation from the body to the frame of T_k and r the body's position there, the local variables are
+linear in position, velocity and acceleration,
 
     rho = r        rho_dot = C nu        rho_ddot = C (nu_dot + omega x nu),
 
-where SE(3) bends them by the rotation (8)-(9). The rotation's own relations are the first three rows of
-those of SE(3), which depend on nothing else; each function below replaces the last three.
+where on SE(3) they also depend on the rotation (8)-(9). The rotation's relations are the first three rows of
+those on SE(3), which depend on the rotation only; each function below replaces the last three rows.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def _inertial_acceleration(varpi: FloatArray, out: FloatArray) -> None:
 def linear_local(C: FloatArray, r: FloatArray, varpi_1: FloatArray, out: FloatArray) -> None:
     """Position half of the end quantities `out` (5,6); row 1 holds varpi_dot_k on entry.
 
-    `C`, `r` is the pose of knot k + 1 from knot k, `varpi_1` (2,6) its [varpi, varpi_dot].
+    `C`, `r` is the pose of knot k + 1 relative to knot k, `varpi_1` (2,6) its [varpi, varpi_dot].
     """
     a = np.empty(3)
     cross(out[0, :3], out[0, 3:], a)
@@ -82,12 +82,12 @@ def linear_chain(
     set_block(out, _ACCELERATION, _NU_DOT_1, 1.0, C)
     skew(varpi_1[0, :3], S)
     matmul(C, S, out[_ACCELERATION : _ACCELERATION + 3, _NU_1 : _NU_1 + 3])
-    # - C nu^ and - C a^: of the second knot's rotation, and of omega in omega x nu.
+    # - C nu^ and - C a^: by the second knot's rotation, and by omega in omega x nu.
     skew(varpi_1[0, 3:], S)
     S *= -1.0
-    by_turn = out[_RATE : _RATE + 3, _PHI_1 : _PHI_1 + 3]
-    matmul(C, S, by_turn)
-    set_block(out, _ACCELERATION, _OMEGA_1, 1.0, by_turn)
+    by_phi = out[_RATE : _RATE + 3, _PHI_1 : _PHI_1 + 3]
+    matmul(C, S, by_phi)
+    set_block(out, _ACCELERATION, _OMEGA_1, 1.0, by_phi)
     skew(a, S)
     S *= -1.0
     matmul(C, S, out[_ACCELERATION : _ACCELERATION + 3, _PHI_1 : _PHI_1 + 3])
@@ -95,13 +95,13 @@ def linear_chain(
 
 @njit(cache=True, nogil=True)
 def linear_rates(C_d: FloatArray, gamma: FloatArray, out: FloatArray) -> None:
-    """nu and nu_dot at a query time: `out[:, 3:]` from its omega, `gamma` (3,6) and `C_d = Exp(phi)`."""
-    turning = np.empty(3)
+    """nu and nu_dot at a query time: `out[:, 3:]` from omega there, `gamma` (3,6) and `C_d = Exp(phi)`."""
+    transport = np.empty(3)
     matvec_t(C_d, gamma[1, 3:], out[0, 3:])
     matvec_t(C_d, gamma[2, 3:], out[1, 3:])
-    cross(out[0, :3], out[0, 3:], turning)
+    cross(out[0, :3], out[0, 3:], transport)
     for i in range(3):
-        out[1, 3 + i] -= turning[i]
+        out[1, 3 + i] -= transport[i]
 
 
 @njit(cache=True, nogil=True)
@@ -112,24 +112,24 @@ def linear_rates_jacobian(C_d: FloatArray, J: FloatArray, varpi: FloatArray, jac
     """
     a = np.empty(3)
     N, W, A = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    turned, work = np.empty((3, 3)), np.empty((3, 3))
+    d_nu, work = np.empty((3, 3)), np.empty((3, 3))
     _inertial_acceleration(varpi, a)
     skew(varpi[0, 3:], N)
     skew(varpi[0, :3], W)
     skew(a, A)
     jacobian[_D_NU : _D_NU + 3] = 0.0
     jacobian[_D_NU_DOT : _D_NU_DOT + 3] = 0.0
-    # A turn e of C_d turns C_d^T x by x_b^ e; e = J d phi.
-    matmul(N, J, turned)
-    set_block(jacobian, _D_NU, _BY_PHI, 1.0, turned)
+    # A perturbation e of C_d on the right changes C_d^T x by x_b^ e; e = J d phi.
+    matmul(N, J, d_nu)
+    set_block(jacobian, _D_NU, _BY_PHI, 1.0, d_nu)
     set_block(jacobian, _D_NU, _BY_RHO_DOT, 1.0, C_d.T)
     # d nu_dot = d (C_d^T rho_ddot) - omega^ d nu + nu^ d omega.
     matmul(A, J, jacobian[_D_NU_DOT : _D_NU_DOT + 3, :3])
-    matmul(W, turned, work)
+    matmul(W, d_nu, work)
     add_block(jacobian, _D_NU_DOT, _BY_PHI, -1.0, work)
     matmul(N, jacobian[:3, :3], work)
     add_block(jacobian, _D_NU_DOT, _BY_PHI, 1.0, work)
-    set_block(jacobian, _D_NU_DOT, _BY_PHI_DOT, 1.0, turned)
+    set_block(jacobian, _D_NU_DOT, _BY_PHI_DOT, 1.0, d_nu)
     matmul(W, jacobian[_D_NU : _D_NU + 3, _BY_RHO_DOT : _BY_RHO_DOT + 3], work)
     set_block(jacobian, _D_NU_DOT, _BY_RHO_DOT, -1.0, work)
     set_block(jacobian, _D_NU_DOT, _BY_RHO_DDOT, 1.0, C_d.T)

@@ -31,8 +31,8 @@ def add_correction_terms(
 ) -> None:
     """Add rows and columns of the IMU's coordinates, the last ones of `H` (24K+c+s,24K+c+s), `b` (24K+c+s,).
 
-    `local`, `local_lin` (I,5,6) are the intervals' local coordinates, of the states and where Jacobians are
-    taken; `chain` (I,48,48) moves from those to the knots.
+    `local`, `local_lin` (I,5,6) are the intervals' local coordinates, of the states and of the linearisation
+    point; `chain` (I,48,48) transforms from them to the knots.
     """
     states, linearization, model = problem.states, problem.linearization, problem.model
     columns = problem.imu.columns

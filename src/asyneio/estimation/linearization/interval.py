@@ -1,9 +1,8 @@
 """Sums over the factors inside each interval, in the interval's local coordinates (48).
 
-Each kernel is a top-level stage of `linear_system.linearize`: shallow call trees compile in seconds,
-deep ones in
-minutes. `H` (I,48,48) and `b` (I,48) are accumulated in place; residuals are taken at `local`, Jacobians at
-`local_lin` (they differ for frozen knots). Every stage returns its cost.
+Each kernel is a top-level stage of `linear_system.linearize`, because shallow call trees compile in seconds
+and deep ones in minutes. `H` (I,48,48) and `b` (I,48) are accumulated in place; residuals are evaluated at
+`local`, Jacobians at `local_lin` (they differ for frozen knots). Every stage returns its cost.
 """
 
 from __future__ import annotations
@@ -197,9 +196,9 @@ def accelerometer_terms(
 
 @njit(cache=True, nogil=True)
 def whiten(root: FloatArray, residual: FloatArray, jacobian: FloatArray, with_jacobian: bool) -> float:
-    """In place, the samples of one interval by their common `root` (n,n), lower triangular; their cost.
+    """Whiten the samples of one interval in place by their `root` (n,n), lower triangular; returns the cost.
 
-    `residual` (n,3), `jacobian` (n,3,48). The last row first: each takes from those before it alone.
+    `residual` (n,3), `jacobian` (n,3,48). The last row first, because each needs the rows before it.
     """
     cost = 0.0
     for n in range(root.shape[0] - 1, -1, -1):

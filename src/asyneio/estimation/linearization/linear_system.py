@@ -1,8 +1,8 @@
-"""Linearisation of the window (39): normal equations of the knots and of what is estimated of camera and IMU;
-landmarks are kept apart for their Schur complement (`elimination.py`).
+"""Linearisation of the window (39): normal equations of the knots and of the calibration of camera and IMU;
+landmarks are kept separate for their Schur complement (`elimination.py`).
 
-Jacobians are taken at `problem.linearization`, residuals at `problem.states`: the two differ for knots that
-the marginal prior has frozen (first-estimates Jacobians).
+Jacobians are evaluated at `problem.linearization`, residuals at `problem.states`: the two differ for knots
+that the marginal prior has frozen (first-estimates Jacobians).
 """
 
 from __future__ import annotations
@@ -102,9 +102,9 @@ def _terms(
     sums: VisualSums,
     squared: FloatArray,
 ) -> tuple[float, float, int]:
-    """All terms of the cost (39): total, that of the observations, observations without influence.
+    """Terms of the cost (39): the total, that of the observations, number of observations without influence.
 
-    Adds to the sums in the intervals' local coordinates and to those in the knots' own.
+    Adds to the sums in the intervals' local coordinates and to those in the knots' coordinates.
     """
     states = problem.states
     H, b = by_interval
@@ -145,7 +145,7 @@ def _locals(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def _needed(problem: Problem) -> BoolArray:
-    """Intervals that hold any factor."""
+    """Intervals that contain any factor."""
     counts = sum(np.diff(m.start) for m in (problem.gyroscope, problem.accelerometer, problem.visual))
     return np.asarray(problem.motion | (counts > 0))
 
@@ -160,7 +160,7 @@ def _move_to_knots(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Sums of all intervals, anchors and the camera, from local coordinates to the knots."""
+    """Add the sums of all intervals, anchors and the camera to the knots' coordinates."""
     camera = sums.b_camera.shape[0]
     at = DOF * sums.H_pose.shape[0]
     moved = np.empty((LOCAL_DOF, LOCAL_DOF))

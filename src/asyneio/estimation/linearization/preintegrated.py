@@ -1,4 +1,4 @@
-"""Sums over the preintegrated samples (30) of the intervals, straight into the knots' coordinates."""
+"""Sums over the preintegrated samples (30) of the intervals, in the knots' coordinates."""
 
 from __future__ import annotations
 

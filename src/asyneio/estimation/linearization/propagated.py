@@ -1,7 +1,7 @@
-"""Sums over the observations where the pose at an observation is propagated from the knot before (29).
+"""Sums over the observations if the pose at an observation is propagated from the knot before (29).
 
-It depends on pose, velocity and biases of that one knot (15), and nothing lies between two knots: sums go
-straight into the knots' coordinates.
+The pose depends on pose, velocity and biases of that one knot (15), so that sums are formed directly in the
+knots' coordinates.
 """
 
 from __future__ import annotations
@@ -31,12 +31,11 @@ from asyneio.geometry.tuples import ORIGIN, Vector, matrix_at, matrix_of, plus, 
 from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import FloatArray
 
-#: Coordinates that an observation depends on: pose and velocity of the knot before, its biases, anchor pose,
-#: and what is estimated of the camera.
+#: Columns of a row: pose, velocity and biases of the knot before, anchor pose, calibration of the camera.
 _EPS, _NU, _BIAS, _ANCHOR, _CAMERA = 0, 6, 9, 15, 21
-#: Where a row holds the derivatives by the pose at the observation, before they are moved to the knot.
+#: Columns of the derivatives by the pose at the observation, before they are moved to the knot.
 _POSE = _EPS
-#: Where the biases stand among `PROPAGATED_COLUMNS`, which leave out the accelerations.
+#: Position of the biases in `PROPAGATED_COLUMNS`, which omit the accelerations.
 _LANDMARK_BIAS = 12
 
 
@@ -49,10 +48,10 @@ def propagated_terms(
     sums: VisualSums,
     squared: FloatArray,
 ) -> tuple[float, int]:
-    """Cost of all observations and how many had no influence; adds to `H` (24K+c,24K+c), `b` (24K+c,)
+    """Cost of all observations and the number without influence; adds to `H` (24K+c,24K+c), `b` (24K+c,)
     and `sums`; `squared` (M,) as in `visual_rows.fill_rows`.
 
-    `sums.W` holds the columns `PROPAGATED_COLUMNS`.
+    `sums.W` has the columns `PROPAGATED_COLUMNS`.
     """
     visual, model, landmarks = problem.visual, problem.model, problem.landmarks
     rig = rig_of(problem.camera.C_bc, model.r_bc)
@@ -105,7 +104,7 @@ def propagated_terms(
 
 @njit(cache=True, nogil=True)
 def _landmark(landmarks: Landmarks, states: States, j: int, origin: FloatArray, rig: Rig) -> Anchored:
-    """Landmark j in the world, its origin moved to `origin` (3,)."""
+    """Landmark j in the world with its origin moved to `origin` (3,)."""
     a = landmarks.anchor[j]
     r = plus(vector_at(states.r, a), -1.0, (origin[0], origin[1], origin[2]))
     return anchored(matrix_at(states.C, a), r, rig, vector_at(landmarks.kappa, j), landmarks.rho[j])
@@ -115,7 +114,7 @@ def _landmark(landmarks: Landmarks, states: States, j: int, origin: FloatArray, 
 def _write_camera(
     problem: Problem, by: Row, seen: Anchored, rig: Rig, h: Vector, velocity: FloatArray, row: FloatArray
 ) -> None:
-    """What is estimated of the camera, into `row` (21+c,); the pose moves with `velocity` (6,) in time."""
+    """Derivatives by the camera's calibration, into `row` (21+c,); `velocity` (6,) is that of the pose."""
     by_turn = extrinsic_rotation_row(by, seen, rig, h)
     for k in range(len(problem.camera.columns)):
         column = problem.camera.columns[k]
@@ -150,8 +149,8 @@ def _pose_rate(problem: Problem, i: int, n: int, out: FloatArray) -> None:
 
 @njit(cache=True, nogil=True)
 def _move_to_knot(problem: Problem, i: int, n: int, row: FloatArray) -> None:
-    """The derivatives by the pose at observation n, the first six of `row` (2,21+c), into those by eps, nu
-    and the biases of knot i, its first 15."""
+    """Replace the derivatives by the pose at observation n, the first six columns of `row` (2,21+c), by those
+    by eps, nu and the biases of knot i, the first 15."""
     d_eps, d_nu, d_bias = np.empty((6, 6)), np.empty((6, 3)), np.empty((6, 6))
     increment = increment_at(problem.propagated, problem.preintegrated.bias[i], n)
     propagated_pose_jacobian(knot_at(problem.linearization, i), increment, d_eps, d_nu, d_bias)

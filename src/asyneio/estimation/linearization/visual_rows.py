@@ -25,8 +25,8 @@ from asyneio.state import KINEMATIC_LOCAL_DOF, XI_DOT_0
 from asyneio.trajectory.step import local_variable, row_times_step_jacobian, step_pose
 from asyneio.types import FloatArray
 
-#: Columns of a row: anchor pose, local coordinates of the interval, residual, landmark, what is estimated of
-#: the camera.
+#: Columns of a row: anchor pose, local coordinates of the interval, residual, landmark, calibration of the
+#: camera.
 ANCHOR, LOCAL = 0, 6
 RESIDUAL = LOCAL + KINEMATIC_LOCAL_DOF
 LANDMARK, CAMERA = RESIDUAL + 1, RESIDUAL + 4
@@ -99,7 +99,7 @@ def fill_rows(
             rows[o, LANDMARK] = row.by_rho
             rows[o, LANDMARK + 1], rows[o, LANDMARK + 2] = bearing_row(row, rig, tangent, j)
             if len(camera_columns) > 0:
-                # A second of time offset perturbs the pose by the step's Jacobian times the rate of xi.
+                # By the time offset the pose changes by the step's Jacobian times the rate of xi.
                 turn_rate, rate = local_variable(local_lin, weights, n, 1)
                 by_offset = dot(step[0], turn_rate) + dot(step[1], rate)
                 by_turn = extrinsic_rotation_row(row, lin, rig, h)

@@ -1,6 +1,6 @@
 """Products of the observations' rows: sums over the trajectory, anchors, landmarks, camera and couplings.
 
-Observations are sorted by interval, anchor and landmark, so that each product takes a contiguous block.
+Observations are sorted by interval, anchor and landmark, so that each product uses a contiguous block.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class VisualSums(NamedTuple):
     W: Couplings  # landmarks against knots
     H_l: FloatArray  # (L,3,3)
     b_l: FloatArray  # (L,3)
-    H_camera: FloatArray  # (c,c) what is estimated of the camera
+    H_camera: FloatArray  # (c,c) calibration of the camera
     b_camera: FloatArray  # (c,)
     W_camera: FloatArray  # (L,dof,c) landmarks against it
     local_camera: FloatArray  # (I,36,c) local coordinates against it
@@ -60,7 +60,7 @@ def empty_sums(problem: Problem) -> VisualSums:
     )
 
 
-#: Where only the cost is asked for.
+#: For evaluations of the cost alone.
 NO_SUMS = VisualSums(
     H_anchor=np.zeros((0, 0, KINEMATIC_LOCAL_DOF, 6)),
     touched=np.zeros((0, 0), dtype=np.bool_),
@@ -164,7 +164,7 @@ def sum_landmarks(
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def _landmark_rows(seen: IntArray, rows: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Rows (3g,46+c) of the landmarks of the interval, each against all columns, and which those are (g,)."""
+    """Rows (3g,46+c) of the g landmarks of the interval against all columns, and their indices (g,)."""
     m = seen.shape[0]
     own, owner = np.zeros((3 * m, rows.shape[1])), np.empty(m, dtype=np.int64)
     g = -1
@@ -185,7 +185,7 @@ def _landmark_rows(seen: IntArray, rows: FloatArray) -> tuple[FloatArray, IntArr
 
 @njit(cache=True, nogil=True)
 def _moved_by_chain(own: FloatArray, chain: FloatArray) -> FloatArray:
-    """(n,24): the last 18 local coordinates of rows (n,46+c), moved to eps_k and to knot k + 1."""
+    """(n,24): the last 18 local coordinates of rows (n,46+c), transformed to eps_k and to knot k + 1."""
     full = np.empty((KINEMATIC_DOF, 6 + KINEMATIC_DOF))
     set_block(full, 0, 0, 1.0, chain[XI:KINEMATIC_LOCAL_DOF, EPS : EPS + 6])
     set_block(full, 0, 6, 1.0, chain[XI:KINEMATIC_LOCAL_DOF, DOF : DOF + KINEMATIC_DOF])

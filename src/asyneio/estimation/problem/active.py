@@ -1,11 +1,11 @@
 """Which coordinates of a knot's error state are unknowns of the window.
 
-The error state always has its 24 coordinates [eps, varpi, varpi_dot, b_g, b_a], but not every model of the
-motion has a use for all: white noise on acceleration knows no varpi_dot. Coordinates that are not *active*
-keep the value they were predicted with: what is solved, marginalised and inverted holds the active ones
-only, and the rows and columns of the others in a covariance or a prior are zero.
+The error state always has 24 coordinates [eps, varpi, varpi_dot, b_g, b_a], but not every motion model uses
+all of them: white noise on acceleration has no varpi_dot. Coordinates that are not *active* keep their
+predicted value: only active coordinates are solved for, marginalised and inverted, and the rows and columns
+of the others in a covariance or a prior are zero.
 
-Behind the knots may stand the few coordinates of camera and IMU that are estimated: all of them are active.
+The coordinates of camera and IMU that are estimated follow those of the knots; all of them are active.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from asyneio.types import FloatArray, IntArray
 def active_coordinates(motion_model: MotionModel, kinematic_prior: bool = True) -> IntArray:
     """Indices (n,) of a knot's coordinates that the window solves for under a motion model.
 
-    Without a kinematic prior only pose, velocity and biases are left: nothing else is measured.
+    Without a kinematic prior these are pose, velocity and biases: nothing else is measured.
     """
     every = np.arange(DOF)
     if not kinematic_prior:
@@ -38,7 +38,7 @@ def active_in_window(active: IntArray, knots: int, behind: int = 0) -> IntArray:
 def active_part(matrix: FloatArray, active: IntArray) -> FloatArray:
     """Rows and columns (n K + c) of the active coordinates of a matrix (24 K + c, 24 K + c), c < 24.
 
-    Where all are active this is the matrix itself.
+    If all are active, this is the matrix itself.
     """
     if len(active) == DOF:
         return matrix
@@ -50,7 +50,7 @@ def with_inactive_zero(values: FloatArray, active: IntArray, behind: int) -> Flo
     """`values` (..., n K + c) of the active coordinates and the c = `behind` ones after the knots, with zeros
     for the others: (..., 24 K + c).
 
-    Where all are active these are the values themselves.
+    If all are active, these are the values themselves.
     """
     if len(active) == DOF:
         return values

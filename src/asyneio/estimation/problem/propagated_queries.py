@@ -1,4 +1,4 @@
-"""Increments at the times of observations, asked of the rules that made them (29)."""
+"""Increments (29) at the times of observations."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from asyneio.geometry.so3 import so3_log
 from asyneio.inertial.increments import Preintegration
 from asyneio.types import FloatArray
 
-#: Step [s] of the difference that takes a rate from increments: they are smooth, and exact to rounding.
+#: Step [s] of the differences that give rates of increments, which are smooth and exact to rounding.
 _RATE_STEP_S = 1e-3
 #: Stands for the biases of increments where they do not matter.
 _ANY_BIAS = np.zeros(6)
 
 
 def propagated_at(rule: Preintegration, tau: FloatArray, with_rates: bool) -> Propagated:
-    """Increments at `tau` (N,) seconds after the knot, and how they change with time if asked for.
+    """Increments at `tau` (N,) seconds after the knot, with their rates in time if required.
 
-    A time outside the interval, where a camera's clock is off, is reached to first order from its end.
+    A time outside the interval, which a time offset can cause, is reached to first order from its end.
     """
     inside = np.clip(tau, 0.0, rule.duration)
     at = rule.at(inside)

@@ -1,4 +1,4 @@
-"""Landmarks leave the normal equations by their Schur complement, and come back by substitution."""
+"""Elimination of the landmarks by their Schur complement, and their back-substitution."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def eliminate_landmarks(system: LinearSystem, landmarks: Landmarks, model: Model
         if not rows.size:
             continue
         mine = W.order[W.first[a] : W.first[a + 1]]
-        # The transpose is in Fortran's order: no copy. The update has its upper triangle alone.
+        # The transpose is in Fortran order, so that nothing is copied. Only the upper triangle is computed.
         square = dsyrk(1.0, rows.T)
         gradient = rows.T @ system.b_l[mine, :dof].ravel()
         border = rows.T @ system.W_camera[mine].reshape(len(rows), camera)
@@ -112,8 +112,8 @@ def _subtract(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Take the upper triangle of `square` (n,n), in Fortran's order, `gradient` (n,) and `border` (n,c) off
-    the `columns` (18,) of the knots from `anchor` on, and of the camera from `behind` on, in `H`, `b`."""
+    """Subtract the upper triangle of `square` (n,n), in Fortran order, `gradient` (n,) and `border` (n,c)
+    from the `columns` (18,) of the knots from `anchor` on, and of the camera from `behind` on, in `H`, `b`."""
     n = gradient.shape[0]
     at = np.empty(n, dtype=np.int64)
     for p in range(n):

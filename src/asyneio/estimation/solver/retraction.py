@@ -1,4 +1,4 @@
-"""A step of the unknowns, taken on the manifold."""
+"""A step of the unknowns on the manifold."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from asyneio.types import FloatArray
 
 
 def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem:
-    """The problem after a step (24K+c+s,) of knots, camera and IMU and the step of the landmarks that
-    follows."""
+    """The problem after a step (24K+c+s,) of knots, camera and IMU and the resulting step of landmarks."""
     knots, camera_end = DOF * len(problem.states.r), len(step) - len(problem.imu.columns)
     of_knots, of_camera, of_imu = np.split(step, [knots, camera_end])
     knot_steps = of_knots.reshape(-1, DOF)
