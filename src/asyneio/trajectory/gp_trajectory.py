@@ -37,7 +37,6 @@ from asyneio.trajectory.model import WNOJ_SE3, MotionModel
 from asyneio.trajectory.motion_prior import conditional_covariance, interpolation_weights_many
 from asyneio.types import FloatArray, IntArray
 
-
 #: How far from orthonormal a knot's rotation may be.
 _ORTHONORMAL = 1e-6
 

@@ -62,13 +62,14 @@ def _shift(at: Propagated, tau: FloatArray, C: FloatArray, r: FloatArray, d_bias
         )
 
 
-@njit(cache=True, nogil=True)
+# Inlined before compilation: returned from a call, a tuple of arrays costs a count of references for each.
+@njit(cache=True, nogil=True, inline="always")
 def knot_at(states: States, i: int) -> Knot:
     """Knot i of the window."""
     return Knot(states.C[i], states.r[i], states.varpi[i, 0, 3:], states.bias[i])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def increment_at(propagated: Propagated, bias: FloatArray, n: int) -> Increment:
     """Increment at observation n, computed with `bias` (6,)."""
     return Increment(

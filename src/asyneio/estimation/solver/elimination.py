@@ -112,8 +112,8 @@ def _subtract(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Subtract the upper triangle of `square` (n,n), in Fortran order, `gradient` (n,) and `border` (n,c)
-    from the `columns` (18,) of the knots from `anchor` on, and of the camera from `behind` on, in `H`, `b`."""
+    """Subtract the upper triangle of `square` (n,n), in Fortran order, `gradient` (n,) and `border` (n,c) in
+    the rows of the `columns` (18,) of the knots from `anchor` on and of the camera from `behind` on."""
     n = gradient.shape[0]
     at = np.empty(n, dtype=np.int64)
     for p in range(n):
