@@ -226,5 +226,5 @@ def first_knot_prior(states: States, sigma: float = 1e-3) -> Prior:
 
 
 def no_prior(states: States) -> Prior:
-    """Nothing is known of the first knot."""
+    """A prior without information."""
     return Prior(np.zeros((0, 24)), np.zeros((24, 24)), np.zeros(0), knots(states, 0, 1))

@@ -1,4 +1,4 @@
-"""Factor of preintegrated increments and the pose they carry a knot to, against differences and a motion."""
+"""Factor of preintegrated increments and propagated poses, against differences and an analytic motion."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_propagated_pose_jacobian(seed: int, dt: float, scale: float) -> None:
 @pytest.mark.parametrize("shift", [0.0, 0.01])
 @pytest.mark.parametrize(("dt", "scale"), CASES)
 def test_propagated_velocity_is_the_derivative_by_time(dt: float, scale: float, shift: float) -> None:
-    """Of the pose whose increments move with their rates, also where they have already moved."""
+    """The increments change with their rates; also at times to which they have been shifted."""
     rng = np.random.default_rng(3)
     knot, _ = random_pair(rng, dt, scale)
     found, reference = random_increments(3)
@@ -177,7 +177,7 @@ def test_propagated_velocity_is_the_derivative_by_time(dt: float, scale: float, 
 
 @pytest.mark.parametrize("tau", [0.0, 0.0712, 0.2])
 def test_propagated_pose_follows_the_motion(tau: float) -> None:
-    """One knot and the increments at tau make the pose at tau (29)."""
+    """One knot and the increments at tau give the pose at tau (29)."""
     motion = shaken(2)
     found = gp_preintegration(window_of(motion, 0.2, 500.0), np.zeros(6), SampleNoise(1e-9, 1e-8))
     pose = pose_of(true_knot(START, 2, np.zeros(6)), single(found.at(np.array([tau]))), np.zeros(6), tau)

@@ -1,8 +1,8 @@
 """Lie kernels against 50-digit oracles on a logarithmic sweep of the angle, 1e-12 ... pi.
 
-Closed forms lose their digits to cancellation at angles where nobody looks (a coupling block can be wrong by
-per cents at 1e-5), so the error is measured block by block, (phi, rho) x (phi, rho), each relative to its
-own size: a wrong small block cannot hide behind a large one.
+Closed forms lose digits by cancellation at small angles (a coupling block can be wrong by per cents at 1e-5),
+so the error is measured block by block, (phi, rho) x (phi, rho), each relative to its own size: a large block
+cannot hide a wrong small one.
 """
 
 from __future__ import annotations

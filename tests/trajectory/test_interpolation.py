@@ -1,4 +1,4 @@
-"""Interpolation between two knots: what it reproduces exactly, and its laws for any pair of knots."""
+"""Interpolation between two knots: motions that it reproduces exactly, and its laws for any pair of knots."""
 
 from __future__ import annotations
 

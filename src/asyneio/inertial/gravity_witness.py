@@ -79,7 +79,7 @@ class GravityWitness:
         if not self.told or factor < SAME_SCALE or self.against_one < EXCLUDED:
             return ""
         return (
-            f"the gyroscope reads {self.scale:.3g} times what gravity turns by in the accelerometer"
+            f"the gyroscope reads {self.scale:.3g} times the rotation of gravity in the accelerometer"
             f"{gyroscope_cause(self.scale)}"
         )
 
@@ -90,7 +90,7 @@ class GravityWitness:
             return ""
         return (
             f"the accelerometer reads gravity as {self.force:.3g} m/s^2 (mean over {self.seconds:.3g} s, "
-            f"turned along with the gyroscope), {ratio:.3g} times what it is; expected {GRAVITY:.2f}: "
+            f"rotated by the gyroscope), {ratio:.3g} times its true value; expected {GRAVITY:.2f}: "
             "another unit, a full-scale range other than the driver's, or gravity removed; multiply by "
             f"{1.0 / ratio:.3g} if the scale is the cause"
         )

@@ -217,14 +217,14 @@ class GPTrajectory:
         times = np.asarray(t_ns)
         if times.ndim > 1 or times.dtype.kind not in "iu":
             raise TrajectoryError(
-                f"asked for times of type {times.dtype} and shape {times.shape}; "
+                f"found query times of type {times.dtype} and shape {times.shape}; "
                 "expected int64 nanoseconds, a single time or (N,)"
             )
         flat = np.atleast_1d(times).astype(np.int64)
         first, last = int(self._t_ns[0]), int(self._t_ns[-1])
         if len(flat) and not first <= flat.min() <= flat.max() <= last:
             raise TrajectoryError(
-                f"asked for times {flat.min()} .. {flat.max()} ns; "
+                f"found query times {flat.min()} .. {flat.max()} ns; "
                 f"expected times within the knots, {first} .. {last} ns"
             )
         return flat, times.ndim == 0

@@ -131,6 +131,6 @@ def _landmark(landmarks: Landmarks, states: States, i: int, j: int, rig: Rig) ->
     """Landmark j relative to the body at knot i."""
     a = landmarks.anchor[j]
     C_i = matrix_at(states.C, i)
-    way = plus(vector_at(states.r, a), -1.0, vector_at(states.r, i))
-    C, r = transposed_product(C_i, matrix_at(states.C, a)), transposed_times(C_i, way)
+    dp = plus(vector_at(states.r, a), -1.0, vector_at(states.r, i))
+    C, r = transposed_product(C_i, matrix_at(states.C, a)), transposed_times(C_i, dp)
     return anchored(C, r, rig, vector_at(landmarks.kappa, j), landmarks.rho[j])

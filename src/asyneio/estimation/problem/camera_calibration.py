@@ -78,10 +78,10 @@ def camera_difference(camera: Camera, linearization: Camera) -> FloatArray:
 
 def moved_camera(camera: Camera, step: FloatArray) -> Camera:
     """The camera after a step (c,) of its estimated coordinates."""
-    full, turn = np.zeros(CAMERA_DOF), np.empty((3, 3))
+    full, dR = np.zeros(CAMERA_DOF), np.empty((3, 3))
     full[camera.columns] = step
-    so3_exp(full[1:], turn)
-    return camera._replace(C_bc=camera.C_bc @ turn, time_offset=camera.time_offset + float(full[0]))
+    so3_exp(full[1:], dR)
+    return camera._replace(C_bc=camera.C_bc @ dR, time_offset=camera.time_offset + float(full[0]))
 
 
 def after_walk(
