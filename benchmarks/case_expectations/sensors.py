@@ -24,7 +24,7 @@ CASES: Expectations = {
             status=(1,),
             says=(r"FAIL +imu scale: the gyroscope reads (1\.9\d|2\.0\d) times", r"as gravity says too"),
         ),
-        Step("asyneio run data -o out", status=(1,), says=(r"times what gravity turns by",), own=True),
+        Step("asyneio run data -o out", status=(1,), says=(r"times the rotation of gravity",), own=True),
     ),
     "S05": (
         Step("asyneio doctor data", status=(1,), says=(r"FAIL +imu units", r"full-scale range")),

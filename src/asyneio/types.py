@@ -248,9 +248,8 @@ class Attitude:
     tilt_sigma_rad: float
 
 
-#: Order and size of the error state of a knot (math: T Exp([phi, rho]); others additive).
+#: Names of the blocks of three of a knot's error state, in order (`state.py`).
 STATE_BLOCKS = ("phi", "rho", "omega", "nu", "omega_dot", "nu_dot", "bias_gyroscope", "bias_accelerometer")
-STATE_DOF = 24
 
 
 @dataclass(frozen=True)

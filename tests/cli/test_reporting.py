@@ -16,11 +16,11 @@ from asyneio.pipeline import RunResult
 from asyneio.pipeline.report import report_data
 from asyneio.pipeline.report_streams import count_features, event_rate, track_scene
 from asyneio.pipeline.summary import Summary, Transition
+from asyneio.state import DOF
 from asyneio.types import (
     NS_PER_S,
     OBSERVATION_DTYPE,
     STATE_BLOCKS,
-    STATE_DOF,
     Estimate,
     Health,
     PoseTrajectory,
@@ -65,7 +65,7 @@ def run_along(s: np.ndarray, yaw: float, covariance: np.ndarray) -> tuple[list[E
 
 @pytest.fixture
 def covariance(rng: np.random.Generator) -> np.ndarray:
-    root = 1e-3 * rng.standard_normal((STATE_DOF, STATE_DOF))
+    root = 1e-3 * rng.standard_normal((DOF, DOF))
     return root @ root.T
 
 
@@ -115,7 +115,7 @@ def test_bounds_match_samples(recording: Recording, covariance: np.ndarray, rng:
     data = report_data(result, recording, CONFIG, {0: score})
     assert data.comparison is not None
     assert data.states is not None
-    draws = rng.multivariate_normal(np.zeros(STATE_DOF), covariance, 200_000)
+    draws = rng.multivariate_normal(np.zeros(DOF), covariance, 200_000)
     phi, rho, nu_error, bias = (
         draws[:, 3 * STATE_BLOCKS.index(name) :][:, :3] for name in ("phi", "rho", "nu", "bias_gyroscope")
     )

@@ -39,7 +39,9 @@ def propagated_poses(
     """Poses (..., M,4,4) of the body `shift` (...) seconds after the observations in intervals i (M,)."""
     at, reference = problem.propagated, problem.preintegrated.bias[i]
     late = shift[..., None, None]
-    later = late[..., None] * np.concatenate([at.d_turn, np.zeros((len(i), 3, 6)), at.d_bias[:, 3:6]], axis=1)
+    later = late[..., None] * np.concatenate(
+        [at.d_bias_rate, np.zeros((len(i), 3, 6)), at.d_bias[:, 3:6]], axis=1
+    )
     turn, _, way = _corrected(
         at.C @ exp_so3(late * at.omega),
         at.r,

@@ -42,7 +42,7 @@ TO_THE_END = OptimizerSettings(max_iterations=40, relative_decrease=1e-10, dampi
 
 @dataclass(frozen=True)
 class Case:
-    """A motion model, an inertial scheme, and what is estimated of the camera."""
+    """A motion model, an inertial scheme, and the estimated coordinates of the camera."""
 
     model: MotionModel
     scheme: str = "gpif"
@@ -79,8 +79,8 @@ def with_moved_camera(problem: Problem, step: Array) -> Problem:
 
 @cache
 def drawn(case: Case, frozen: int = 0) -> tuple[Problem, Prior]:
-    """The camera has left its prior; the first `frozen` knots their linearisation point; increments, if any,
-    were made with other biases."""
+    """The camera has moved from its prior, the first `frozen` knots from their linearisation point;
+    increments, if any, were computed with other biases."""
     toy = case.toy()
     problem, prior = toy.problem(0.3)
     delta = 0.02 * toy.rng.normal(size=(KNOTS, 24))
@@ -185,7 +185,7 @@ def test_covariances_are_those_of_the_dense_problem(case: Case) -> None:
 @pytest.mark.parametrize("frozen", [0, 2])
 @every_case
 def test_marginalisation_equals_everything_at_once(case: Case, frozen: int) -> None:
-    """The prior carries what the oldest knot and its landmarks knew of the camera."""
+    """The prior keeps the information of the oldest knot and its landmarks on the camera."""
     problem, prior = drawn(case, frozen)
     H, b = dense(problem, prior)
     free = naive.unknowns(problem)
@@ -202,7 +202,7 @@ def test_marginalisation_equals_everything_at_once(case: Case, frozen: int) -> N
 
 
 def test_random_walk_is_an_unknown_of_its_own(rng: np.random.Generator) -> None:
-    """Against the walk written out: the old camera, tied to the new one, eliminated."""
+    """Against an explicit walk: the old camera, connected with the new one, is eliminated."""
     n, variance = 5, np.array([0.3, 0.02, 4.0])
     A = rng.normal(size=(12, n + 3))
     H, b = A.T @ A, rng.normal(size=n + 3)
@@ -220,7 +220,7 @@ def test_random_walk_is_an_unknown_of_its_own(rng: np.random.Generator) -> None:
 
 
 def test_walk_forgets_in_the_window() -> None:
-    """A window with a walk believes less of its calibration after a knot has left."""
+    """With a walk the calibration becomes less certain when a knot leaves the window."""
     sigmas = []
     for walk in (0.0, 1.0):
         toy = Case(MODELS["wnoj-se3"]).toy(walk=walk)
@@ -236,7 +236,7 @@ TRUE_OFFSET, TRUE_TURN = 0.006, np.array([0.01, -0.012, 0.015])
 
 @pytest.mark.parametrize("name", ["wnoj-se3", "wnoj-so3xr3", "gpp"])
 def test_a_wrong_calibration_is_found(name: str) -> None:
-    """Noise-free measurements, true states; the stamps and the rotation that the window is told are wrong."""
+    """Noise-free measurements and true states, but wrong stamps and a wrong camera rotation."""
     toy = CASES[name].toy(noise=0.0, count=8, landmarks=40)
     settings = toy.settings
     true_C = settings.T_b_c[:3, :3]
@@ -252,13 +252,13 @@ def test_a_wrong_calibration_is_found(name: str) -> None:
     sigma = np.sqrt(camera_covariance(solution).diagonal())
     assert (sigma < 0.5 * 4.0 * SIGMA).all(), "too little is learnt to tell anything"
     turn_left = Rotation.from_matrix(true_C.T @ window.camera.C_bc).as_rotvec()
-    # Without noise only the weak prior on the wrong calibration is left to pull.
+    # Without noise only the weak prior on the wrong calibration causes an error.
     assert np.abs(window.camera.time_offset - TRUE_OFFSET) < min(sigma[0], 0.2 * TRUE_OFFSET)
     assert np.linalg.norm(turn_left) < min(np.linalg.norm(sigma[1:]), 0.5 * np.linalg.norm(TRUE_TURN))
 
 
 def test_what_nothing_observes_stays_as_it_was() -> None:
-    """Inertial samples alone say nothing of the camera, however often knots leave."""
+    """Inertial samples alone have no information on the camera, however many knots leave."""
     toy = Case(MODELS["wnoj-se3"]).toy()
     window = toy.window(toy.perturbed_truth(0.1))
     before = window.camera
@@ -271,7 +271,7 @@ def test_what_nothing_observes_stays_as_it_was() -> None:
 
 
 def test_propagated_poses_are_asked_for_again_when_the_offset_has_moved_far() -> None:
-    """Two ways to one offset: a far move is exact, near ones are shifted to first order."""
+    """The same offset in one large move, which is exact, and in small ones, shifted to first order."""
     toy = CASES["gpp-offset"].toy()
     window, again = toy.window(toy.truth), toy.window(toy.truth)
     buffers = [w._visual for w in (window, again)]

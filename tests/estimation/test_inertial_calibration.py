@@ -1,5 +1,5 @@
 """Scale factors and misalignment of the IMU as unknowns: normal equations, minimum, marginalisation and
-covariance against the dense oracle, and whole windows whose sensors are off."""
+covariance against the dense oracle, and whole windows with sensor errors."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ TO_THE_END = OptimizerSettings(max_iterations=40, relative_decrease=1e-10, dampi
 
 @dataclass(frozen=True)
 class Case:
-    """A motion model, and what is estimated of IMU and camera."""
+    """A motion model, and the estimated coordinates of IMU and camera."""
 
     model: MotionModel
     columns: tuple[int, ...] = ALL
@@ -80,7 +80,7 @@ every_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 
 @cache
 def drawn(case: Case, frozen: int = 0) -> tuple[Problem, Prior]:
-    """The IMU has left its prior, the first `frozen` knots their linearisation point."""
+    """The IMU has moved from its prior, the first `frozen` knots from their linearisation point."""
     toy = case.toy()
     problem, prior = toy.problem(0.3)
     delta = 0.02 * toy.rng.normal(size=(KNOTS, 24))
@@ -164,7 +164,7 @@ def test_covariances_are_those_of_the_dense_problem(case: Case) -> None:
 @pytest.mark.parametrize("frozen", [0, 2])
 @every_case
 def test_marginalisation_equals_everything_at_once(case: Case, frozen: int) -> None:
-    """The prior carries what the oldest knot knew of the IMU."""
+    """The prior keeps the information of the oldest knot on the IMU."""
     problem, prior = drawn(case, frozen)
     H, b = dense(problem, prior)
     free = naive.unknowns(problem)
@@ -181,7 +181,7 @@ def test_marginalisation_equals_everything_at_once(case: Case, frozen: int) -> N
 
 
 def test_walk_forgets_in_the_window() -> None:
-    """A window with a walk believes less of its IMU after a knot has left."""
+    """With a walk the IMU becomes less certain when a knot leaves the window."""
     sigmas = []
     for walk in (0.0, 0.2):
         toy = Case(MODELS["wnoj-se3"]).toy(walk=walk)
@@ -215,7 +215,7 @@ def spoilt(toy: Toy, coordinates: Array) -> Toy:
 def test_wrong_scale_factors_are_found() -> None:
     """Noise-free measurements, true states; what the motion shows of the sensors is found, the rest stays
     within its own standard deviation."""
-    # Sensors so bad that eight knots tell something of them.
+    # Errors so large that eight knots determine them.
     settings = replace(SETTINGS, imu=correction_settings(0.2, 0.1, 0.0))
     toy = make_toy(noise=0.0, count=8, landmarks=40, settings=settings)
     prior = settings.imu
@@ -254,7 +254,7 @@ def test_noise_does_not_pull_scale_factors_down() -> None:
     scales = [0, 1, 2, 6, 7, 8]
     deviation = np.sqrt(information[scales])
     assert (np.abs(gradient[scales]) < 0.25 * values + 4.0 * deviation).all()
-    # The test can tell.
+    # The test is able to detect it.
     assert (4.0 * deviation < 0.4 * values).all()
 
 

@@ -1,4 +1,4 @@
-"""Marginalisation against solving everything at once; its square root; what it must not make up."""
+"""Marginalisation against the solution of the whole problem; its square root; no invented information."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def without_first(H: Array, b: Array, knots: int, gone: int) -> tuple[Array, Arr
 
 
 def assert_same_estimate(window: Window, H: Array, b: Array, H_all: Array, b_all: Array, gone: int) -> None:
-    """The knots that are left move by the same step and have the same covariance as in the whole problem."""
+    """The remaining knots have the same step and the same covariance as in the whole problem."""
     n = 24 * window.knots
     kept = slice(24 * gone, 24 * gone + n)
     P_all = np.linalg.inv(H_all)
@@ -127,7 +127,7 @@ def test_prior_is_a_square_root_over_the_knots_it_touches() -> None:
 
 
 def leak(prior: Prior) -> float:
-    """How much the prior claims to know of position and yaw, relative to what it could know at most."""
+    """Information of the prior on position and yaw, relative to the largest possible."""
     null = naive.global_motions(prior.linearization)
     return float(
         np.max(
@@ -159,14 +159,14 @@ def test_position_and_yaw_stay_unknown() -> None:
 
 
 def test_position_and_yaw_leak_without_frozen_linearization() -> None:
-    """What the frozen point is there for; the test above would notice."""
+    """Without freezing the test above fails."""
     (_, first), *later = slide(frozen_linearization=False)
     assert first < 2e-6, "nothing has moved yet"
     assert max(leaked for _, leaked in later) > 1e-4
 
 
 def test_direction_without_information_stays_without() -> None:
-    """Only the motion prior: of the second knot it says nothing, but for rounding."""
+    """Only the motion prior: no information on the second knot, except rounding errors."""
     toy = make_toy(count=2, landmarks=3)
     window = toy.window(toy.truth, no_prior(toy.truth))
     problem = window.problem()

@@ -1,4 +1,4 @@
-"""Buffers of the window: which interval a measurement belongs to, its weights, what is forgotten."""
+"""Buffers of the window: the interval of a measurement, its weights, and dropping of old measurements."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_weights_are_the_quintic_between_the_ends() -> None:
 
 
 def test_weights_are_the_cubic_under_white_noise_on_acceleration() -> None:
-    """A parabola is reproduced without a look at the accelerations of its ends."""
+    """A parabola is reproduced without the accelerations at its ends."""
     weights = inertial(prior=WNOA).arrays(5, 3).weights
     np.testing.assert_array_equal(weights[:, :, [1, 4]], 0.0)
     v, a, t, dt = 0.7, -3.0, 0.025, 0.1

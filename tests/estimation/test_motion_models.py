@@ -34,7 +34,7 @@ ONE_STEP = OptimizerSettings(max_iterations=1, relative_decrease=1e-12, damping=
 
 @dataclass(frozen=True)
 class Case:
-    """A motion model, an inertial scheme, and the intervals in which the sensor is said to stand still."""
+    """A motion model, an inertial scheme, and the intervals that count as stationary."""
 
     model: MotionModel
     scheme: str
@@ -69,7 +69,7 @@ every_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 
 
 def softened(rest: ZeroVelocity) -> ZeroVelocity:
-    """The same a thousand times weaker: the toy's sensor moves, and a minimum is to be found all the same."""
+    """The same a thousand times weaker: the toy's sensor moves, and the problem must still have a minimum."""
     return rest._replace(root_information=1e-3 * rest.root_information)
 
 
@@ -225,7 +225,7 @@ def test_relative_scale(case: Case) -> None:
 @pytest.mark.parametrize("frozen", [0, 2])
 @every_case
 def test_marginalisation_equals_everything_at_once(case: Case, frozen: int) -> None:
-    """The knots that are left, after the oldest and its landmarks have gone, know what they knew before."""
+    """The remaining knots keep their information when the oldest knot and its landmarks are marginalised."""
     problem, prior = drawn(case, frozen)
     H, b = dense(problem, prior)
     free = naive.unknowns(problem)
@@ -242,7 +242,7 @@ def test_marginalisation_equals_everything_at_once(case: Case, frozen: int) -> N
 
 
 def _without_oldest(problem: Problem) -> Problem:
-    """What is left of a problem when the oldest knot, its interval and its landmarks have gone."""
+    """The remainder of a problem without the oldest knot, its interval and its landmarks."""
     stay = problem.landmarks.anchor > 0
     visual = problem.visual
     keep = stay[visual.landmark]

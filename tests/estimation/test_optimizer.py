@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt: the minimum of the naive problem, damping where a step fails, errors in words."""
+"""Levenberg-Marquardt: the minimum of the naive problem, damping after a failed step, error messages."""
 
 from __future__ import annotations
 

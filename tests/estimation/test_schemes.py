@@ -1,4 +1,4 @@
-"""What each inertial scheme makes of the samples of one interval."""
+"""Measurements of each inertial scheme from the samples of one interval."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_gpif_takes_what_lies_inside(gyroscope_ns: Array, accelerometer_ns: Arra
             root = np.eye(np.count_nonzero(inside)) / (inflation * sigma)
             np.testing.assert_allclose(passed.root, root, rtol=1e-12)
         else:
-            # What they say together: `tests/inertial/test_projection.py`.
+            # Their joint information: `tests/inertial/test_projection.py`.
             assert len(passed.t_ns) <= NODES
             assert passed.t_ns.min() >= BOUNDS[0]
             assert passed.t_ns.max() <= BOUNDS[1]
@@ -133,7 +133,7 @@ def test_others_have_no_factors_on_the_trajectory(name: str) -> None:
 
 @pytest.mark.parametrize("period_ms", [1.0, 4.0, 7.0])
 def test_fits_at_the_ends_are_least_squares_lines(period_ms: float) -> None:
-    """Through the samples within 15 ms, or the nearest three; twice their variance, and room for a bend."""
+    """Through the samples within 15 ms, or the nearest three; twice their variance, plus curvature."""
     rng = np.random.default_rng(5)
     t_ns = np.arange(-20.0, 100.0, period_ms) * MS + 0.3 * MS
     streams = stream(t_ns, 1.0), stream(t_ns[::2] + 0.2 * MS, 10.0)
@@ -159,7 +159,7 @@ def test_fits_at_the_ends_are_least_squares_lines(period_ms: float) -> None:
 
 
 def test_no_fit_where_nothing_is_near() -> None:
-    """An end with no sample within 15 ms, and a single sample, tell no rate."""
+    """No rate at an end without samples within 15 ms, nor from a single sample."""
     gyroscope, accelerometer = regular()
     late = gyroscope[gyroscope["t_ns"] > START + 20 * MS]
     single = accelerometer[-1:]
@@ -173,7 +173,8 @@ def test_no_fit_where_nothing_is_near() -> None:
 @pytest.mark.parametrize("gap_ms", [(-20, 30), (30, 65), (60, 101), (1, 101)], ids=str)
 @every_rule
 def test_gaps_inflate_the_covariance(name: str, gap_ms: tuple[int, int], sensor: int) -> None:
-    """Bare ends and gaps inside: of a turn unseen nothing is spared, of a push unseen the rotation is."""
+    """Missing ends and gaps inside: an unmeasured rotation affects all increments, an unmeasured acceleration
+    all but the rotation."""
     streams = list(regular())
     whole = variance(name, regular())
     t = (streams[sensor]["t_ns"] - START) / MS
@@ -222,7 +223,7 @@ masks = st.lists(st.booleans(), min_size=20, max_size=20).map(np.array).filter(n
 @settings(max_examples=60, deadline=None)
 @given(gyroscope=masks, accelerometer=masks, name=st.sampled_from(PREINTEGRATING))
 def test_no_loss_of_samples_raises(gyroscope: Array, accelerometer: Array, name: str) -> None:
-    """Whatever is missing, as long as each sensor has one sample in the interval or shortly before."""
+    """Any samples may be missing, as long as each sensor has one in the interval or shortly before."""
     grid_ns = np.arange(-19 * MS, DURATION_NS, 6 * MS)
     streams = stream(grid_ns[gyroscope], 1.0), stream(grid_ns[accelerometer], 10.0)
     found = measured(name, streams)

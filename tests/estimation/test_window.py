@@ -1,4 +1,4 @@
-"""The sliding window: landmarks born where they are, alive for one anchor, no observation counted twice."""
+"""The sliding window: landmarks start at the right place, live for one anchor, use no observation twice."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from asyneio.estimation.problem.problem import States
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.estimation.solver.optimizer import OptimizerSettings
 from asyneio.estimation.window import Window
 from tests.estimation import naive
@@ -29,7 +29,7 @@ from tests.estimation.toy import (
 
 Array = NDArray[np.float64]
 MS = 1_000_000
-#: So little noise that any parallax decides.
+#: So little noise that any parallax is significant.
 SHARP = 1e-6
 
 
@@ -43,7 +43,7 @@ def with_tracks(toy: Toy, *after_ms: list[float]) -> Toy:
 
 
 def still(states: States) -> States:
-    """All knots at rest in the first pose."""
+    """All knots stationary in the first pose."""
     K = len(states.r)
     return States(
         np.repeat(states.C[:1], K, axis=0),
@@ -90,7 +90,7 @@ def test_fixed_bearing_is_that_of_a_knot_inside_the_track() -> None:
     np.testing.assert_allclose(window.landmarks.kappa[0], bearing[0], atol=1e-4)
     np.testing.assert_allclose(window.landmarks.kappa[1], bearing[1], atol=2e-3)
     np.testing.assert_allclose(1.0 / window.landmarks.rho[0], np.linalg.norm(expected[0]), rtol=5e-3)
-    # The bearing used the observations before the anchor up.
+    # The bearing has used the observations before the anchor.
     visual = window.problem().visual
     np.testing.assert_array_equal(np.diff(visual.start), [0, 2, 1, 3])
     assert window.observations == 4 + 4 + 2
@@ -123,7 +123,7 @@ def test_default_distance_is_the_median_of_the_others() -> None:
 
 @pytest.mark.parametrize("factor", [-1.0, 0.0])
 def test_landmark_is_never_born_behind(factor: float) -> None:
-    """Poses that contradict the tracks (mirrored motion, or none) put no point behind the camera."""
+    """Poses that contradict the tracks (mirrored motion, or none) give no point behind the camera."""
     toy = make_toy(count=5, landmarks=6, noise=0.0, settings=with_dof(3, bearing_sigma=SHARP))
     states = toy.truth.copied()
     states.r[:] = states.r[0] + factor * (states.r - states.r[0])

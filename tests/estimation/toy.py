@@ -10,7 +10,8 @@ from scipy.linalg import expm
 
 from asyneio.estimation.problem.problem import Prior, Problem, States
 from asyneio.estimation.problem.schemes import SCHEMES
-from asyneio.estimation.problem.window_settings import TrackObservations, WindowSettings
+from asyneio.estimation.problem.track_observations import TrackObservations
+from asyneio.estimation.problem.window_settings import WindowSettings
 from asyneio.estimation.window import Window
 from asyneio.inertial.noise import InertialNoise, SensorNoise
 from asyneio.trajectory.model import WNOJ_SE3
@@ -195,7 +196,7 @@ def _observations(
 
 
 def knots(states: States, first: int, last: int) -> States:
-    return States(*(a[first:last].copy() for a in states))
+    return states.chosen(slice(first, last)).copied()
 
 
 def moved(states: States, delta: Array) -> States:
@@ -225,5 +226,5 @@ def first_knot_prior(states: States, sigma: float = 1e-3) -> Prior:
 
 
 def no_prior(states: States) -> Prior:
-    """Nothing is known of the first knot."""
+    """A prior without information."""
     return Prior(np.zeros((0, 24)), np.zeros((24, 24)), np.zeros(0), knots(states, 0, 1))

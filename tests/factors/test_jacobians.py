@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
 from asyneio.factors.local_frame import local_to_knots
 from asyneio.factors.marginal_prior import knot_difference
 from asyneio.factors.reprojection import (
+    Row,
     anchored,
     bearing_row,
     extrinsic_rotation_row,
@@ -27,6 +29,7 @@ from asyneio.factors.reprojection import (
     rig_of,
 )
 from asyneio.geometry.tuples import ORIGIN, matrix_of
+from asyneio.state import EPS_0, LOCAL_DOF, XI_DOT_0
 from asyneio.trajectory.interpolation import (
     interval_local,
     query_pose,
@@ -149,80 +152,146 @@ def test_accelerometer(model: MotionModel, dt: float, scale: float, fraction: fl
     check_jacobian("accelerometer", jacobian @ chain_of(k0, k1, model.space), f, PAIR_BLOCKS)
 
 
-@pytest.mark.parametrize(("dt", "scale"), CASES)
-@pytest.mark.parametrize("rho", [0.0, 0.4, 5.0])
-@every_model
-def test_reprojection(model: MotionModel, dt: float, scale: float, rho: float) -> None:
-    rng = np.random.default_rng(11)
-    k0, k1 = pair(5, dt, scale)
-    anchor = Knot(
-        k0.T @ expm_of(0.2 * rng.normal(size=6)), np.zeros((2, 6)), np.zeros(6)
-    )  # somewhere near, so that the landmark is in front
-    T_bc = expm_of(0.3 * rng.normal(size=6))
-    C_bc, r_bc = np.ascontiguousarray(T_bc[:3, :3]), np.ascontiguousarray(T_bc[:3, 3])
-    fraction = 0.37
-    w = weights_at(fraction, dt, model.prior)
-    kappa, tangent = bearing_in_front(anchor, k0, k1, C_bc, r_bc, rho, w, model.space)
-    xy = np.array([0.1, -0.2])
-    root = np.array([[200.0, 3.0], [0.0, 180.0]])
+FRACTION = 0.37
+XY = np.array([0.1, -0.2])
+ROOT = np.array([[200.0, 3.0], [0.0, 180.0]])
 
-    def direction(
-        a: Knot, k: np.ndarray, inverse_depth: float, p: Knot, q: Knot, camera: np.ndarray
-    ) -> tuple[Any, ...]:
+
+@dataclass
+class Sight:
+    """A landmark seen between two knots `dt` apart, in front of the camera; base frame is the world."""
+
+    model: MotionModel
+    dt: float
+    anchor: Knot
+    k0: Knot
+    k1: Knot
+    T_bc: np.ndarray
+    kappa: np.ndarray
+    tangent: np.ndarray
+    rho: float
+
+    @property
+    def weights(self) -> np.ndarray:
+        return weights_at(FRACTION, self.dt, self.model.prior)
+
+    @property
+    def local(self) -> np.ndarray:
+        return local_of(self.k0, self.k1, self.model.space)
+
+    def direction(self, late: float = 0.0, turn: np.ndarray | None = None) -> tuple[Any, ...]:
+        """Query rotation, rig, landmark, point and direction, `late` intervals later, camera rotated by
+        `turn` (3,)."""
         C, r = np.empty((3, 3)), np.empty(3)
-        late = weights_at(fraction + camera[0], dt, model.prior)
-        query_pose(p.C, p.r, local_of(p, q, model.space), late[0], model.space, C, r)
-        rig = rig_of(C_bc @ expm_of(np.append(camera[1:], np.zeros(3)))[:3, :3], r_bc)
-        # The base frame is the world, its origin at the query.
-        landmark = anchored(matrix_of(a.C), tuple(a.r - r), rig, tuple(k), inverse_depth)
+        weights = weights_at(FRACTION + late, self.dt, self.model.prior)
+        query_pose(self.k0.C, self.k0.r, self.local, weights[0], self.model.space, C, r)
+        C_bc = self.T_bc[:3, :3]
+        if turn is not None:
+            C_bc = C_bc @ expm_of(np.append(turn, np.zeros(3)))[:3, :3]
+        rig = rig_of(C_bc, self.T_bc[:3, 3])
+        # The origin of the world is moved to the query.
+        landmark = anchored(
+            matrix_of(self.anchor.C), tuple(self.anchor.r - r), rig, tuple(self.kappa), self.rho
+        )
         return C, rig, landmark, *landmark_direction(landmark, matrix_of(C), ORIGIN, rig)
 
-    def f(d: np.ndarray) -> np.ndarray:
-        moved = anchor.perturbed(np.concatenate([d[:6], np.zeros(18)]))
-        k = kappa + tangent @ d[7:9]
-        *_, h = direction(moved, k, rho + d[6], k0.perturbed(d[9:33]), k1.perturbed(d[33:57]), d[57:])
-        visible, *out = reprojection_residual(h, xy[None], root[None], 0)
+    def residual(self, late: float = 0.0, turn: np.ndarray | None = None) -> np.ndarray:
+        *_, h = self.direction(late, turn)
+        visible, *out = reprojection_residual(h, XY[None], ROOT[None], 0)
         assert visible
         return np.array(out)
 
-    C, rig, landmark, x_b, h = direction(anchor, kappa, rho, k0, k1, np.zeros(4))
-    rows = [reprojection_row(*root[m], landmark, matrix_of(C), ORIGIN, rig, x_b, h) for m in range(2)]
-    d_anchor, d_pose = (
-        np.array([np.ravel(pair) for pair in some])
-        for some in zip(*((r.anchor, r.query) for r in rows), strict=True)
-    )
-    d_landmark = np.array([[r.by_rho, *bearing_row(r, rig, tangent[None], 0)] for r in rows])
-    d_rotation = np.array([extrinsic_rotation_row(r, landmark, rig, h) for r in rows])
-    d_eps, d_xi = np.empty((6, 6)), np.empty((6, 6))
-    local = local_of(k0, k1, model.space)
-    query_pose_jacobian(local, w[0], model.space, d_eps, d_xi)
-    assert_rows_are_moved(d_pose, local, w[0], model.space, d_xi)
-    local_jacobian = np.zeros((2, 48))
-    local_jacobian[:, :6] = d_pose @ d_eps
-    for b in range(5):
-        local_jacobian[:, 6 + 6 * b : 12 + 6 * b] = w[0, b] * d_pose @ d_xi
-    xi_dot = np.empty(6)
-    weighted(local, w[1], xi_dot)
-    # The offset in units of the interval, so that one step suits all lengths.
-    d_offset = dt * d_pose @ d_xi @ xi_dot
-    analytic = np.hstack(
-        [
-            d_anchor,
-            d_landmark,
-            local_jacobian @ chain_of(k0, k1, model.space),
-            d_offset[:, None],
-            d_rotation,
-        ]
-    )
-    blocks = [
-        ("anchor", 6),
-        ("inverse depth", 1),
-        ("bearing", 2),
-        *PAIR_BLOCKS,
-        ("time offset", 1),
-        ("extrinsic rotation", 3),
+    def rows(self) -> list[Row]:
+        C, rig, landmark, x_b, h = self.direction()
+        return [reprojection_row(*ROOT[m], landmark, matrix_of(C), ORIGIN, rig, x_b, h) for m in range(2)]
+
+    def by_query(self) -> np.ndarray:
+        """Rows (2,6) by the pose of the query."""
+        return np.array([np.ravel(row.query) for row in self.rows()])
+
+    def pose_jacobian(self) -> tuple[np.ndarray, np.ndarray]:
+        d_eps, d_xi = np.empty((6, 6)), np.empty((6, 6))
+        query_pose_jacobian(self.local, self.weights[0], self.model.space, d_eps, d_xi)
+        return d_eps, d_xi
+
+
+def sight(model: MotionModel, dt: float, scale: float, rho: float) -> Sight:
+    rng = np.random.default_rng(11)
+    k0, k1 = pair(5, dt, scale)
+    # The anchor is somewhere near, so that the landmark is in front.
+    anchor = Knot(k0.T @ expm_of(0.2 * rng.normal(size=6)), np.zeros((2, 6)), np.zeros(6))
+    T_bc = expm_of(0.3 * rng.normal(size=6))
+    C_bc, r_bc = np.ascontiguousarray(T_bc[:3, :3]), np.ascontiguousarray(T_bc[:3, 3])
+    weights = weights_at(FRACTION, dt, model.prior)
+    kappa, tangent = bearing_in_front(anchor, k0, k1, C_bc, r_bc, rho, weights, model.space)
+    return Sight(model, dt, anchor, k0, k1, T_bc, kappa, tangent, rho)
+
+
+def every_sight(test: Any) -> Any:
+    """Every model, several intervals and depths."""
+    for marked in (
+        every_model,
+        pytest.mark.parametrize("rho", [0.0, 0.4, 5.0]),
+        pytest.mark.parametrize(("dt", "scale"), CASES),
+    ):
+        test = marked(test)
+    return test
+
+
+@every_sight
+def test_reprojection_by_anchor_and_landmark(model: MotionModel, dt: float, scale: float, rho: float) -> None:
+    seen = sight(model, dt, scale, rho)
+    _, rig, *_ = seen.direction()
+
+    def f(d: np.ndarray) -> np.ndarray:
+        anchor = seen.anchor.perturbed(np.concatenate([d[:6], np.zeros(18)]))
+        return replace(
+            seen, anchor=anchor, rho=rho + d[6], kappa=seen.kappa + seen.tangent @ d[7:9]
+        ).residual()
+
+    analytic = [
+        [*np.ravel(row.anchor), row.by_rho, *bearing_row(row, rig, seen.tangent[None], 0)]
+        for row in seen.rows()
     ]
-    check_jacobian("reprojection", analytic, f, blocks)
+    blocks = [("anchor", 6), ("inverse depth", 1), ("bearing", 2)]
+    check_jacobian("reprojection", np.array(analytic), f, blocks)
+
+
+@every_sight
+def test_reprojection_by_both_knots(model: MotionModel, dt: float, scale: float, rho: float) -> None:
+    seen = sight(model, dt, scale, rho)
+
+    def f(d: np.ndarray) -> np.ndarray:
+        return replace(seen, k0=seen.k0.perturbed(d[:24]), k1=seen.k1.perturbed(d[24:])).residual()
+
+    (d_eps, d_xi), by_query = seen.pose_jacobian(), seen.by_query()
+    assert_rows_are_moved(by_query, seen.local, seen.weights[0], model.space, d_xi)
+    by_local = np.zeros((2, LOCAL_DOF))
+    by_local[:, EPS_0 : EPS_0 + 6] = by_query @ d_eps
+    for b, w in enumerate(seen.weights[0]):
+        by_local[:, XI_DOT_0 + 6 * b : XI_DOT_0 + 6 * b + 6] = w * by_query @ d_xi
+    analytic = by_local @ chain_of(seen.k0, seen.k1, model.space)
+    check_jacobian("reprojection", analytic, f, PAIR_BLOCKS)
+
+
+@every_sight
+def test_reprojection_by_time_offset_and_rotation(
+    model: MotionModel, dt: float, scale: float, rho: float
+) -> None:
+    """The offset in units of the interval, so that one step suits all lengths."""
+    seen = sight(model, dt, scale, rho)
+    _, rig, landmark, _, h = seen.direction()
+    _, d_xi = seen.pose_jacobian()
+    xi_dot = np.empty(6)
+    weighted(seen.local, seen.weights[1], xi_dot)
+    by_offset = dt * seen.by_query() @ d_xi @ xi_dot
+    by_rotation = np.array([extrinsic_rotation_row(row, landmark, rig, h) for row in seen.rows()])
+    check_jacobian(
+        "reprojection",
+        np.column_stack([by_offset, by_rotation]),
+        lambda d: seen.residual(float(d[0]), d[1:]),
+        [("time offset", 1), ("extrinsic rotation", 3)],
+    )
 
 
 def assert_rows_are_moved(

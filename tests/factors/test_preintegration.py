@@ -1,4 +1,4 @@
-"""Factor of preintegrated increments and the pose they carry a knot to, against differences and a motion."""
+"""Factor of preintegrated increments and propagated poses, against differences and an analytic motion."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import pytest
 from scipy.linalg import logm
 from scipy.spatial.transform import Rotation
 
+from asyneio.factors import preintegration
 from asyneio.factors.preintegration import (
+    Increment,
     preintegration_jacobian,
     preintegration_residual,
     propagated_pose,
@@ -33,10 +35,13 @@ def random_increments(seed: int, change: float = 0.02) -> tuple[Increments, np.n
     return Increments(C, rng.normal(size=3), rng.normal(size=3), d_bias), change * rng.normal(size=6)
 
 
+def as_kernels_take(knot: Knot) -> preintegration.Knot:
+    return preintegration.Knot(knot.C, knot.r, np.ascontiguousarray(knot.varpi[0, 3:]), knot.bias)
+
+
 def factor_of(a: Knot, b: Knot, found: Increments, reference: np.ndarray, dt: float):  # type: ignore[no-untyped-def]
     """Arguments that the residual and its Jacobian share."""
-    nu_0, nu_1 = (np.ascontiguousarray(knot.varpi[0, 3:]) for knot in (a, b))
-    return a.C, a.r, nu_0, b.C, b.r, nu_1, a.bias, reference, *found, dt, GRAVITY
+    return as_kernels_take(a), as_kernels_take(b), Increment(*found, reference, dt), GRAVITY
 
 
 def residual_of(a: Knot, b: Knot, found: Increments, reference: np.ndarray, dt: float) -> np.ndarray:
@@ -103,16 +108,17 @@ def test_bias_correction_is_that_of_first_order(seed: int) -> None:
     np.testing.assert_allclose(errors[0] / errors[1], 4.0, rtol=0.2)
 
 
-def propagation_of(knot: Knot, found: Increments, reference: np.ndarray, tau: float):  # type: ignore[no-untyped-def]
+def propagation_of(
+    knot: Knot, found: Increments, reference: np.ndarray, tau: float
+) -> tuple[preintegration.Knot, Increment]:
     """Arguments that `propagated_pose` and its Jacobian share."""
-    state = knot.C, knot.r, np.ascontiguousarray(knot.varpi[0, 3:]), knot.bias
-    return *state, reference, found.C, found.r, found.d_bias, tau, GRAVITY
+    return as_kernels_take(knot), Increment(*found, reference, tau)
 
 
 def pose_of(knot: Knot, found: Increments, reference: np.ndarray, tau: float) -> np.ndarray:
     T = np.eye(4)
     C, r = np.empty((3, 3)), np.empty(3)
-    propagated_pose(*propagation_of(knot, found, reference, tau), C, r)
+    propagated_pose(*propagation_of(knot, found, reference, tau), GRAVITY, C, r)
     T[:3, :3], T[:3, 3] = C, r
     return T
 
@@ -143,24 +149,22 @@ def test_propagated_pose_jacobian(seed: int, dt: float, scale: float) -> None:
 @pytest.mark.parametrize("shift", [0.0, 0.01])
 @pytest.mark.parametrize(("dt", "scale"), CASES)
 def test_propagated_velocity_is_the_derivative_by_time(dt: float, scale: float, shift: float) -> None:
-    """Of the pose whose increments move with their rates, also where they have already moved."""
+    """The increments change with their rates; also at times to which they have been shifted."""
     rng = np.random.default_rng(3)
     knot, _ = random_pair(rng, dt, scale)
     found, reference = random_increments(3)
     reference += knot.bias - 0.2
-    rates = rng.normal(size=3), rng.normal(size=3), rng.normal(size=(3, 6))
+    rates = rng.normal(size=3), rng.normal(size=(3, 6))
 
     def later(seconds: float) -> Increments:
         out = Increments(np.empty((3, 3)), found.nu, np.empty(3), np.empty((9, 6)))
-        shifted_increments(found.C, found.r, found.d_bias, *rates, seconds, out.C, out.r, out.d_bias)
+        increment = Increment(*found, reference, dt)
+        shifted_increments(increment, *rates, seconds, out.C, out.r, out.d_bias)
         return out
 
     at = later(shift)
     velocity = np.empty(6)
-    nu_0 = np.ascontiguousarray(knot.varpi[0, 3:])
-    propagated_velocity(
-        knot.C, nu_0, knot.bias, reference, at.C, at.d_bias, dt + shift, *rates, GRAVITY, velocity
-    )
+    propagated_velocity(*propagation_of(knot, at, reference, dt + shift), *rates, GRAVITY, velocity)
     T_inv = np.linalg.inv(pose_of(knot, at, reference, dt + shift))
 
     def f(d: np.ndarray) -> np.ndarray:
@@ -173,7 +177,7 @@ def test_propagated_velocity_is_the_derivative_by_time(dt: float, scale: float, 
 
 @pytest.mark.parametrize("tau", [0.0, 0.0712, 0.2])
 def test_propagated_pose_follows_the_motion(tau: float) -> None:
-    """One knot and the increments at tau make the pose at tau (29)."""
+    """One knot and the increments at tau give the pose at tau (29)."""
     motion = shaken(2)
     found = gp_preintegration(window_of(motion, 0.2, 500.0), np.zeros(6), SampleNoise(1e-9, 1e-8))
     pose = pose_of(true_knot(START, 2, np.zeros(6)), single(found.at(np.array([tau]))), np.zeros(6), tau)

@@ -1,9 +1,9 @@
-"""Slow, obvious oracles for SO(3) and SE(3) at 50 digits, independent of the kernels they judge.
+"""Slow, simple oracles for SO(3) and SE(3) at 50 digits, independent of the kernels under test.
 
 Conventions: tangent `xi = [phi, rho]`, rotation first; right Jacobians: Exp(xi + d) = Exp(xi) Exp(J_r(xi) d).
-Nothing here knows a closed form: exponentials and Jacobians are their defining power series in the hat or in
-the adjoint, inverses are linear solves, derivatives are central differences. At 50 digits a difference with
-step 1e-16 is right to 32 digits, one of a difference, with step 1e-10, to 20.
+No closed forms are used: exponentials and Jacobians are their defining power series in the hat or in the
+adjoint, inverses are linear solves, derivatives are central differences. At 50 digits a first difference with
+step 1e-16 is accurate to 32 digits, a second difference with step 1e-10 to 20.
 
 Inputs are double arrays, taken as exact. Vectors inside are lists of 50-digit numbers, matrices are mpmath's.
 `to_array` rounds a result to double once, at the end.

@@ -1,4 +1,4 @@
-"""Camera and lens against their laws: round trips, Jacobians by central differences, folding, the door."""
+"""Camera and lens: round trips, Jacobians by central differences, folding, validation of inputs."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def test_folding_is_detected_not_inverted() -> None:
     uv, valid = model.project(beyond)
     assert not valid[0]
     assert np.isnan(uv).all()
-    xy, _, valid = model.undistort(landing)  # the nearer preimage is the answer
+    xy, _, valid = model.undistort(landing)  # the result is the nearer preimage
     assert valid[0]
     assert np.hypot(*xy[0]) < fold
     np.testing.assert_allclose(to_pixels(folding, xy), landing, atol=1e-7)
@@ -251,7 +251,7 @@ def test_no_preimage_is_lost_near_the_fold() -> None:
     np.testing.assert_allclose(xy_again, xy[seen], atol=1e-9)
 
 
-# --- what cannot be answered is said -----------------------------------------------------------------------
+# --- invalid inputs ----------------------------------------------------------------------------------------
 
 
 @each_camera

@@ -1,4 +1,4 @@
-"""Every kind of lens over a grid: none crashes, each is inverted in its valid disc, folds are found."""
+"""A grid of lenses of every kind: no crash, correct inverse in the valid disc, folds are found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples that cannot be right are refused, and no others: real recordings lose none."""
+"""Invalid samples are rejected, and no others: real recordings lose none."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def swinging(rng: np.random.Generator, rate_hz: float = 200.0, seconds: float = 
 
 
 def through(gate: SampleGate, samples: RecordArray, limits: SensorLimits, packet: int = 20) -> RecordArray:
-    """What passes, packet by packet."""
+    """The samples that pass, packet by packet."""
     parts = [gate.passed(samples[a : a + packet], limits) for a in range(0, len(samples), packet)]
     return np.concatenate(parts)
 
@@ -66,7 +66,7 @@ def test_two_spikes_in_a_row_are_refused_wherever_the_packet_ends(
 
 
 def test_a_knock_of_some_samples_stays(rng: np.random.Generator) -> None:
-    """A filtered blow of 100 m/s^2 that takes 25 ms."""
+    """A filtered shock of 100 m/s^2 that takes 25 ms."""
     samples = swinging(rng)
     at = slice(400, 405)
     samples["xyz"][at, 2] += 100.0 * np.array([0.3, 0.8, 1.0, 0.8, 0.3])
@@ -88,7 +88,7 @@ def test_saturated_samples_are_refused(rng: np.random.Generator) -> None:
 
 
 def test_rest_is_not_saturation() -> None:
-    """A coarse converter at rest repeats its readings, gravity among them."""
+    """A coarse converter of a stationary sensor repeats its readings, gravity among them."""
     samples = np.zeros(400, dtype=INERTIAL_DTYPE)
     samples["t_ns"] = np.arange(400) * 5_000_000
     samples["xyz"] = [0.0, 0.0, 9.81]

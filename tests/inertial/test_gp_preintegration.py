@@ -16,7 +16,7 @@ from asyneio.inertial.preintegration import midpoint
 from asyneio.inertial.smoothness import Smoothness, find_smoothness
 from asyneio.simulation import AnalyticMotion
 
-from ..factors.jacobian_checker import check_jacobian, numeric_jacobian
+from ..factors.jacobian_checker import check_jacobian
 from .dense_gp import DenseRegression, SquaredExponential
 from .windows import (
     START,
@@ -36,12 +36,12 @@ BIAS = np.array([0.01, -0.02, 0.03, 0.1, -0.2, 0.15])
 END = np.array([0.2])
 NO_BIAS = np.zeros(6)
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
-#: Standard deviation far below any motion: what is left is the error of the rule.
+#: Standard deviation far below any motion, so that only the error of the rule remains.
 QUIET = SampleNoise(1e-9, 1e-8)
 
 
 def fixed(smoothness: Smoothness):  # type: ignore[no-untyped-def]
-    """The rule at given densities: as a function of samples it is then smooth."""
+    """The rule at fixed densities, which make it a smooth function of the samples."""
 
     def rule(window: ImuWindow, bias: Array, noise: SampleNoise) -> GpPreintegration:
         return gp_preintegration(window, bias, noise, smoothness)
@@ -88,7 +88,7 @@ def test_fast_motion_under_noise_five_times_better_than_midpoint() -> None:
 @pytest.mark.parametrize("rate_hz", [100.0, 200.0, 1000.0])
 @pytest.mark.parametrize("factor", [1.0, 10.0])
 def test_never_much_worse_than_midpoint(rate_hz: float, factor: float) -> None:
-    """Where noise decides, integrals of noise are what they are."""
+    """Where noise dominates, both rules have the error of integrated noise."""
     gp, mid = compare(MOTIONS + FAST[:12], rate_hz, noise_at(rate_hz, factor))
     assert (gp < 1.05 * mid).all(), f"{gp} against {mid}"
 
@@ -106,7 +106,7 @@ def test_wrong_noise_does_little_harm(believed: float) -> None:
 
 
 def test_white_vibration_is_integrated_like_midpoint() -> None:
-    """Samples that no smooth signal explains: nothing may be invented between them."""
+    """White samples, which no smooth signal explains: the interpolation must not overshoot between them."""
     rng, errors = np.random.default_rng(0), ([], [])  # type: ignore[var-annotated]
     for motion in MOTIONS:
         window = window_of(motion, 0.2, 200.0, noise=noise_at(200.0))
@@ -133,7 +133,7 @@ def test_rates_between_samples_follow_the_motion() -> None:
 
 
 def test_errors_grow_smoothly_along_the_interval() -> None:
-    """Any time is as good as the end, in one batch as well as alone; at the start nothing has happened."""
+    """Times inside give the same as the end of a shorter batch, together or alone; zero at the start."""
     motion = shaken(4)
     found = gp_preintegration(window_of(motion, 0.2, 200.0), NO_BIAS, QUIET)
     tau = np.array([0.2, 0.0, 0.1234, 0.005, 0.1, 0.19999])
@@ -151,7 +151,7 @@ def test_errors_grow_smoothly_along_the_interval() -> None:
 @pytest.mark.parametrize("factor", [1.0, 20.0])
 @pytest.mark.parametrize("tau", [0.2, 0.1234])
 def test_bias_derivatives(tau: float, factor: float) -> None:
-    """The choice of smoothness is left free: it does not see the bias."""
+    """The smoothness is chosen anew: it does not depend on the bias."""
     noise, time = noise_at(200.0, factor), np.array([tau])
     window = window_of(shaken(3), 0.2, 200.0, 150.0, offsets=(0.0011, 0.0031), noise=noise)
     found = gp_preintegration(window, BIAS, noise).at(time)
@@ -163,45 +163,9 @@ def test_bias_derivatives(tau: float, factor: float) -> None:
     )
 
 
-@pytest.mark.parametrize("tau", [0.2, 0.1234])
-def test_time_shift_derivative(tau: float) -> None:
-    noise, time = noise_at(200.0), np.array([tau])
-    window = window_of(shaken(3), 0.2, 200.0, 150.0, offsets=(0.0011, 0.0031), noise=noise)
-    rule = fixed(find_smoothness(window, noise))
-    found = rule(window, BIAS, noise)
-    middle = found.at(time)
-
-    def shifted(d: Array) -> Array:
-        # Steps below the distance between nodes: a sample that crosses 0 s changes no posterior.
-        return difference(middle, rule(altered(window, 0.0, 0.0, 0.1 * d[0]), BIAS, noise).at(time))[0]
-
-    analytic = 0.1 * found.time_shift_jacobian(tau)[:, None]
-    check_jacobian("time shift", analytic, shifted, [("shift", 1)])
-
-
-def test_time_shift_moves_along_the_motion() -> None:
-    """Late stamps give the increments of the motion some time earlier: told by the analytic motion."""
-    motion = shaken(7)
-    found = gp_preintegration(window_of(motion, 0.2, 500.0), NO_BIAS, QUIET)
-
-    def earlier(d: Array) -> Array:
-        T = motion.T_w_b(1.0 - d[0] + np.array([0.0, 0.2]))
-        v = motion.velocity_w(1.0 - d[0] + np.array([0.0, 0.2]))
-        C_0, g = T[0, :3, :3], GRAVITY_W
-        moved = (
-            (C_0.T @ T[1, :3, :3])[None],
-            (C_0.T @ (v[1] - v[0] - 0.2 * g))[None],
-            (C_0.T @ (T[1, :3, 3] - T[0, :3, 3] - 0.2 * v[0] - 0.02 * g))[None],
-        )
-        return -difference(moved, found.end())[0] if d[0] else np.zeros(9)
-
-    expected = numeric_jacobian(earlier, 1, 1e-3)[:, 0]
-    np.testing.assert_allclose(found.time_shift_jacobian(0.2), expected, atol=1e-5 * np.abs(expected).max())
-
-
 @pytest.mark.parametrize(("factor", "tolerance"), [(1.0, 1e-3), (20.0, 2e-2)])
 def test_covariance_is_that_of_every_sample(factor: float, tolerance: float) -> None:
-    """The more is smoothed, the less smoothing commutes with turning, which the covariance supposes."""
+    """The covariance assumes that smoothing commutes with rotation, which strong smoothing violates."""
     noise, time = noise_at(200.0, factor), np.array([0.117])
     window = window_of(shaken(4), 0.12, 200.0, 150.0, offsets=(0.0, 0.0031), noise=noise)
     rule = fixed(find_smoothness(window, noise))
@@ -253,7 +217,7 @@ def test_the_papers_kernel_does_no_better() -> None:
         errors[1].append(true_error(motion, squared_exponential_increments(window, noise), END)[0])
     ours, dense = rms(errors[0]), rms(errors[1])
     assert (ours < 1.1 * dense).all(), f"{ours} against {dense}"
-    assert (dense < 1.1 * ours).all(), f"the oracle is no rival: {ours} against {dense}"
+    assert (dense < 1.1 * ours).all(), f"less accurate than the dense oracle: {ours} against {dense}"
 
 
 def squared_exponential_increments(window: ImuWindow, noise: SampleNoise) -> Increments:
@@ -326,7 +290,7 @@ def test_jitter_gaps_and_missing_ends(
 @pytest.mark.parametrize("apart", [1e-9, 1e-7, 1e-5])
 @pytest.mark.parametrize("factor", [1.0, 100.0])
 def test_samples_almost_at_once(apart: float, factor: float) -> None:
-    """Stamps nanoseconds apart with noise between them are no slope."""
+    """Noise between stamps that are nanoseconds apart is not a slope."""
     motion, noise = shaken(1), noise_at(200.0)
     window = window_of(motion, 0.2, 200.0, noise=noise_at(200.0, factor))
     t = np.sort(np.concatenate([window.gyroscope_t, window.gyroscope_t[::3] + apart]))

@@ -1,4 +1,4 @@
-"""Gravity tells the scale of both sensors where it turns in the body, and nothing where it does not."""
+"""Gravity determines the scale of both sensors if it rotates in the body, and does not otherwise."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ T = np.arange(0.0, 9.0, 0.005)
 def streams(
     angles: FloatArray, acceleration: FloatArray, rate_scale: float = 1.0, force_scale: float = 1.0
 ) -> tuple[RecordArray, RecordArray]:
-    """What a body reads that is turned by angles (N,3) about x, y, z, and accelerated in the world."""
+    """Readings of a body rotated by angles (N,3) about x, y, z, and accelerated in the world."""
     C = Rotation.from_euler("xyz", angles)
     middle = (C[:-1].inv() * C[1:]).as_rotvec() / np.diff(T)[:, None]
     rate = np.concatenate([middle[:1], 0.5 * (middle[1:] + middle[:-1]), middle[-1:]])
@@ -31,7 +31,7 @@ def streams(
 
 
 def hand(rate_scale: float = 1.0, force_scale: float = 1.0) -> GravityWitness:
-    """A hand that turns by half a radian and moves by decimetres."""
+    """Hand-held motion: half a radian and decimetres."""
     angles = 0.5 * np.stack([np.sin(1.3 * T), np.sin(1.9 * T + 1.0), np.sin(0.8 * T)], axis=1)
     acceleration = 0.8 * np.stack([np.sin(2.9 * T), np.cos(3.7 * T), np.sin(4.1 * T + 2.0)], axis=1)
     witness = ask_gravity(*streams(angles, acceleration, rate_scale, force_scale))
@@ -58,7 +58,7 @@ def test_the_scale_of_the_accelerometer_is_found(scale: float) -> None:
 
 
 def test_a_body_whose_tilt_and_acceleration_cancel_tells_nothing() -> None:
-    """A drone accelerates by tilting: what it feels stays along its own axis."""
+    """A drone accelerates by tilting, so that its specific force stays along an axis of its own."""
     tilt = 0.2 * np.stack([np.sin(1.3 * T), np.sin(1.9 * T + 1.0), 0.0 * T], axis=1)
     up = Rotation.from_euler("xyz", tilt).apply([0.0, 0.0, GRAVITY])
     witness = ask_gravity(*streams(tilt, up - [0.0, 0.0, GRAVITY]))

@@ -1,4 +1,4 @@
-"""What cannot be integrated is refused in words: every guard is tripped once."""
+"""Invalid input of preintegration raises an error that describes it: one test for each check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The noise that is learned, on signals whose noise is known, and on real sensors."""
+"""Estimated noise of signals whose noise is known, and of real sensors."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def learned(samples: RecordArray, packet: int = 37) -> NoiseLearner:
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
 def test_declared_noise_stays_what_is_believed(rate: float) -> None:
-    """A sensor that is quieter than the prior: motion is not taken for noise."""
+    """A sensor with less noise than the prior: motion does not count as noise."""
     found = learned(stream(*noisy(rate, 4.0, 0.2 * PRIOR))).noise(PRIOR)
     assert found.density == PRIOR
     assert found.rate_hz == pytest.approx(rate, rel=1e-3)

@@ -1,4 +1,4 @@
-"""A held value is one measurement; one that repeats by chance has been measured again."""
+"""A held value is one measurement; a value that repeats by chance has been measured again."""
 
 from __future__ import annotations
 

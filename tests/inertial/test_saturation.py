@@ -1,4 +1,4 @@
-"""The end of a range is found soon after it is met, and none is seen where there is none."""
+"""The end of a range is detected soon after it is first reached, without false detections."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ STEPS, LEAST = (1.07e-3, 4.8e-3), (1.0, 12.0)
 
 
 def found(samples: RecordArray, least: float, packet: int = 25) -> BoolArray:
-    """Which samples are told to be at an end, packet by packet."""
+    """Which samples are detected to be at an end, packet by packet."""
     ends = RangeEnds()
     parts = [ends.reached(samples["xyz"][a : a + packet], least) for a in range(0, len(samples), packet)]
     return np.concatenate(parts)
 
 
 def shaken(rng: np.random.Generator, rate_hz: float = 1000.0, sigma: float = 3e-3) -> RecordArray:
-    """A gyroscope that is shaken at 1 to 3 Hz, by more and more, up to about 10 rad/s, for 20 s."""
+    """A gyroscope shaken at 1 to 3 Hz with growing amplitude, up to about 10 rad/s, for 20 s."""
     samples = np.zeros(round(20.0 * rate_hz), dtype=INERTIAL_DTYPE)
     t = np.arange(len(samples)) / rate_hz
     samples["t_ns"] = np.rint(t * 1e9)

@@ -124,7 +124,7 @@ def test_integrals_of_polynomials_are_exact(power: int) -> None:
 
 
 def test_smoothness_is_read_from_the_samples() -> None:
-    """More noise or less motion never asks for a rougher process, and the scale of time is understood."""
+    """More noise or less motion never gives a rougher process, and the time unit does not matter."""
     noise = noise_at(200.0)
     still = find_smoothness(window_of(shaken(1, 0.01, 0.01), 0.2, 200.0, noise=noise), noise)
     moved = find_smoothness(window_of(shaken(1, 10.0, 4.0), 0.2, 200.0, noise=noise), noise)

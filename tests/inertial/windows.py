@@ -103,12 +103,12 @@ def true_error(motion: AnalyticMotion, found: Increments, tau: Array) -> Array:
     return np.asarray(np.linalg.norm(error, axis=2))
 
 
-def altered(window: ImuWindow, gyroscope: Array, accelerometer: Array, shift: float = 0.0) -> ImuWindow:
-    """The window with something added to its samples and its stamps."""
+def altered(window: ImuWindow, gyroscope: Array, accelerometer: Array) -> ImuWindow:
+    """The window with something added to its samples."""
     return ImuWindow(
-        window.gyroscope_t + shift,
+        window.gyroscope_t,
         window.gyroscope + gyroscope,
-        window.accelerometer_t + shift,
+        window.accelerometer_t,
         window.accelerometer + accelerometer,
         window.duration,
     )

@@ -1,4 +1,4 @@
-"""Motions, tracks and what an ideal IMU integrates to, without a kernel of the package."""
+"""Motions, tracks and the integrals of an ideal IMU, without kernels of the package."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ T_B_C[:3, 3] = [0.01, -0.02, 0.03]
 
 @dataclass(frozen=True)
 class Aligned:
-    """What alignment sees, and the velocity and gravity in the first body frame that it should find."""
+    """Input of the alignment, and the true velocity and gravity in the first body frame."""
 
     data: AlignmentData
     velocity: Array

@@ -1,4 +1,4 @@
-"""The tracks that agree on one motion: which they are, and what they tell of the gyroscope."""
+"""Consensus of tracks on one motion: inliers, and the gyroscope bias."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIGMA = 1e-3
 
 
 def without_bias(data: AlignmentData) -> BiasEffect:
-    """A gyroscope's bias turns nothing here: rays and offsets are exact."""
+    """A gyroscope bias has no effect: rays and offsets are exact."""
     none = np.zeros((len(data.t), 3, 3))
     return BiasEffect(none, none)
 
@@ -74,7 +74,7 @@ def test_the_same_verdict_every_time() -> None:
 
 
 def test_finds_the_bias_of_the_gyroscope() -> None:
-    """Rays of a sensor that turns little, seen with a bias: each is off by t times it."""
+    """Rays of a sensor that rotates little, with a bias: each is rotated by t times the bias."""
     bias = np.array([0.006, -0.004, 0.003])
     for seed in range(3):
         data = ideal(styled("aggressive", seed), seed, 2e-4, tracks=80).data

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 from asyneio.inertial.increments import ImuWindow, SampleNoise
 from asyneio.initialization.dead_reckoned import Adjusted, BiasPrior, FirstMotion, adjust
-from asyneio.initialization.dead_reckoned_kernels import SHARED, Rays, sums
+from asyneio.initialization.dead_reckoned_kernels import (
+    SHARED,
+    NormalEquations,
+    Rays,
+    Unknowns,
+    add_normal_equations,
+)
 from asyneio.initialization.dead_reckoned_rays import DeadReckoning, SpanObservations
 from asyneio.simulation import AnalyticMotion, MotionStyle
 from asyneio.simulation.imu import specific_force_b
@@ -75,8 +81,8 @@ def cost_and_sums(
     H, b = np.zeros((SHARED, SHARED)), np.zeros(SHARED)
     W, H_l, b_l = np.zeros((count, 3, SHARED)), np.zeros((count, 3, 3)), np.zeros((count, 3))
     cost = np.zeros(count)
-    velocity, gravity, bias = unknowns[:3], unknowns[3:6], unknowns[6:]
-    sums(rays, velocity, gravity, tangent, bias, points, 2.0, 50.0, H, b, W, H_l, b_l, cost)
+    at = Unknowns(unknowns[:3], unknowns[3:6], tangent, unknowns[6:], points)
+    add_normal_equations(rays, at, 2.0, 50.0, NormalEquations(H, b, W, H_l, b_l, cost))
     return float(cost.sum()), b, b_l, H
 
 

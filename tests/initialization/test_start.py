@@ -1,4 +1,4 @@
-"""Initialization in motion: alignment, warm-up and joint optimisation, and rejection with a reason."""
+"""Initialization from a recording: alignment, warm-up and joint optimisation together, and error messages."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ RATES_HZ = (1000.0, 190.0)
 def recorded(
     motion: AnalyticMotion, seconds: float, pixel_sigma: float = 0.0, T_b_c: Array = T_B_C, features: int = 40
 ) -> tuple[MeasurementBuffer, Settings]:
-    """What the estimator holds after `seconds` of tracks and of ideal inertial samples at two rates."""
+    """The measurement buffer after `seconds` of tracks and of ideal inertial samples at two rates."""
     rng = np.random.default_rng(11)
     viewer = Viewer(motion, PinholeCamera.from_intrinsics(CAMERA), T_b_c, draw_landmarks("room", 2000, rng))
     spec = TrackSpec(features_alive=features, pixel_sigma=pixel_sigma, spacing_px=2.0)
@@ -102,7 +102,7 @@ def test_too_little_is_said_to_be_too_little() -> None:
 
 
 def test_wrong_calibration_is_noticed() -> None:
-    """A camera turned a quarter about its axis sees tracks that no motion of this body explains."""
+    """With the camera rotated by 90 degrees about its axis, no motion of the body explains the tracks."""
     turned = T_B_C.copy()
     turned[:3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     buffer, settings = recorded(styled(MotionStyle.AGGRESSIVE, 1), 2.0)

@@ -40,7 +40,7 @@ def warmed_up(
 @pytest.mark.parametrize("axes", [np.eye(6)[3:], np.eye(6)[[2, 5]]], ids=["translation", "screw"])
 @every_model
 def test_motion_without_noise_is_recovered_exactly(model: MotionModel, axes: Array) -> None:
-    """No jerk (on acceleration: none), no cost: the truth is the minimum wherever the search begins."""
+    """Without jerk (or acceleration) the cost of the truth is zero: it is the minimum from any start."""
     rng = np.random.default_rng(4)
     known = 2 if model.prior == WNOJ else 1
     motion = [Polynomial(rng.normal(size=1 + known)) for _ in axes]
@@ -87,7 +87,7 @@ def cost(states: Samples, varpi: Array, dt: float, zero_sigma: Array, model: Mot
 
 @every_model
 def test_the_result_minimises_the_cost(model: MotionModel) -> None:
-    """For poses of no trajectory at all, violently apart, with zero priors that matter."""
+    """For poses that are far apart and belong to no trajectory, with significant zero priors."""
     dt, zero_sigma = 0.2, np.array([1.0, 5.0])
     k0, k1 = random_pair(np.random.default_rng(6), dt, 1.5)
     states = Samples(np.stack([k0.T, k1.T, k0.T @ k1.T]), np.zeros((3, 2, 6)))
@@ -114,7 +114,7 @@ def test_zero_priors_hold_the_first_knot() -> None:
 
 
 def test_two_knots_suffice() -> None:
-    """The null space of one interval is removed by the zero priors: finite, and the poses are respected."""
+    """The zero priors remove the null space of one interval: the rates are finite and fit the poses."""
     states = simulated(grid(2, INTERVAL_NS))
     found = warmed_up(states, INTERVAL_NS, np.array([10.0, 100.0]))
     assert np.isfinite(found).all()

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from asyneio.state import DOF
 from asyneio.types import (
     INERTIAL_DTYPE,
     NS_PER_S,
     OBSERVATION_DTYPE,
-    STATE_DOF,
     Calibration,
     CameraIntrinsics,
     Distortion,
@@ -101,5 +101,5 @@ def make_estimate(t_ns: int, rng: np.random.Generator | None = None) -> Estimate
         generalized_acceleration=np.arange(6.0),
         bias_gyroscope=np.array([1e-3, -2e-3, 1e-3 * s]),
         bias_accelerometer=np.array([1e-2, 0.0, -1e-2 * s]),
-        covariance=np.diag(np.linspace(1e-6, 2e-5, STATE_DOF)),
+        covariance=np.diag(np.linspace(1e-6, 2e-5, DOF)),
     )

@@ -1,4 +1,4 @@
-"""Covariance at any instant: against sampled trajectories, a dense GP, and the derivative it is made of."""
+"""Covariance at any instant against sampled trajectories, a dense GP, and central differences."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_at_a_knot_it_is_the_knots_own(model: MotionModel) -> None:
     beside = found.covariance(np.concatenate([knots[1:] - 1, knots[:-1] + 1]))[:, :n, :n]
     near = np.concatenate([own[1:], own[:-1]])
     if model.prior == WNOA:
-        # A velocity driven by white noise is a random walk: it leaves the knot with the root of time.
+        # A velocity driven by white noise is a random walk: its deviation grows with the root of time.
         near[:, range(6, 12), range(6, 12)] += DENSITY**2 * 1e-9
     np.testing.assert_allclose(beside / unit, near / unit, atol=1e-3)
 
@@ -204,7 +204,7 @@ def test_sampled_trajectories_spread_as_predicted(model: MotionModel, tau_steps:
 
 
 def assert_distributed(errors: Array, covariance: Array) -> None:
-    """Zero mean and the covariance in every direction; a right answer misses the bounds once in 1e4 runs."""
+    """Zero mean and the covariance in every direction; a correct result fails once in 1e4 runs."""
     count, dof = errors.shape
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), errors.T).T
     assert count * np.sum(whitened.mean(axis=0) ** 2) < chi2.ppf(0.9999, dof)

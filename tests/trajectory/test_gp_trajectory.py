@@ -1,4 +1,4 @@
-"""The trajectory object: queries against a true motion, shapes, and every guard at the door."""
+"""The trajectory object: queries against a true motion, shapes, and validation of inputs."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ def test_covariance_is_the_integral_of_its_definition(prior: int, dt: float) -> 
 @given(a=intervals, b=intervals)
 @every_prior
 def test_two_intervals_are_one(prior: int, a: float, b: float) -> None:
-    """Chapman-Kolmogorov: what is lost over a + b is what is lost over a, carried on, and over b."""
+    """Chapman-Kolmogorov: the covariance over a + b is that over a, propagated, plus that over b."""
     Phi_a, Phi_b, whole = (filled(transition, dt, prior=prior) for dt in (a, b, a + b))
     np.testing.assert_allclose(Phi_b @ Phi_a, whole, rtol=1e-13, atol=0)
     Q_a, Q_b, Q = (filled(covariance, dt, prior=prior) for dt in (a, b, a + b))

@@ -1,4 +1,4 @@
-"""The trajectory through a window of the estimator: covariances in the right order, and believable."""
+"""The trajectory through a window of the estimator: covariances in the right order, and consistent."""
 
 from __future__ import annotations
 

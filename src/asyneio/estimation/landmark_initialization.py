@@ -1,4 +1,4 @@
-"""Birth of landmarks from the observations of their tracks and the present trajectory."""
+"""Initialization of landmarks from the observations of their tracks and the current trajectory."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from asyneio.types import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class LandmarkCandidates:
-    """Makes landmarks of tracks in one window.
+    """Initializes landmarks for tracks of one window.
 
-    `visual`: its observations; `first`: absolute number of its first knot; `t_ns` (K,), `states` (K): of its
-    knots. `increments_bias` (K,6): biases that the increments after each knot were made with, empty where
-    poses are interpolated. `bearing_sigma` [rad] of one observation.
+    `visual`: the window's observations; `first`: absolute number of its first knot; `t_ns` (K,), `states` (K)
+    of its knots. `increments_bias` (K,6): biases with which the increments after each knot were computed,
+    empty if poses are interpolated. `bearing_sigma` [rad] of one observation.
     """
 
     visual: VisualBuffer
@@ -32,13 +32,13 @@ class LandmarkCandidates:
 
     @property
     def refines_bearing(self) -> bool:
-        """Whether the anchor's bearing is an unknown."""
+        """Whether the bearing at the anchor is an unknown."""
         return self.model.landmark_dof == 3
 
     def has_anchor(self, group: IntArray) -> bool:
         """Whether the track of the observations `group` (indices) can have a landmark.
 
-        A bearing that is refined may start anywhere; a fixed one is interpolated at a knot within.
+        A refined bearing needs no knot inside the track; a fixed bearing is interpolated at one.
         """
         interval = self.visual.interval[group]
         return self.refines_bearing or bool(interval[-1] > interval[0])
@@ -47,8 +47,8 @@ class LandmarkCandidates:
         """Anchors (G,) (absolute), bearings (G,3) and inverse depths (G,) of G tracks from their
         observations, groups of indices, each of ascending times.
 
-        The anchor is the last knot before the first observation, whose bearing is carried there; where the
-        bearing stays fixed, the first knot inside the track, to whose time the track is interpolated.
+        The anchor is the last knot before the first observation, whose bearing is transferred to it. If the
+        bearing is fixed, the anchor is the first knot inside the track, which is interpolated to that time.
         """
         counts = np.array([len(group) for group in groups])
         begin = np.cumsum(counts) - counts
@@ -59,7 +59,7 @@ class LandmarkCandidates:
         if not self.refines_bearing:
             anchor = anchor + 1
             direction[begin] = [self._direction_at(*pair) for pair in zip(groups, anchor, strict=True)]
-        # Before each group's cameras stands that of its anchor.
+        # The camera of a group's anchor precedes those of its observations.
         start = begin + np.arange(len(groups))
         C, r = self._cameras(np.insert(interval, begin, anchor), every, begin)
         if not self.refines_bearing:
@@ -71,8 +71,8 @@ class LandmarkCandidates:
     def _cameras(
         self, interval: IntArray, observations: IntArray, begin: IntArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Camera poses in the world (N,3,3), (N,3) in `interval` (N,): at the observations, and before those
-        from each `begin` on at the knot itself."""
+        """Camera poses in the world (N,3,3), (N,3) in `interval` (N,), at the observations; the entry at each
+        `begin` is the camera at the knot itself."""
         model, C_bc = self.model, self.camera.C_bc
         C, r = np.empty((len(interval), 3, 3)), np.empty((len(interval), 3))
         if len(self.increments_bias):
@@ -82,7 +82,7 @@ class LandmarkCandidates:
             bias, gravity_w = self.increments_bias, model.gravity_w
             propagated_camera_poses(self.states, interval, at_knot, bias, gravity_w, C_bc, model.r_bc, C, r)
         else:
-            # Weights zero: the pose at the start of the interval.
+            # Zero weights give the pose at the start of the interval.
             weights = np.insert(self.visual.weights[observations, 0], begin, 0.0, axis=0)
             camera_poses(self.states, interval, weights, C_bc, model.r_bc, model.motion_model.space, C, r)
         return C, r

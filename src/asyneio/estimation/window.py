@@ -23,7 +23,8 @@ from asyneio.estimation.problem.problem import (
 )
 from asyneio.estimation.problem.propagated_queries import propagated_at
 from asyneio.estimation.problem.schemes import measure
-from asyneio.estimation.problem.window_settings import TrackObservations, WindowSettings
+from asyneio.estimation.problem.track_observations import TrackObservations
+from asyneio.estimation.problem.window_settings import WindowSettings
 from asyneio.estimation.solver.marginalization import marginalize_oldest
 from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution, optimize
 from asyneio.inertial.increments import Preintegration
@@ -35,7 +36,7 @@ _DEFAULT_RHO = 0.5
 
 
 class Window:
-    """Knots `first .. first + K - 1` with everything that was measured between them."""
+    """Knots `first .. first + K - 1` with all measurements between them."""
 
     def __init__(self, settings: WindowSettings, t_ns: int, states: States, prior: Prior) -> None:
         """A window of one knot at `t_ns` with its prior."""
@@ -57,7 +58,7 @@ class Window:
         self._visual = VisualBuffer(prior_kind)
         self._still: BoolArray = np.empty(0, dtype=np.bool_)
         self.landmarks = LandmarkTable()
-        #: The problem last solved, while the window still is as it was.
+        #: The last solved problem, as long as the window has not changed.
         self._solved: Problem | None = None
 
     @property
@@ -72,7 +73,7 @@ class Window:
 
     @property
     def preintegrations(self) -> list[Preintegration]:
-        """Increments of the intervals, in order; none under a scheme without."""
+        """Increments of the intervals, in order; empty under a scheme without increments."""
         return self._preintegrations.rules()
 
     def span_s(self) -> float:
@@ -89,10 +90,9 @@ class Window:
         still: bool = False,
         noise: InertialNoise | None = None,
     ) -> None:
-        """Append a predicted knot (States with K = 1) at `t_ns` and the measurements of the interval
-        before it; inertial samples from shortly before the interval settle what happens at its start.
-        `still`: the sensor was at rest all through it; `noise` of its inertial samples, None for that of the
-        settings.
+        """Append a predicted knot (States with K = 1) at `t_ns` and the measurements of the interval before
+        it, with inertial samples from shortly before the interval, which cover its start. `still`: the sensor
+        was stationary throughout; `noise` of the inertial samples, None for that of the settings.
 
         Raises:
             EstimationError, InertialError: as `schemes.measure`.
@@ -119,19 +119,17 @@ class Window:
         )
         self._still = np.append(self._still, still)
         self.t_ns = np.append(self.t_ns, t_ns)
-        self.states = States(*(np.concatenate(pair) for pair in zip(self.states, knot, strict=True)))
-        self._linearization = States(
-            *(np.concatenate(pair) for pair in zip(self._linearization, knot, strict=True))
-        )
+        self.states = self.states.joined(knot)
+        self._linearization = self._linearization.joined(knot)
 
     def revert_zero_velocity(self, since_ns: int) -> None:
-        """Intervals that end after `since_ns` are no longer taken to be at rest."""
+        """Intervals that end after `since_ns` no longer count as stationary."""
         still = self._still & (self.t_ns[1:] <= since_ns)
         if not np.array_equal(still, self._still):
             self._still, self._solved = still, None
 
     def _increments(self, preintegration: Preintegration | None, t_ns: IntArray) -> Propagated:
-        """Increments since the newest knot at times (N,), where the scheme propagates."""
+        """Increments since the newest knot at times (N,); empty unless the scheme propagates."""
         if preintegration is None or not self._settings.scheme.propagates:
             return NOTHING_PROPAGATED
         tau = (t_ns - self.t_ns[-1]) * 1e-9 + self.camera.time_offset
@@ -142,7 +140,7 @@ class Window:
         return 0 in self.camera.columns
 
     def problem(self) -> Problem:
-        """The optimisation problem of the present window."""
+        """The optimisation problem of the window."""
         if self._solved is not None:
             return self._solved
         intervals = self.knots - 1
@@ -192,7 +190,7 @@ class Window:
         )
 
     def optimize(self, settings: OptimizerSettings) -> Solution:
-        """Optimise and take over the result."""
+        """Optimise, and adopt the result."""
         solution = optimize(self.problem(), self.prior, settings)
         self.states = solution.problem.states
         self._linearization = solution.problem.linearization
@@ -201,7 +199,7 @@ class Window:
         self.camera, self.imu = solution.problem.camera, solution.problem.imu
         if self._moves_in_time:
             self._visual.move_to(self.camera.time_offset, self.preintegrations, self.first)
-        # Propagated poses may have been asked for anew.
+        # `move_to` may have computed the propagated poses anew.
         self._solved = None if self._settings.scheme.propagates else solution.problem
         return solution
 
@@ -213,7 +211,7 @@ class Window:
         self.prior = marginalize_oldest(self.problem(), self.prior, walk**2 * interval_s)
         anchored = self.landmarks.anchor == self.first
         gone = np.isin(self._visual.track, self.landmarks.track[anchored])
-        # What is left in the first interval belongs to tracks too short for a landmark.
+        # The rest of the first interval belongs to tracks that are too short for a landmark.
         self._visual.keep(~gone & (self._visual.interval > self.first))
         self.landmarks.keep(~anchored)
         self._solved = None
@@ -223,8 +221,8 @@ class Window:
         self._preintegrations.drop_before(self.first)
         self._still = self._still[1:]
         self.t_ns = self.t_ns[1:]
-        self.states = States(*(a[1:] for a in self.states))
-        self._linearization = States(*(a[1:] for a in self._linearization))
+        self.states = self.states.chosen(slice(1, None))
+        self._linearization = self._linearization.chosen(slice(1, None))
         if s.frozen_linearization:
             self._frozen = self.prior.knots
 
@@ -237,7 +235,7 @@ class Window:
         self.landmarks.keep(~np.isin(self.landmarks.track, ids))
 
     def add_landmarks(self) -> int:
-        """Landmarks for the tracks that have observations enough; returns how many."""
+        """Add landmarks for the tracks with enough observations; returns their number."""
         index = self.landmarks.index_of(self._visual.track)
         pending = np.flatnonzero(index < 0)
         if len(pending) == 0 or self.knots < 2:
@@ -257,7 +255,7 @@ class Window:
         anchors, kappas, rhos = births.born(groups, max(default_rho, 0.0))
         self.landmarks.add(self._visual.track[[group[0] for group in groups]], anchors, kappas, rhos)
         if not births.refines_bearing:
-            # The fixed bearing stands for what was seen before the anchor.
+            # The fixed bearing represents the observations before the anchor.
             early = [
                 group[self._visual.interval[group] < a] for group, a in zip(groups, anchors, strict=True)
             ]
@@ -270,7 +268,7 @@ class Window:
         bias = self.states.bias[:0]
         if self._settings.scheme.propagates:
             bias = self._preintegrations.arrays(self.first, self.knots - 1).bias
-            # The newest knot has no increments after it, and an anchor's own pose needs none.
+            # The newest knot has no increments after it; the pose of an anchor needs none.
             bias = np.concatenate([bias, self.states.bias[-1:]])
         return LandmarkCandidates(
             visual=self._visual,

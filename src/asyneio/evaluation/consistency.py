@@ -20,7 +20,7 @@ from scipy.stats import chi2
 from asyneio.errors import EvaluationError
 from asyneio.evaluation.alignment import align_origin
 from asyneio.evaluation.association import PoseTrack
-from asyneio.types import NS_PER_S, STATE_BLOCKS, STATE_DOF, Estimate, FloatArray, IntArray, PoseTrajectory
+from asyneio.types import NS_PER_S, STATE_BLOCKS, Estimate, FloatArray, IntArray, PoseTrajectory
 
 
 class TrueStates(Protocol):
@@ -46,6 +46,9 @@ class NeesBlock(StrEnum):
     BIAS_GYROSCOPE = "bias_gyroscope"
     BIAS_ACCELEROMETER = "bias_accelerometer"
 
+
+#: Size of a covariance of the error state.
+_STATE_DOF = 3 * len(STATE_BLOCKS)
 
 _PARTS: dict[NeesBlock, tuple[str, ...]] = {
     NeesBlock.POSITION: ("rho",),
@@ -115,9 +118,9 @@ def nees(estimates: Sequence[Estimate], truth: Callable[[IntArray], TrueStates])
     poses = pose_trajectory(estimates)
     errors = _errors(estimates, poses, truth(poses.t_ns))
     covariance = np.array([estimate.covariance for estimate in estimates])
-    if covariance.shape[1:] != (STATE_DOF, STATE_DOF):
+    if covariance.shape[1:] != (_STATE_DOF, _STATE_DOF):
         raise EvaluationError(
-            f"covariances have shape {covariance.shape[1:]}; expected {(STATE_DOF, STATE_DOF)}, blocks in "
+            f"covariances have shape {covariance.shape[1:]}; expected {(_STATE_DOF, _STATE_DOF)}, blocks in "
             f"the order {', '.join(STATE_BLOCKS)}"
         )
     values = {}

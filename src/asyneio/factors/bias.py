@@ -1,4 +1,4 @@
-"""Brownian biases between two knots (24); covariance is the walk's density squared times the interval."""
+"""Random walk of the biases between two knots (24); covariance is its density squared times the interval."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from asyneio.types import FloatArray
 def bias_factor(
     bias_0: FloatArray, bias_1: FloatArray, walk: FloatArray, dt: float, residual: FloatArray
 ) -> None:
-    """Whitened residual (6,) of (24); biases are [b_g, b_a], `walk` (6,) are their walk densities.
+    """Whitened residual (6,) of (24); biases are [b_g, b_a], `walk` (6,) are densities of their random walk.
 
     The Jacobian is -/+ 1 / (walk sqrt(dt)) with respect to the two biases.
     """

@@ -1,8 +1,9 @@
 """GPIF: gyroscope and accelerometer samples as separate factors on the trajectory (21)-(23).
 
-Biases are interpolated linearly between the knots, `alpha` = (tau - t_k) / (t_{k+1} - t_k). A gyroscope sees
-the rotation alone, whose relations are the same in every `space`. Under white noise on acceleration the
-accelerometer is compared with the derivative of the interpolated velocity, a straight line in each interval.
+Biases are interpolated linearly between the knots, `alpha` = (tau - t_k) / (t_{k+1} - t_k). A gyroscope
+depends on the rotation alone, whose relations are the same in every `space`. Under white noise on
+acceleration the accelerometer is compared with the derivative of the interpolated velocity, which is linear
+in each interval.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from numba import njit
 from asyneio.geometry.linalg import matvec_t
 from asyneio.geometry.se3 import right_jacobian, right_jacobian_times
 from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
+from asyneio.state import BIAS_0, BIAS_1, KINEMATIC_DOF, XI_DOT_0
 from asyneio.trajectory.interpolation import query_rates, query_rates_jacobian, weighted
 from asyneio.types import FloatArray
 
@@ -53,11 +55,11 @@ def gyroscope_jacobian(local: FloatArray, weights: FloatArray, alpha: float, jac
     jacobian[:] = 0.0
     for i in range(3):
         for b in range(5):
-            o = 6 + 6 * b
+            o = XI_DOT_0 + 6 * b
             for j in range(3):
                 jacobian[i, o + j] = -(weights[0, b] * d_xi[i, j] + weights[1, b] * J[i, j])
-        jacobian[i, 36 + i] = -(1.0 - alpha)
-        jacobian[i, 42 + i] = -alpha
+        jacobian[i, BIAS_0 + i] = -(1.0 - alpha)
+        jacobian[i, BIAS_1 + i] = -alpha
 
 
 @njit(cache=True, nogil=True)
@@ -111,15 +113,15 @@ def accelerometer_jacobian(
 ) -> None:
     """`jacobian` (3,48) of `accelerometer_residual` with respect to the local coordinates, (22)-(23)."""
     varpi = np.empty((2, 6))
-    rates = np.empty((12, 18))
+    rates = np.empty((12, KINEMATIC_DOF))
     C_d = np.empty((3, 3))
     J = np.empty((3, 3))
     xi = np.empty(6)
     g_0 = np.empty(3)
     g = np.empty(3)
-    d_gamma = np.empty((3, 18))
+    d_gamma = np.empty((3, KINEMATIC_DOF))
     query_rates_jacobian(local, weights, space, varpi, rates)
-    # Gravity turns with the rotation alone: d phi(tau) = C_d^T d phi_k + J_r(phi) d phi (62)-(63).
+    # Gravity depends on the rotation alone: d phi(tau) = C_d^T d phi_k + J_r(phi) d phi (62)-(63).
     weighted(local, weights[0], xi)
     so3_exp(xi[:3], C_d)
     so3_right_jacobian(xi[:3], J)
@@ -130,7 +132,7 @@ def accelerometer_jacobian(
     for i in range(3):
         i1 = (i + 1) % 3
         i2 = (i + 2) % 3
-        for j in range(18):
+        for j in range(KINEMATIC_DOF):
             # - nu_dot - omega x nu = - nu_dot + nu^ omega - omega^ nu (23)
             d_gamma[i, j] = (
                 -rates[9 + i, j]
@@ -138,16 +140,16 @@ def accelerometer_jacobian(
                 + (v[i1] * rates[i2, j] - v[i2] * rates[i1, j])
             )
         for j in range(3):
-            # (C^T g)^ on the rotation of the query pose (23).
+            # (C^T g)^ times the perturbation of the query's rotation (23).
             d_gamma[i, j] += g[i1] * J[i2, j] - g[i2] * J[i1, j]
             jacobian[i, j] = g[i1] * C_d[j, i2] - g[i2] * C_d[j, i1]
         for b in range(5):
-            o = 6 + 6 * b
+            o = XI_DOT_0 + 6 * b
             for j in range(6):
                 jacobian[i, o + j] = (
                     weights[0, b] * d_gamma[i, j]
                     + weights[1, b] * d_gamma[i, 6 + j]
                     + weights[2, b] * d_gamma[i, 12 + j]
                 )
-        jacobian[i, 39 + i] = -(1.0 - alpha)
-        jacobian[i, 45 + i] = -alpha
+        jacobian[i, BIAS_0 + 3 + i] = -(1.0 - alpha)
+        jacobian[i, BIAS_1 + 3 + i] = -alpha

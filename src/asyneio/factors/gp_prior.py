@@ -15,7 +15,7 @@ from asyneio.types import FloatArray
 @njit(cache=True, nogil=True)
 def gp_prior_coefficients(dt: float, prior: int, out: FloatArray) -> None:
     """Whitened (unit density) coefficients `out` (3,5) in (16) of the end quantities of an interval."""
-    # Phi gamma(t_k) - gamma(t_{k+1}); gamma(t_k) begins with zero, so the first column of Phi drops out.
+    # Phi gamma(t_k) - gamma(t_{k+1}); gamma(t_k) begins with zero, so the first column of Phi has no effect.
     Phi, U = np.empty((3, 3)), np.empty((3, 3))
     transition(dt, prior, Phi)
     information_root(dt, prior, U)

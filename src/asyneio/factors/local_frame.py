@@ -5,13 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from asyneio.state import BIAS, BIAS_0, BIAS_1, DOF, KINEMATIC_DOF, KINEMATIC_LOCAL_DOF
 from asyneio.trajectory.interpolation import interval_chain
 from asyneio.types import FloatArray
-
-#: Local coordinates with biases: 36 kinematic, then [b_g, b_a] of knot k and of knot k+1.
-INTERVAL_DOF = 48
-#: Error state of a knot: eps, varpi, varpi_dot, b_g, b_a.
-KNOT_DOF = 24
 
 
 @njit(cache=True, nogil=True)
@@ -26,13 +22,13 @@ def local_to_knots(
     out: FloatArray,
 ) -> None:
     """`out` (48,48) = d y / d [knot k (24), knot k+1 (24)]."""
-    chain = np.empty((36, 36))
+    chain = np.empty((KINEMATIC_LOCAL_DOF, KINEMATIC_LOCAL_DOF))
     interval_chain(C_0, r_0, varpi_0, C_1, r_1, varpi_1, space, chain)
     out[:] = 0.0
-    for i in range(36):
-        for j in range(18):
+    for i in range(KINEMATIC_LOCAL_DOF):
+        for j in range(KINEMATIC_DOF):
             out[i, j] = chain[i, j]
-            out[i, 24 + j] = chain[i, 18 + j]
+            out[i, DOF + j] = chain[i, KINEMATIC_DOF + j]
     for i in range(6):
-        out[36 + i, 18 + i] = 1.0
-        out[42 + i, 42 + i] = 1.0
+        out[BIAS_0 + i, BIAS + i] = 1.0
+        out[BIAS_1 + i, DOF + BIAS + i] = 1.0

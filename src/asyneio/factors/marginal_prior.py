@@ -1,8 +1,8 @@
 """Square-root marginal prior: `|| R delta + r_0 ||^2 / 2` over the error states of the first knots.
 
-`delta` is measured from the frozen linearisation point of those knots: poses by `Log(T_lin^{-1} T)`,
-the rest by
-difference. The prior is linear in delta, so its Jacobian is R, always.
+`delta` is measured from the frozen linearisation point of those knots: poses by `Log(T_lin^{-1} T)`, all
+other blocks by subtraction. The prior is linear in delta, so its Jacobian is the constant R
+(docs/derivations/shifted-prior.md).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from asyneio.geometry.se3 import se3_between, se3_log
+from asyneio.state import BIAS, VARPI, VARPI_DOT
 from asyneio.types import FloatArray
 
 
@@ -32,6 +33,6 @@ def knot_difference(
     se3_between(C_lin, r_lin, C, r, C_d, r_d)
     se3_log(C_d, r_d, out[:6])
     for i in range(6):
-        out[6 + i] = varpi[0, i] - varpi_lin[0, i]
-        out[12 + i] = varpi[1, i] - varpi_lin[1, i]
-        out[18 + i] = bias[i] - bias_lin[i]
+        out[VARPI + i] = varpi[0, i] - varpi_lin[0, i]
+        out[VARPI_DOT + i] = varpi[1, i] - varpi_lin[1, i]
+        out[BIAS + i] = bias[i] - bias_lin[i]

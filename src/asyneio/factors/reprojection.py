@@ -2,16 +2,16 @@
 
 A landmark is a unit bearing `kappa` and an inverse distance `rho` in the camera frame at its anchor knot:
 its point is kappa / rho there. Measurements are undistorted, normalised coordinates; `root_information`
-(2,2) whitens them with the covariance that the pixel noise has there. A landmark that is behind the camera
-is a status, never a NaN.
+(2,2) whitens them with the propagated covariance of the pixel noise. A landmark behind the camera gives a
+status, never a NaN.
 
 Jacobians of the landmark: column 0 inverse depth (89), columns 1 and 2 the bearing along `tangent` (3,2).
 
 Poses are relative to a *base* frame: the body at the knot before the observation, where the pose at the
 observation is interpolated, or the world. All vectors and matrices are tuples (`geometry/tuples.py`).
 
-The camera's rotation in the body, `C_bc Exp(theta)`, turns the camera at the anchor as well as the one that
-observes: with the anchor's bearing turned into the query camera, kappa' = R kappa,
+The camera's rotation in the body, `C_bc Exp(theta)`, rotates the camera at the anchor as well as the one at
+the query: with the anchor's bearing rotated into the query camera, kappa' = R kappa,
 
     h(theta) = Exp(-theta) (R Exp(theta) kappa + ...),   d h / d theta = h^ - R kappa^ = h^ - kappa'^ R.
 """
@@ -38,7 +38,7 @@ from asyneio.types import FloatArray
 #: Smallest component of the projected direction along the optical axis that still counts as "in front".
 MIN_DEPTH_RATIO = 1e-2
 
-#: A row by a pose perturbed on the right: by its rotation, by its translation.
+#: A row of a Jacobian by a pose perturbed on the right: by its rotation, by its translation.
 PoseRow = tuple[Vector, Vector]
 
 
@@ -56,7 +56,7 @@ def rig_of(C_bc: FloatArray, r_bc: FloatArray) -> Rig:
 
 
 class Anchored(NamedTuple):
-    """A landmark as the base frame sees it through its anchor, points scaled by `rho`.
+    """A landmark and its anchor in the base frame, points scaled by `rho`.
 
     `C`, `r`: pose of the anchor's body in the base; `x_a` the point in the anchor's body, `y` in the base.
     """
@@ -104,9 +104,9 @@ def reprojection_residual(
 class Row(NamedTuple):
     """One row of the whitened Jacobian of an observation.
 
-    `by_h` (90) and `by_body`, `by_anchor_body`: by the direction and by the point in the query's and in the
-    anchor's body. `base`, `query`, `anchor`: by the poses of base, query and anchor perturbed on the right
-    (87), (88); `by_rho`: by the inverse depth (89).
+    `by_h` (90), `by_anchor_body`: by the direction and by the point in the anchor's body. `base`, `query`,
+    `anchor`: by the poses of base, query and anchor perturbed on the right (87), (88); `by_rho`: by the
+    inverse depth (89).
     """
 
     by_h: Vector
@@ -123,14 +123,14 @@ def reprojection_row(
 ) -> Row:
     """The row of the Jacobian (82)-(90) whose whitening weights are (w0, w1), of a landmark in front.
 
-    `C`, `r` of the query's body in the base; `x_b`, `h` as `landmark_direction` gives them.
+    `C`, `r` of the query's body in the base; `x_b`, `h` from `landmark_direction`.
     """
     rho, iz = landmark.rho, 1.0 / h[2]
     by_h = (w0 * iz, w1 * iz, -(w0 * h[0] + w1 * h[1]) * iz * iz)
     by_body = times(rig.C_bc, by_h)
     by_base = times(C, by_body)
     by_anchor_body = transposed_times(landmark.C, by_base)
-    # The baseline between the two cameras, seen from the query.
+    # The baseline between the two cameras, in the query's frame.
     by_rho = dot(plus(by_anchor_body, -1.0, by_body), rig.r_bc) + dot(by_base, plus(landmark.r, -1.0, r))
     return Row(
         by_h,

@@ -12,7 +12,7 @@ def cauchy(squared_norm: float, scale: float, gate: float) -> tuple[float, float
 
     `scale^2 / 2 log(1 + squared_norm / scale^2)`, constant (weight 0: no influence) beyond `gate`. For small
     residuals the cost is half the squared norm, so that costs of different factors add up. The errors of
-    feature tracks have heavy tails: a track that creeps away must lose its influence, not only its growth
+    feature tracks have heavy tails: the influence of a drifting track must fall to zero, not only be bounded
     (`docs/results.md`).
     """
     square = scale * scale

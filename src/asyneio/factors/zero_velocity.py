@@ -1,7 +1,7 @@
-"""Standing still between two knots: the pose is the same at both, and both have no velocity.
+"""Zero-velocity and zero-displacement update between two knots: equal poses, and no velocity at either.
 
-The residual is that of a zero-velocity and zero-displacement update (Skog et al., "Zero-velocity detection",
-IEEE TBME 2010, describe the first): with `C`, `r` the poses and `varpi` the velocities of the knots
+Skog et al., "Zero-velocity detection", IEEE TBME 2010, describe the zero-velocity update. With `C`, `r` the
+poses and `varpi` the velocities of the knots, the residual is
 
     e = [Log(C_0^T C_1), C_0^T (r_1 - r_0), varpi_0, varpi_1].
 """
@@ -13,10 +13,11 @@ from numba import njit
 
 from asyneio.geometry.linalg import matmul, matmul_tn, matvec_t, set_block, skew
 from asyneio.geometry.so3 import so3_log, so3_right_jacobian_inverse
+from asyneio.state import DOF, PHI, RHO, VARPI
 from asyneio.types import FloatArray
 
-#: Rows of the residual: turn, displacement, and the velocities of both knots.
-REST_ROWS = 18
+#: Rows of the residual: rotation, displacement, and the velocities of both knots.
+ROWS = 18
 
 
 @njit(cache=True, nogil=True)
@@ -49,7 +50,7 @@ def zero_velocity_jacobian(
     """`jacobian` (18,48) of `zero_velocity_residual` by the error states of both knots, exact."""
     C_01 = np.empty((3, 3))
     phi = np.empty(3)
-    way = np.empty(3)
+    dp = np.empty(3)
     hat = np.empty((3, 3))
     J_inv = np.empty((3, 3))
     product = np.empty((3, 3))
@@ -57,15 +58,15 @@ def zero_velocity_jacobian(
     so3_log(C_01, phi)
     so3_right_jacobian_inverse(phi, J_inv)
     matmul(J_inv, C_01.T, product)
-    matvec_t(C_0, r_1 - r_0, way)
-    skew(way, hat)
+    matvec_t(C_0, r_1 - r_0, dp)
+    skew(dp, hat)
     jacobian[:] = 0.0
-    set_block(jacobian, 0, 0, -1.0, product)
-    set_block(jacobian, 0, 24, 1.0, J_inv)
-    set_block(jacobian, 3, 0, 1.0, hat)
-    set_block(jacobian, 3, 27, 1.0, C_01)
+    set_block(jacobian, 0, PHI, -1.0, product)
+    set_block(jacobian, 0, DOF + PHI, 1.0, J_inv)
+    set_block(jacobian, 3, PHI, 1.0, hat)
+    set_block(jacobian, 3, DOF + RHO, 1.0, C_01)
     for i in range(3):
-        jacobian[3 + i, 3 + i] = -1.0
+        jacobian[3 + i, RHO + i] = -1.0
     for i in range(6):
-        jacobian[6 + i, 6 + i] = 1.0
-        jacobian[12 + i, 30 + i] = 1.0
+        jacobian[6 + i, VARPI + i] = 1.0
+        jacobian[12 + i, DOF + VARPI + i] = 1.0

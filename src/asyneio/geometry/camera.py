@@ -6,8 +6,8 @@
 | xy      | undistorted position X/Z, Y/Z                          | (N, 2)    | normalised plane, c      |
 | p_c     | point                                                  | (N, 3)    | m, c (z forward)         |
 
-Measurements are undistorted once, at the door, and their pixel covariance is carried along by the Jacobian
-of `CameraModel.undistort`. Newton's method starts from a bilinear look-up in a table of solved pixels.
+Measurements are undistorted once, when they enter the estimator; the Jacobian of `CameraModel.undistort`
+propagates their pixel covariance. Newton's method starts from a bilinear look-up in a table of solved pixels.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from asyneio.types import CameraIntrinsics, FloatArray
 
 BoolArray = NDArray[np.bool_]
 
-#: Most nodes a table may have: keeps it in cache and its construction at a fraction of a second.
+#: Largest number of nodes of a table: it stays in cache and takes a fraction of a second to build.
 TABLE_NODES = 65536
 #: A pixel covers half a pixel on either side of its centre.
 HALF_PIXEL = 0.5
 
 
 class Pinhole(NamedTuple):
-    """A camera as kernels take it: intrinsics [px], sensor size [px] and lens."""
+    """Camera for kernels: intrinsics [px], sensor size [px] and lens."""
 
     fx: float
     fy: float
@@ -74,7 +74,7 @@ def look_up(table: Table, u: float, v: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True)
 def fill_table(camera: Pinhole, table: Table) -> None:
-    """Solve the pixels of the table from scratch; what has no solution becomes NaN."""
+    """Solve all pixels of the table from a cold start; pixels without a solution become NaN."""
     for i in range(table.xy.shape[0]):
         for j in range(table.xy.shape[1]):
             x_d = (j * table.stride - camera.cx) / camera.fx
@@ -139,11 +139,11 @@ class CameraModel:
     on the normalised plane, wherever `valid`.
 
     Attributes:
-        intrinsics: what it was made of.
+        intrinsics: as given.
         pinhole, table: the same for kernels.
 
     Raises:
-        GeometryError: intrinsics that no camera can have, or wrong distortion coefficients.
+        GeometryError: impossible intrinsics or distortion coefficients.
     """
 
     def __init__(self, intrinsics: CameraIntrinsics) -> None:
@@ -206,7 +206,7 @@ def _rows(name: str, values: ArrayLike, columns: int) -> FloatArray:
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != columns:
         raise GeometryError(
-            f"found {name} of shape {array.shape}, expected (N, {columns}); pass one row a point"
+            f"found {name} of shape {array.shape}, expected (N, {columns}); pass one row per point"
         )
     return array
 

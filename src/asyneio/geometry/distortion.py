@@ -1,7 +1,7 @@
 """Lens distortion on the normalised image plane: forward model, exact Jacobian, safeguarded Newton inverse.
 
-Models (the field's usual: radtan is that of Brown and Conrady with OpenCV's extensions, equidistant that of
-Kannala and Brandt 2006):
+Models: radtan is that of Brown and Conrady with OpenCV's extensions, equidistant that of Kannala and Brandt
+(2006).
 
 | symbol       | name                          | definition                                              |
 |--------------|-------------------------------|---------------------------------------------------------|
@@ -13,16 +13,16 @@ Kannala and Brandt 2006):
 |              |                               | g = (1 + k1 r² + k2 r⁴ + k3 r⁶)/(1 + k4 r² + k5 r⁴ + k6 r⁶) |
 | equidistant  | k1 k2 k3 k4                   | x_d = x θ_d / r, θ = atan r, θ_d = θ (1 + k1 θ² + …)    |
 
-The order of radtan's coefficients is OpenCV's, and so are the numbers of them: 4, 5 (k3), 8 (rational), 12
-(thin prism). 14 (tilted sensor) are accepted where the tilt is zero.
+Order and number of the radtan coefficients are OpenCV's: 4, 5 (k3), 8 (rational), 12 (thin prism); 14 (tilted
+sensor) are accepted if the tilt is zero.
 
-Kernels hand on the four entries of the Jacobian: `a = dx_d/dx`, `b = dx_d/dy`, `c = dy_d/dx`, `d = dy_d/dy`.
+Kernels return the four entries of the Jacobian: `a = dx_d/dx`, `b = dx_d/dy`, `c = dy_d/dx`, `d = dy_d/dy`.
 Only the thin prism makes it unsymmetric (b ≠ c).
 
 A lens is one-to-one only up to the radius where its image folds back: farther out the inverse has two
-answers. On a disc in which the symmetric part of the Jacobian is positive definite no two points have one
-image (the disc is convex). `Lens.max_radius` is the radius of the largest such disc, less a margin. It never
-exceeds that of MAX_ANGLE.
+solutions. On a disc in which the symmetric part of the Jacobian is positive definite, no two points have the
+same image, because the disc is convex. `Lens.max_radius` is the radius of the largest such disc less a
+margin, and at most that of MAX_ANGLE.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ SOLVED, OUTSIDE = 0, 1
 
 #: Largest Newton step, in units of the normalised plane, after which the point counts as found.
 TOLERANCE = 1e-10
-#: Fraction of the folding radius that is used: at the fold itself the inverse Jacobian is infinite.
+#: Fraction of the folding radius that is valid: at the fold itself the inverse Jacobian is infinite.
 FOLD_MARGIN = 0.99
-#: Largest angle [rad] from the optical axis: a point at 90 degrees has no place on the normalised plane.
+#: Largest angle [rad] from the optical axis: a point at 90 degrees is not on the normalised plane.
 MAX_ANGLE = 1.5
-#: Largest coefficient that a lens can have. Rational fits reach some hundreds; beyond this r⁶ overflows.
+#: Largest accepted coefficient. Rational fits reach some hundreds; beyond this r⁶ overflows.
 MAX_COEFFICIENT = 1e6
-#: Numbers of coefficients that each model may have.
+#: Valid numbers of coefficients of each model.
 COEFFICIENT_COUNTS = {
     Distortion.NONE: (0,),
     Distortion.RADTAN: (4, 5, 8, 12, 14),
@@ -61,15 +61,15 @@ _COEFFICIENTS = 12
 _MAX_STEPS = 50
 _MAX_HALVINGS = 30
 _CODES = {Distortion.NONE: NONE, Distortion.RADTAN: RADTAN, Distortion.EQUIDISTANT: EQUIDISTANT}
-#: Directions and radii at which the Jacobian is looked at to find the fold: each thousandth of a radian, and
-#: near the axis, where the largest coefficients fold, by small factors.
+#: Directions and radii at which the Jacobian is evaluated to find the fold: every thousandth of a radian, and
+#: in small factors near the axis, where the largest coefficients fold.
 _RAYS = 72
 _RADII = np.concatenate([np.geomspace(1e-6, 0.009, 100), np.tan(np.linspace(0.01, MAX_ANGLE, 1491))])
 _BISECTIONS = 60
 
 
 class Lens(NamedTuple):
-    """A distortion model as kernels take it: code, coefficients `k` (12,), radius of the valid disc."""
+    """Distortion model for kernels: code, coefficients `k` (12,), radius of the valid disc."""
 
     model: int
     k: FloatArray
@@ -85,7 +85,7 @@ def make_lens(distortion: Distortion, coefficients: Sequence[float]) -> Lens:
             equidistant `(k1, k2, k3, k4)`.
 
     Raises:
-        GeometryError: wrong number of coefficients, one that no lens can have, or a tilted sensor.
+        GeometryError: wrong number of coefficients, an impossible one, or a tilted sensor.
     """
     check_coefficients(distortion, coefficients)
     k = np.zeros(_COEFFICIENTS)
@@ -97,10 +97,10 @@ def make_lens(distortion: Distortion, coefficients: Sequence[float]) -> Lens:
 
 
 def check_coefficients(distortion: Distortion, coefficients: Sequence[float]) -> None:
-    """Refuse coefficients that the model cannot have.
+    """Check the coefficients.
 
     Raises:
-        GeometryError: wrong number of coefficients, one that no lens can have, or a tilted sensor.
+        GeometryError: wrong number of coefficients, an impossible one, or a tilted sensor.
     """
     counts = COEFFICIENT_COUNTS[distortion]
     if len(coefficients) not in counts:
@@ -126,7 +126,7 @@ def check_coefficients(distortion: Distortion, coefficients: Sequence[float]) ->
 def _valid_radius(model: int, k: FloatArray) -> float:
     """Radius (normalised plane) of the largest disc, with margin, in which the model does not fold."""
     lens = Lens(model, k, math.inf)
-    # All but radtan with decentring or thin prism terms are the same in all directions.
+    # All models but radtan with decentring or thin prism terms are rotationally symmetric.
     rays = _RAYS if model == RADTAN and (k[2:4].any() or k[8:].any()) else 1
     fold = min(_fold(lens, _RADII, angle) for angle in np.arange(rays) * 2.0 * np.pi / rays)
     if model == EQUIDISTANT:
@@ -155,7 +155,7 @@ def _fold(lens: Lens, radii: FloatArray, angle: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _unfolded(lens: Lens, x: float, y: float) -> bool:
-    """Whether the symmetric part of the Jacobian is positive definite; no at a pole of the rational model."""
+    """Whether the symmetric part of the Jacobian is positive definite; False at a pole of the model."""
     _x, _y, a, b, c, d = distort(lens, x, y)
     half = 0.5 * (b + c)
     return a > 0.0 and a * d - half * half > 0.0
@@ -165,8 +165,7 @@ def _unfolded(lens: Lens, x: float, y: float) -> bool:
 def distort(lens: Lens, x: float, y: float) -> tuple[float, float, float, float, float, float]:
     """Distorted point and Jacobian `(x_d, y_d, a, b, c, d)` of an undistorted point (x, y).
 
-    Defined everywhere (NaN at a pole of the rational model); whether the answer means anything is for
-    `lens.max_radius` to say.
+    Defined everywhere (NaN at a pole of the rational model), but meaningful only within `lens.max_radius`.
     """
     if lens.model == RADTAN:
         return _distort_radtan(lens.k, x, y)
@@ -216,7 +215,7 @@ def _distort_equidistant(
 
 @njit(cache=True, nogil=True)
 def cold_start(lens: Lens, x_d: float, y_d: float) -> tuple[float, float]:
-    """A starting point for `undistort` when no better one is known, always inside the valid disc."""
+    """A starting point for `undistort` where there is no better one, always inside the valid disc."""
     r_d = math.sqrt(x_d * x_d + y_d * y_d)
     r = math.tan(min(r_d, MAX_ANGLE)) if lens.model == EQUIDISTANT else r_d
     scale = min(r, 0.9 * lens.max_radius) / r_d if r_d > 0.0 else 1.0
@@ -227,7 +226,7 @@ def cold_start(lens: Lens, x_d: float, y_d: float) -> tuple[float, float]:
 def _damped_step(
     lens: Lens, x_d: float, y_d: float, x: float, y: float, step: tuple[float, float], error2: float
 ) -> tuple[float, float, bool]:
-    """Longest halving of a Newton step, cut off at the rim of the disc, that brings the residual down."""
+    """The longest Newton step, halved and limited to the disc, that reduces the residual."""
     factor = 1.0
     for _ in range(_MAX_HALVINGS):
         x_new, y_new = x + factor * step[0], y + factor * step[1]

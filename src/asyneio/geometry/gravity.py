@@ -1,4 +1,4 @@
-"""The attitude that gravity alone tells: roll and pitch, no yaw."""
+"""Attitude from the direction of gravity: roll and pitch, no yaw."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from asyneio.types import FloatArray
 
 
 def upright(gravity_b: FloatArray) -> FloatArray:
-    """Smallest rotation (3,3) that turns the gravity (3,) seen in the body, of any length, to -z."""
+    """Smallest rotation (3,3) that aligns gravity (3,) in the body, of any length, with -z."""
     down = np.array([0.0, 0.0, -1.0])
     unit = gravity_b / np.linalg.norm(gravity_b)
     axis = np.cross(unit, down)

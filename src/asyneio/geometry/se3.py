@@ -1,19 +1,20 @@
-"""SE(3): poses as a rotation `C` (3,3) and a position `r` (3,), tangent `xi = [phi, rho]` (6,),
-rotation first.
+"""SE(3): poses as a rotation `C` (3,3) and a position `r` (3,), tangent `xi = [phi, rho]`, rotation first.
 
-Perturbation on the right, `T = T_bar Exp(eps)`. `curly(xi) = [[phi^, 0], [rho^, phi^]]` (11) is the
-adjoint of
-se(3), `Ad(T) = [[C, 0], [r^ C, C]]` that of SE(3) (41).
+Perturbation on the right, `T = T_bar Exp(eps)`. `curly(xi) = [[phi^, 0], [rho^, phi^]]` (11) is the adjoint
+of se(3), `Ad(T) = [[C, 0], [r^ C, C]]` that of SE(3) (41).
 
-The right Jacobian and its inverse are polynomials in `curly(xi)` with coefficients in s = |phi|^2 (see
-series.py). With `v_0 = v`, `v_{i+1} = curly(xi) v_i` a product is `J v = sum c_i(s) v_i`, and its derivatives
-follow from the same recursion:
+The right Jacobian and its inverse are polynomials in `curly(xi)` whose coefficients c_i depend on s = |phi|^2
+(`series.py`). With `v_0 = v` and `v_{i+1} = curly(xi) v_i`, a product is `J v = sum c_i(s) v_i`, and its
+derivatives follow from the same recursion:
 
+    A_i = d v_i / d v             A_{i+1} = curly(xi) A_i
     D_i = d v_i / d xi            D_{i+1} = curly(xi) D_i - curly(v_i)
     w_i = D_i u                   w_{i+1} = curly(xi) w_i + curly(u) v_i
+    B_i = d w_i / d v             B_{i+1} = curly(xi) B_i + curly(u) A_i
     W_i = d w_i / d xi            W_{i+1} = curly(xi) W_i - curly(w_i) + curly(u) D_i
 
-These are the exact forms that the paper's first-order expansions (10), (46)-(53), (67)-(74) stand for.
+docs/derivations/local-coordinates.md derives it. These are the exact forms of the paper's first-order
+expansions (10), (46)-(53), (67)-(74).
 """
 
 from __future__ import annotations
@@ -84,26 +85,6 @@ def se3_compose(
     matmul(C_a, C_b, C_out)
     for i in range(3):
         r_out[i] = r_a[i] + C_a[i, 0] * r_b[0] + C_a[i, 1] * r_b[1] + C_a[i, 2] * r_b[2]
-
-
-@njit(cache=True, nogil=True)
-def curly_hat(xi: FloatArray, out: FloatArray) -> None:
-    """`out = curly(xi)` (6,6) (11)."""
-    out[:] = 0.0
-    for b in range(2):
-        o = 3 * b
-        out[o, o + 1] = -xi[2]
-        out[o, o + 2] = xi[1]
-        out[o + 1, o] = xi[2]
-        out[o + 1, o + 2] = -xi[0]
-        out[o + 2, o] = -xi[1]
-        out[o + 2, o + 1] = xi[0]
-    out[3, 1] = -xi[5]
-    out[3, 2] = xi[4]
-    out[4, 0] = xi[5]
-    out[4, 2] = -xi[3]
-    out[5, 0] = -xi[4]
-    out[5, 1] = xi[3]
 
 
 @njit(cache=True, nogil=True)
@@ -271,7 +252,10 @@ def _apply_derivative(
     d_v: FloatArray,
     out: FloatArray,
 ) -> None:
-    """`out = D_xi[f(curly(xi)) v] u` with its derivatives with respect to xi, u and v, each (6,6)."""
+    """`out = D_xi[f(curly(xi)) v] u` with its derivatives with respect to xi, u and v, each (6,6).
+
+    The recursion in v_i, w_i, A, B, D, W is that of the module's docstring.
+    """
     D = np.zeros((6, 6))
     W = np.zeros((6, 6))
     A = np.zeros((6, 6))
@@ -293,7 +277,7 @@ def _apply_derivative(
     d_v[:] = 0.0
     u_phi = 2.0 * (xi[0] * u[0] + xi[1] * u[1] + xi[2] * u[2])
     for i in range(4):
-        # W_{i+1}, B_{i+1} = d w_{i+1} / d v need D_i, A_i = d v_i / d v of the step before.
+        # W and B first: they need D_i and A_i of the step before.
         W_next[:] = 0.0
         _add_bracket_columns(xi, W, W_next)
         _subtract_curly(w_i, W_next)

@@ -11,9 +11,9 @@ With `f(x) = sum beta_n x^{2n} + x sum gamma_n x^{2n}` the second identity gives
     c1 = sum gamma_n (1-n) (-s)^n         c3 = sum gamma_n n (-s)^{n-1}
     c2 = sum beta_n (2-n) (-s)^{n-1}      c4 = sum beta_n (n-1) (-s)^{n-2}.
 
-Closed forms in sin and cos cancel catastrophically well above theta = 1e-2. These series do not cancel: they
-are used over the whole range (right Jacobian: entire, used to theta = 2 pi; its inverse: radius of
-convergence 2 pi, used to theta = pi), together with their first and second derivatives with respect to s.
+Closed forms in sin and cos lose digits by cancellation well above theta = 1e-2. The series do not, and are
+used over the whole range (right Jacobian: entire, used to theta = 2 pi; its inverse: radius of convergence
+2 pi, used to theta = pi), together with their first and second derivatives with respect to s.
 """
 
 from __future__ import annotations
@@ -81,8 +81,7 @@ SO3_INVERSE_SERIES = _so3_collapse(_BETA_I, _GAMMA_I, _TERMS_INVERSE)
 
 @njit(cache=True, nogil=True)
 def _terms_needed(s: float, limit: int, is_inverse: bool) -> int:
-    """Terms after which the remainder is below the rounding of the sum (bounds checked by the oracle
-    tests)."""
+    """Number of terms after which the remainder is below the rounding of the sum (checked by tests)."""
     if is_inverse:
         if s < 0.04:
             n = 8

@@ -99,15 +99,6 @@ def so3_right_jacobian(phi: FloatArray, out: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def so3_left_jacobian(phi: FloatArray, out: FloatArray) -> None:
-    """`out = J_l(phi) = J_r(-phi)` (3,3), angles to 2 pi."""
-    s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
-    a1 = evaluate_value(SO3_JACOBIAN_SERIES, 0, s, False)
-    a2 = evaluate_value(SO3_JACOBIAN_SERIES, 1, s, False)
-    so3_polynomial(phi, -a1, a2, out)
-
-
-@njit(cache=True, nogil=True)
 def so3_right_jacobian_inverse(phi: FloatArray, out: FloatArray) -> None:
     """`out = J_r(phi)^{-1}` (3,3), angles to pi."""
     s = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]

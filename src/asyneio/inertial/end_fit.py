@@ -1,4 +1,4 @@
-"""Rates at the ends of an interval from a local fit of the samples there: what ExtPreint adds to Preint."""
+"""Rates at the ends of an interval from a local fit of the samples there, which ExtPreint adds to Preint."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from asyneio.types import FloatArray
 
 
 def line_weights(t: FloatArray, at: float) -> FloatArray:
-    """Weights (N,) by which two or more samples at `t` (N,) [s] make up the value of their least-squares line
-    at the time `at`."""
+    """Weights (N,) of two or more samples at `t` (N,) [s] in the value of their least-squares line at time
+    `at`."""
     middle = t.mean()
     spread = t - middle
     return np.asarray(1.0 / len(t) + (at - middle) * spread / float(spread @ spread))

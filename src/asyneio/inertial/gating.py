@@ -1,13 +1,13 @@
-"""What an inertial sample cannot be: not finite, out of order, a spike, a reading at the end of the range.
+"""Rejection of inertial samples: not finite, out of order, a spike, or at the end of the sensor's range.
 
-*Spikes.* An IMU filters what it measures to below half its rate, so a true reading lies near at least one of
-three lines: through its neighbours, through the two samples before it, through the two after. How near, the
-samples around tell: a spike is far from all three, compared with what is usual there. A knock that lasts
-three samples is on one of the lines and stays; vibration raises what is usual.
+*Spikes.* An IMU low-pass filters its signal below half its rate, so a valid reading lies near at least one of
+three lines: through its neighbours, through the two samples before it, through the two after it. A spike is
+far from all three, compared with the typical distance of the samples around it. A shock of three or more
+samples lies on one of the lines and is kept; vibration raises the typical distance.
 
 *Saturation.* See `saturation`.
 
-A reading that is refused leaves a gap, which every inertial scheme treats as such (`estimation.schemes`).
+A rejected reading leaves a gap, which every inertial scheme handles (`estimation.problem.schemes`).
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ from numpy.lib.stride_tricks import sliding_window_view
 from asyneio.inertial.saturation import RangeEnds
 from asyneio.types import BoolArray, FloatArray, RecordArray
 
-#: A spike is so many standard deviations of the sensor's noise from all three lines, over and above
+#: A spike is further from all three lines than this many standard deviations of the sensor's noise plus
 _NOISE_SIGMAS = 20.0
-#: so many times the usual distance. Real hand-held, flying and rotating-disk recordings reach 9 (tests).
+#: this multiple of the typical distance. Real hand-held, flying and rotating-disk recordings reach 9 (tests).
 _USUAL = 30.0
-#: Suspects in a row that are no spikes.
+#: This many suspects in a row are not spikes.
 _RUN = 3
-#: Samples off their lines that tell what is usual, where most are on them to the last bit: at rest, readings
-#: are equal but for some steps of the converter.
+#: Number of samples off their lines that define the typical distance where most samples lie exactly on them:
+#: when stationary, readings are equal except for single steps of the converter.
 _ENOUGH_OFF = 5
-#: Samples that a suspect is compared with to find the worst.
+#: Number of samples with which a suspect is compared to find the worst.
 _NEIGHBOURS = 5
-#: Samples of the packets before that go on counting for what is usual.
+#: Samples of earlier packets that still count for the typical distance.
 _MEMORY = 20
 
 
 @dataclass(frozen=True)
 class SensorLimits:
-    """Of one sensor: `sigma` of a sample, and the least full-scale range that such sensors have."""
+    """One sensor: `sigma` of a sample, and the smallest full-scale range of such sensors."""
 
     sigma: float
     least_range: float
 
 
 class SampleGate:
-    """Passes the good samples of one sensor, packet by packet.
+    """Passes the valid samples of one sensor, packet by packet.
 
-    `spikes`, `saturated`, `corrupt` count what was refused so far; `corrupt` are readings that are not finite
-    and stamps that do not ascend.
+    `spikes`, `saturated`, `corrupt` count the samples rejected so far; `corrupt` are readings that are not
+    finite and stamps that do not ascend.
     """
 
     def __init__(self) -> None:
@@ -60,11 +60,11 @@ class SampleGate:
         self._ends = RangeEnds()
 
     def passed(self, samples: RecordArray, limits: SensorLimits) -> RecordArray:
-        """The samples (INERTIAL_DTYPE) without those that cannot be right."""
+        """The samples (INERTIAL_DTYPE) without those that are rejected."""
         samples = samples[self._in_order(samples)]
         spike = self._far_from_all_lines(samples, limits.sigma)
         self.spikes += int(np.count_nonzero(spike))
-        # A spike beyond the range would hide its end.
+        # Spikes first: one beyond the range would hide its end.
         samples = samples[~spike]
         stuck = self._ends.reached(samples["xyz"], limits.least_range)
         self.saturated += int(np.count_nonzero(stuck))
@@ -72,13 +72,13 @@ class SampleGate:
 
     @property
     def refused(self) -> int:
-        """All samples refused so far."""
+        """Number of samples rejected so far."""
         return self.spikes + self.saturated + self.corrupt
 
     def _in_order(self, samples: RecordArray) -> BoolArray:
         t_ns = samples["t_ns"]
         good = np.isfinite(samples["xyz"]).all(axis=1)
-        # Later than every good one before it, in this packet and in the packets before.
+        # Later than every valid sample before it, in this packet and in earlier ones.
         start = np.iinfo(np.int64).min if self._last_ns is None else self._last_ns
         latest = np.maximum.accumulate(np.append(start, np.where(good, t_ns, start)))
         good &= t_ns > latest[:-1]
@@ -105,16 +105,16 @@ class SampleGate:
         return int(samples["t_ns"][0]) if len(samples) else 0
 
     def _remember(self, rows: FloatArray, samples: RecordArray) -> None:
-        """Good samples that the next packet's first ones are compared with, and what is usual."""
+        """Keep the valid samples with which the first ones of the next packet are compared."""
         if len(samples):
             self._before, self._before_ns = rows[-_MEMORY:], self._origin(samples)
 
 
 def _isolated(rows: FloatArray, sigma: float) -> BoolArray:
-    """Which of the rows [t, x] (N,4), are spikes.
+    """Which of the rows [t, x] (N,4) are spikes.
 
-    The worst of adjacent suspects goes first, for it makes suspects of good neighbours, until none is left.
-    Where three or more in a row had to go, something has happened to the sensor, and all of them stay.
+    The worst of adjacent suspects is removed first, because it makes its valid neighbours suspect, until no
+    suspect is left. Three or more removed samples in a row are a real event, and are restored.
     """
     left = np.arange(len(rows))
     while len(left) >= _NEIGHBOURS:
@@ -138,9 +138,9 @@ def _isolated(rows: FloatArray, sigma: float) -> BoolArray:
 
 
 def _suspects(rows: FloatArray, sigma: float) -> BoolArray:
-    """Which samples (N,) are further from all three lines than a good one can be."""
+    """Which samples (N,) are further from all three lines than a valid one can be."""
     distance = _distances(rows[:, 0], rows[:, 1:])
-    # Most often the noise alone explains all of them, and nobody need ask what is usual.
+    # Usually the noise alone explains all distances, and the typical distance is not needed.
     if not (distance > _NOISE_SIGMAS * sigma).any():
         return np.zeros(len(rows), dtype=np.bool_)
     usual = np.median(distance, axis=0)
@@ -153,7 +153,7 @@ def _suspects(rows: FloatArray, sigma: float) -> BoolArray:
 def _from_median(x: FloatArray) -> FloatArray:
     """Largest distance (N,) on an axis from the median of the nearest five samples, N >= 5.
 
-    A line through a spike is far from good samples; the median of five bears two spikes.
+    A line through a spike is far from valid samples; the median of five is robust to two spikes.
     """
     median = np.median(sliding_window_view(x, _NEIGHBOURS, axis=0), axis=2)
     ends = _NEIGHBOURS // 2

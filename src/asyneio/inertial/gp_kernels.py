@@ -14,21 +14,34 @@ rates, both iterations converge like the series of an exponential. The accelerom
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from asyneio.geometry.linalg import matmul, matvec
 from asyneio.geometry.series import SO3_INVERSE_SERIES, evaluate_series
 from asyneio.geometry.so3 import so3_exp, so3_polynomial, so3_right_jacobian
+from asyneio.inertial.gp_process import Process
 from asyneio.inertial.hermite import accumulate, integral_weights, interval_of
 from asyneio.inertial.smoother import smooth
-from asyneio.types import FloatArray, IntArray
+from asyneio.types import FloatArray
 
-#: Columns of derivatives: three for the gyroscope's bias, one for a shift of all time stamps.
-SHIFT = 3
+#: Columns of the rotation's derivatives: by the gyroscope bias, 3 p + axis.
+ROTATION_COLUMNS = 9
+#: Columns of the acceleration's table: its value, then its derivatives by b_g and by b_a, 3 p + axis each.
+BY_GYROSCOPE_BIAS, BY_ACCELEROMETER_BIAS, ACCELERATION_COLUMNS = 3, 12, 21
 _MOST_ITERATIONS = 60
 #: Change of phi [rad], and relative change of derivatives, below which the iterations end.
 _SETTLED = 1e-12
+
+
+class RotationTable(NamedTuple):
+    """The rotation vector's process at its n nodes: [double integral, integral, p, p', p''] of its rate."""
+
+    t: FloatArray  # (n,) node times [s]
+    x: FloatArray  # (n,5,3)
+    dx: FloatArray  # (n,5,9) derivatives by the gyroscope bias
 
 
 @njit(cache=True, nogil=True)
@@ -56,20 +69,12 @@ def _inverse_jacobian_times(
 
 
 @njit(cache=True, nogil=True)
-def rotation_states(
-    t: FloatArray,
-    row: IntArray,
-    zero: int,
-    K: FloatArray,
-    G: FloatArray,
-    omega: FloatArray,
-    x: FloatArray,
-    limit: float,
-) -> bool:
+def rotation_states(process: Process, omega: FloatArray, x: FloatArray, limit: float) -> bool:
     """Table `x` (n,5,3) of phi_dot at the nodes from bias-free `omega` (N,3).
 
     False where there is no fixed point with phi below `limit` rad.
     """
+    t, row, zero, K, G = process
     nodes, samples = t.shape[0], omega.shape[0]
     phi = np.zeros((samples, 3))
     rho = omega.copy()
@@ -102,47 +107,35 @@ def rotation_states(
 
 
 @njit(cache=True, nogil=True)
-def rotation_derivatives(
-    t: FloatArray,
-    row: IntArray,
-    zero: int,
-    K: FloatArray,
-    G: FloatArray,
-    omega: FloatArray,
-    x: FloatArray,
-    dx: FloatArray,
-) -> bool:
-    """Table `dx` (n,5,12) of the derivatives of phi_dot, column 3 p + axis for parameter p: b_g, time shift.
+def rotation_derivatives(process: Process, omega: FloatArray, x: FloatArray, dx: FloatArray) -> bool:
+    """Table `dx` (n,5,9) of the derivatives of phi_dot by the gyroscope bias, column 3 p + axis.
 
-    A shift of the stamps moves the nodes under the table: `dx` is the change at the shifted nodes of the rate
-    itself, and the integral still runs from zero, which adds phi_dot(0) to every d phi.
+    False where the iteration does not converge.
     """
+    t, row, zero, K, G = process
     nodes, samples = t.shape[0], omega.shape[0]
     J_inv = np.empty((samples, 3, 3))
     D = np.empty((samples, 3, 3))
     series = np.empty((2, 3))
-    d_rho = np.zeros((samples, 12))
+    d_rho = np.zeros((samples, ROTATION_COLUMNS))
     node = np.empty(samples, dtype=np.int64)
     for j in range(nodes):
         n = row[j]
         if n >= 0:
             node[n] = j
             _inverse_jacobian_times(x[j, 1], omega[n], series, J_inv[n], D[n])
-    start = x[zero, 2]
     dx[:] = 0.0
     for _ in range(_MOST_ITERATIONS):
         change = 0.0
         size = 1e-300
         for n in range(samples):
             d_phi = dx[node[n], 1]
-            for p in range(4):
+            for p in range(3):
                 for i in range(3):
                     s = 0.0
                     for k in range(3):
-                        offset = start[k] if p == SHIFT else 0.0
-                        s += D[n, i, k] * (d_phi[3 * p + k] + offset)
-                    if p != SHIFT:
-                        s -= J_inv[n, i, p]
+                        s += D[n, i, k] * d_phi[3 * p + k]
+                    s -= J_inv[n, i, p]
                     change = max(change, abs(s - d_rho[n, 3 * p + i]))
                     size = max(size, abs(s))
                     d_rho[n, 3 * p + i] = s
@@ -154,16 +147,9 @@ def rotation_derivatives(
 
 
 @njit(cache=True, nogil=True)
-def turn_at(
-    t: FloatArray,
-    zero: int,
-    x: FloatArray,
-    dx: FloatArray,
-    tau: float,
-    phi: FloatArray,
-    d_phi: FloatArray,
-) -> None:
-    """`phi` (3,) at `tau` and its derivatives `d_phi` (12,); for the shift at `tau` shifted along."""
+def rotation_at(rotation: RotationTable, tau: float, phi: FloatArray, d_phi: FloatArray) -> None:
+    """`phi` (3,) at `tau` and its derivatives `d_phi` (9,) by the gyroscope bias."""
+    t, x, dx = rotation
     value = np.empty(6)
     first = np.empty(6)
     second = np.empty(6)
@@ -175,64 +161,49 @@ def turn_at(
         for i in range(3):
             s += first[i] * x[n, 2 + i, c] + first[3 + i] * x[n + 1, 2 + i, c]
         phi[c] = s
-    for c in range(12):
+    for c in range(ROTATION_COLUMNS):
         s = dx[n, 1, c]
         for i in range(3):
             s += first[i] * dx[n, 2 + i, c] + first[3 + i] * dx[n + 1, 2 + i, c]
         d_phi[c] = s
-    for c in range(3):
-        d_phi[3 * SHIFT + c] += x[zero, 2, c]
 
 
 @njit(cache=True, nogil=True)
 def force_states(
-    t: FloatArray,
-    row: IntArray,
-    zero: int,
-    K: FloatArray,
-    G: FloatArray,
-    force: FloatArray,
-    turn_t: FloatArray,
-    turn_zero: int,
-    turn_x: FloatArray,
-    turn_dx: FloatArray,
-    alpha: FloatArray,
-    x: FloatArray,
+    process: Process, force: FloatArray, rotation: RotationTable, alpha: FloatArray, x: FloatArray
 ) -> None:
-    """Latent accelerations `alpha` (N,3) of bias-free `force` (N,3), and the table `x` (n,5,24).
-
-    Columns of `x`: a_k, then its derivatives by b_g (9), time shift (3) and b_a (9), three axes each.
-    """
+    """Latent accelerations `alpha` (N,3) of bias-free `force` (N,3), and the table `x` (n,5,21)."""
+    t, row, zero, K, G = process
     samples = force.shape[0]
-    y = np.empty((samples, 24))
+    y = np.empty((samples, ACCELERATION_COLUMNS))
     phi = np.empty(3)
-    d_phi = np.empty(12)
+    d_phi = np.empty(ROTATION_COLUMNS)
     C = np.empty((3, 3))
     J = np.empty((3, 3))
-    push = np.empty((3, 3))
+    by_attitude = np.empty((3, 3))
     by_phi = np.empty((3, 3))
     for j in range(t.shape[0]):
         n = row[j]
         if n < 0:
             continue
-        turn_at(turn_t, turn_zero, turn_x, turn_dx, t[j], phi, d_phi)
+        rotation_at(rotation, t[j], phi, d_phi)
         so3_exp(phi, C)
         so3_right_jacobian(phi, J)
         f = force[n]
+        # - C f^: the acceleration by an error of the attitude.
         for i in range(3):
-            push[i, 0] = -(C[i, 1] * f[2] - C[i, 2] * f[1])
-            push[i, 1] = -(C[i, 2] * f[0] - C[i, 0] * f[2])
-            push[i, 2] = -(C[i, 0] * f[1] - C[i, 1] * f[0])
-        matmul(push, J, by_phi)
+            by_attitude[i, 0] = -(C[i, 1] * f[2] - C[i, 2] * f[1])
+            by_attitude[i, 1] = -(C[i, 2] * f[0] - C[i, 0] * f[2])
+            by_attitude[i, 2] = -(C[i, 0] * f[1] - C[i, 1] * f[0])
+        matmul(by_attitude, J, by_phi)
         matvec(C, f, alpha[n])
         for i in range(3):
             y[n, i] = alpha[n, i]
-            for p in range(4):
+            for p in range(3):
                 s = 0.0
                 for k in range(3):
                     s += by_phi[i, k] * d_phi[3 * p + k]
-                y[n, 3 + 3 * p + i] = s
-            for p in range(3):
-                y[n, 15 + 3 * p + i] = -C[i, p]
+                y[n, BY_GYROSCOPE_BIAS + 3 * p + i] = s
+                y[n, BY_ACCELEROMETER_BIAS + 3 * p + i] = -C[i, p]
     smooth(t, row, K, G, y, x[:, 2:])
     accumulate(t, zero, x)

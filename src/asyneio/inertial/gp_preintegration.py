@@ -10,14 +10,29 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.errors import InertialError
-from asyneio.inertial.gp_kernels import force_states, rotation_derivatives, rotation_states
+from asyneio.inertial.gp_kernels import (
+    ACCELERATION_COLUMNS,
+    ROTATION_COLUMNS,
+    RotationTable,
+    force_states,
+    rotation_derivatives,
+    rotation_states,
+)
 from asyneio.inertial.gp_process import make_process
-from asyneio.inertial.gp_queries import increments_covariance, query, shift_jacobian
-from asyneio.inertial.increments import ImuWindow, Increments, SampleNoise, checked_bias, checked_times
+from asyneio.inertial.gp_queries import AccelerationTable, increments_covariance, query
+from asyneio.inertial.increments import (
+    ImuWindow,
+    Increments,
+    SampleNoise,
+    checked_bias,
+    checked_times,
+    empty_increments,
+)
 from asyneio.inertial.smoothness import Smoothness, find_smoothness
 from asyneio.types import FloatArray
 
-#: Angle [rad] that the rotation vector must not reach: its Jacobian's inverse is good to half a turn.
+#: Rotation vectors must stay below this angle [rad]: the inverse of their Jacobian exists up to 2 pi, but
+#: the vector is unique only up to half a turn.
 _LARGEST_TURN = 3.1
 
 
@@ -32,52 +47,45 @@ class GpPreintegration:
         self._noise = noise
         self._smoothness = smoothness
         ends = np.array([0.0, window.duration])
-        # The rotation is asked for at the accelerometer's times too.
+        # The rotation is needed at the accelerometer's times too.
         beyond = np.array(
             [min(0.0, window.accelerometer_t[0]), max(window.duration, window.accelerometer_t[-1])]
         )
         omega = window.gyroscope - self._bias[:3]
         force = window.accelerometer - self._bias[3:]
-        self._turn = make_process(
+        self._rotation = make_process(
             window.gyroscope_t,
             window.gyroscope,
             np.concatenate([ends, beyond]),
             smoothness.gyroscope,
             noise.gyroscope,
         )
-        self._push = make_process(
+        self._acceleration = make_process(
             window.accelerometer_t,
             window.accelerometer,
             ends,
             smoothness.accelerometer,
             noise.accelerometer,
         )
-        self._samples = len(omega)
-        self._turn_x = np.empty((len(self._turn.t), 5, 3))
-        self._turn_dx = np.empty((len(self._turn.t), 5, 12))
-        turn = self._turn
+        rotation, acceleration = self._rotation, self._acceleration
+        nodes = len(rotation.t)
+        self._rotations = RotationTable(
+            rotation.t, np.empty((nodes, 5, 3)), np.empty((nodes, 5, ROTATION_COLUMNS))
+        )
         if not (
-            rotation_states(*turn, omega, self._turn_x, _LARGEST_TURN)
-            and rotation_derivatives(*turn, omega, self._turn_x, self._turn_dx)
+            rotation_states(rotation, omega, self._rotations.x, _LARGEST_TURN)
+            and rotation_derivatives(rotation, omega, self._rotations.x, self._rotations.dx)
         ):
             raise InertialError(
-                f"the rotation of {self._duration} s does not stay below {_LARGEST_TURN} rad; expected less "
+                f"the rotation over {self._duration} s is not below {_LARGEST_TURN} rad; expected less "
                 "than half a turn, where the rotation vector is smooth: shorten the interval, or look for "
                 "outliers or wrong units in the gyroscope's samples"
             )
         self._alpha = np.empty_like(force)
-        self._push_x = np.empty((len(self._push.t), 5, 24))
-        push = self._push
-        force_states(
-            *push,
-            force,
-            turn.t,
-            turn.zero,
-            self._turn_x,
-            self._turn_dx,
-            self._alpha,
-            self._push_x,
+        self._accelerations = AccelerationTable(
+            acceleration.t, np.empty((len(acceleration.t), 5, ACCELERATION_COLUMNS))
         )
+        force_states(acceleration, force, self._rotations, self._alpha, self._accelerations.x)
 
     @property
     def bias(self) -> FloatArray:
@@ -95,18 +103,14 @@ class GpPreintegration:
         return self._smoothness
 
     def at(self, tau: FloatArray) -> Increments:
-        """Increments at `tau` (N,) seconds after `t_k`, in constant time each but for finding the interval.
+        """Increments at `tau` (N,) seconds after `t_k`, each in constant time once its interval is found.
 
         Raises:
             InertialError: a time is outside [0, duration].
         """
         times = checked_times(tau, self._duration)
-        count = len(times)
-        out = Increments(
-            np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 9, 6))
-        )
-        turn, push = self._turn, self._push
-        query(times, turn.t, turn.zero, self._turn_x, self._turn_dx, push.t, self._push_x, *out)
+        out = empty_increments(len(times))
+        query(times, self._rotations, self._accelerations, out)
         return out
 
     def end(self) -> Increments:
@@ -120,31 +124,15 @@ class GpPreintegration:
             InertialError: the time is outside [0, duration].
         """
         times = checked_times(np.array([tau]), self._duration)
-        turn, push = self._turn, self._push
         out = np.empty((9, 9))
         increments_covariance(
             float(times[0]),
-            *turn,
-            *push,
+            self._rotation,
+            self._acceleration,
             self._alpha,
             self.at(times).C[0],
             np.array([self._noise.gyroscope**2, self._noise.accelerometer**2]),
-            self._samples,
             out,
-        )
-        return out
-
-    def time_shift_jacobian(self, tau: float) -> FloatArray:
-        """Derivative (9,) of [phi, nu, r] at `tau` by a shift [s] of all time stamps, phi on the right of C.
-
-        Raises:
-            InertialError: the time is outside [0, duration].
-        """
-        time = float(checked_times(np.array([tau]), self._duration)[0])
-        turn, push = self._turn, self._push
-        out = np.empty(9)
-        shift_jacobian(
-            time, turn.t, turn.zero, self._turn_x, self._turn_dx, push.t, push.zero, self._push_x, out
         )
         return out
 
@@ -157,7 +145,7 @@ def gp_preintegration(
     Args:
         window: samples.
         bias: (6,) [b_g, b_a] [rad/s, m/s^2].
-        noise: of the samples; smooths them against the processes' density.
+        noise: of the samples; how far they are smoothed follows from it and from `smoothness`.
         smoothness: densities of the processes; `None` finds the likeliest ones from the samples.
 
     Raises:

@@ -1,4 +1,4 @@
-"""One sensor's Gaussian process: where its nodes are and with what gains samples become states."""
+"""Gaussian process of one sensor: its nodes, and the gains that turn samples into states."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from asyneio.types import FloatArray, IntArray
 
 
 class Process(NamedTuple):
-    """Nodes and gains; kernels take its fields in this order."""
+    """n nodes and the smoother's gains."""
 
     t: FloatArray  # (n,) node times [s], ascending
     row: IntArray  # (n,) sample at the node, or -1

@@ -1,165 +1,154 @@
-"""What is asked of the two tables of GP preintegration: increments, time shift, covariance (29)."""
+"""Queries of GP preintegration: increments at any time (29), and their covariance."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from asyneio.geometry.linalg import matvec
 from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
-from asyneio.inertial.gp_kernels import SHIFT, turn_at
+from asyneio.inertial.gp_kernels import (
+    ACCELERATION_COLUMNS,
+    BY_ACCELEROMETER_BIAS,
+    BY_GYROSCOPE_BIAS,
+    ROTATION_COLUMNS,
+    RotationTable,
+    rotation_at,
+)
+from asyneio.inertial.gp_process import Process
 from asyneio.inertial.hermite import functional, integral_weights, interval_of, settle
+from asyneio.inertial.increments import Increments
 from asyneio.inertial.smoother import smooth_adjoint
-from asyneio.types import FloatArray, IntArray
+from asyneio.types import FloatArray
+
+
+class AccelerationTable(NamedTuple):
+    """The local acceleration's process at its n nodes: [double integral, integral, p, p', p'']."""
+
+    t: FloatArray  # (n,) node times [s]
+    x: FloatArray  # (n,5,21) value, and derivatives by the biases
 
 
 @njit(cache=True, nogil=True)
-def _integrals_at(t: FloatArray, x: FloatArray, tau: float, rate: FloatArray, out: FloatArray) -> None:
-    """Integral and double integral `out` (2,c) at `tau`, and the integrand `rate` (c,)."""
+def _integrals_at(table: AccelerationTable, tau: float, out: FloatArray) -> None:
+    """Integral and double integral `out` (2,21) at `tau`."""
+    t, x = table
     value = np.empty(6)
     first = np.empty(6)
     second = np.empty(6)
     n = interval_of(t, tau)
     dt = t[n + 1] - t[n]
     integral_weights((tau - t[n]) / dt, dt, value, first, second)
-    for c in range(x.shape[2]):
+    for c in range(ACCELERATION_COLUMNS):
         a = x[n, 1, c]
         b = x[n, 0, c] + a * (tau - t[n])
-        p = 0.0
         for i in range(3):
-            p += value[i] * x[n, 2 + i, c] + value[3 + i] * x[n + 1, 2 + i, c]
             a += first[i] * x[n, 2 + i, c] + first[3 + i] * x[n + 1, 2 + i, c]
             b += second[i] * x[n, 2 + i, c] + second[3 + i] * x[n + 1, 2 + i, c]
-        rate[c] = p
         out[0, c] = a
         out[1, c] = b
 
 
 @njit(cache=True, nogil=True)
-def query(
-    tau: FloatArray,
-    turn_t: FloatArray,
-    turn_zero: int,
-    turn_x: FloatArray,
-    turn_dx: FloatArray,
-    push_t: FloatArray,
-    push_x: FloatArray,
-    C: FloatArray,
-    nu: FloatArray,
-    r: FloatArray,
-    d_bias: FloatArray,
-) -> None:
-    """Increments at `tau` (N,): `C` (N,3,3), `nu`, `r` (N,3), `d_bias` (N,9,6)."""
+def query(tau: FloatArray, rotation: RotationTable, acceleration: AccelerationTable, out: Increments) -> None:
+    """Increments at `tau` (N,)."""
     phi = np.empty(3)
-    d_phi = np.empty(12)
+    d_phi = np.empty(ROTATION_COLUMNS)
     J = np.empty((3, 3))
-    rate = np.empty(24)
-    out = np.empty((2, 24))
+    integrals = np.empty((2, ACCELERATION_COLUMNS))
+    d_bias = out.d_bias
     for q in range(tau.shape[0]):
-        turn_at(turn_t, turn_zero, turn_x, turn_dx, tau[q], phi, d_phi)
-        so3_exp(phi, C[q])
+        rotation_at(rotation, tau[q], phi, d_phi)
+        so3_exp(phi, out.C[q])
         so3_right_jacobian(phi, J)
-        _integrals_at(push_t, push_x, tau[q], rate, out)
+        _integrals_at(acceleration, tau[q], integrals)
         for i in range(3):
-            nu[q, i] = out[0, i]
-            r[q, i] = out[1, i]
+            out.nu[q, i] = integrals[0, i]
+            out.r[q, i] = integrals[1, i]
             for p in range(3):
+                g, a = BY_GYROSCOPE_BIAS + 3 * p + i, BY_ACCELEROMETER_BIAS + 3 * p + i
                 d_bias[q, i, p] = (
                     J[i, 0] * d_phi[3 * p] + J[i, 1] * d_phi[3 * p + 1] + J[i, 2] * d_phi[3 * p + 2]
                 )
                 d_bias[q, i, 3 + p] = 0.0
-                d_bias[q, 3 + i, p] = out[0, 3 + 3 * p + i]
-                d_bias[q, 6 + i, p] = out[1, 3 + 3 * p + i]
-                d_bias[q, 3 + i, 3 + p] = out[0, 15 + 3 * p + i]
-                d_bias[q, 6 + i, 3 + p] = out[1, 15 + 3 * p + i]
-
-
-@njit(cache=True, nogil=True)
-def shift_jacobian(
-    tau: float,
-    turn_t: FloatArray,
-    turn_zero: int,
-    turn_x: FloatArray,
-    turn_dx: FloatArray,
-    push_t: FloatArray,
-    push_zero: int,
-    push_x: FloatArray,
-    jacobian: FloatArray,
-) -> None:
-    """`jacobian` (9,) of [phi, nu, r] at `tau` by a shift of all stamps.
-
-    The shifted signal is read earlier by the shift: p(tau) is lost at the end of an integral, p(0) won at its
-    start; the latent states change because the chart's origin lies elsewhere in the motion.
-    """
-    phi = np.empty(3)
-    d_phi = np.empty(12)
-    rate = np.empty(3)
-    both = np.empty((2, 3))
-    C = np.empty((3, 3))
-    J = np.empty((3, 3))
-    turn_at(turn_t, turn_zero, turn_x, turn_dx, tau, phi, d_phi)
-    _integrals_at(turn_t, turn_x, tau, rate, both)
-    so3_exp(phi, C)
-    so3_right_jacobian(phi, J)
-    matvec(J, d_phi[3 * SHIFT :] - rate, jacobian[:3])
-    a = np.empty(24)
-    out = np.empty((2, 24))
-    _integrals_at(push_t, push_x, tau, a, out)
-    for i in range(3):
-        start = push_x[push_zero, 2, i]
-        jacobian[3 + i] = out[0, 12 + i] + start - a[i]
-        jacobian[6 + i] = out[1, 12 + i] + start * tau - out[0, i]
+                d_bias[q, 3 + i, p] = integrals[0, g]
+                d_bias[q, 6 + i, p] = integrals[1, g]
+                d_bias[q, 3 + i, 3 + p] = integrals[0, a]
+                d_bias[q, 6 + i, 3 + p] = integrals[1, a]
 
 
 @njit(cache=True, nogil=True)
 def increments_covariance(
     tau: float,
-    turn_t: FloatArray,
-    turn_row: IntArray,
-    turn_zero: int,
-    turn_K: FloatArray,
-    turn_G: FloatArray,
-    push_t: FloatArray,
-    push_row: IntArray,
-    push_zero: int,
-    push_K: FloatArray,
-    push_G: FloatArray,
+    rotation: Process,
+    acceleration: Process,
     alpha: FloatArray,
     C: FloatArray,
     variance: FloatArray,
-    samples: int,
     out: FloatArray,
 ) -> None:
     """`out` (9,9) of [phi, nu, r] at `tau` from sample noise of `variance` (2,) [gyroscope, accelerometer].
 
-    Noise turned into the frame at t_k stays isotropic, so each sample has a scalar weight in the integrals:
-    `w` in the attitude's error theta (in the frame at t_k), `W` in velocity and position. The attitude's
-    error reaches these as `- sum_j W_j alpha_j x theta(t_j)`, again a functional of the gyroscope's noise.
-    `C` (3,3) is the attitude at `tau`, `alpha` (Na,3) the latent accelerations, `samples` Ng.
+    Noise rotated into the frame at t_k stays isotropic, so each sample has scalar weights in the integrals:
+    of the attitude error theta (in the frame at t_k), and `W` in velocity and position. The attitude error
+    enters those as `- sum_j W_j alpha_j x theta(t_j)`, which is linear in the gyroscope's noise too.
+    `C` (3,3) is the attitude at `tau`, `alpha` (Na,3) the latent accelerations.
     """
-    count = alpha.shape[0]
-    f = np.zeros((push_t.shape[0], 5, 2))
-    W = np.empty((count, 2))
-    functional(push_t, push_zero, tau, 1.0, 0.0, f[:, :, 0])
-    functional(push_t, push_zero, tau, 0.0, 1.0, f[:, :, 1])
-    settle(push_t, f[:, :, 0])
-    settle(push_t, f[:, :, 1])
-    smooth_adjoint(push_t, push_row, push_K, push_G, f[:, 2:], W)
-    g = np.zeros((turn_t.shape[0], 5, 7))
-    m = np.empty((samples, 7))
-    functional(turn_t, turn_zero, tau, 1.0, 0.0, g[:, :, 6])
-    for j in range(push_t.shape[0]):
-        n = push_row[j]
+    W = _accelerometer_weights(tau, acceleration, alpha.shape[0])
+    m = _gyroscope_weights(tau, rotation, acceleration, alpha, W)
+    out[:] = 0.0
+    _add_gyroscope_noise(m, C, variance[0], out)
+    for n in range(W.shape[0]):
+        for b in range(2):
+            for d in range(2):
+                s = variance[1] * W[n, b] * W[n, d]
+                for i in range(3):
+                    out[3 + 3 * b + i, 3 + 3 * d + i] += s
+
+
+@njit(cache=True, nogil=True)
+def _accelerometer_weights(tau: float, acceleration: Process, samples: int) -> FloatArray:
+    """Weights (Na,2) of the accelerometer's samples in the integral and double integral at `tau`."""
+    t = acceleration.t
+    f = np.zeros((t.shape[0], 5, 2))
+    W = np.empty((samples, 2))
+    functional(t, acceleration.zero, tau, 1.0, 0.0, f[:, :, 0])
+    functional(t, acceleration.zero, tau, 0.0, 1.0, f[:, :, 1])
+    settle(t, f[:, :, 0])
+    settle(t, f[:, :, 1])
+    smooth_adjoint(t, acceleration.row, acceleration.K, acceleration.G, f[:, 2:], W)
+    return W
+
+
+@njit(cache=True, nogil=True)
+def _gyroscope_weights(
+    tau: float, rotation: Process, acceleration: Process, alpha: FloatArray, W: FloatArray
+) -> FloatArray:
+    """Weights (Ng,7) of the gyroscope's samples in `sum_j W_j alpha_j theta(t_j)`, three axes of alpha for
+    velocity and for position, and in theta(tau)."""
+    t, zero = rotation.t, rotation.zero
+    g = np.zeros((t.shape[0], 5, 7))
+    m = np.empty((np.max(rotation.row) + 1, 7))
+    functional(t, zero, tau, 1.0, 0.0, g[:, :, 6])
+    for j in range(acceleration.t.shape[0]):
+        n = acceleration.row[j]
         if n >= 0:
             for b in range(2):
                 for i in range(3):
-                    functional(turn_t, turn_zero, push_t[j], W[n, b] * alpha[n, i], 0.0, g[:, :, 3 * b + i])
+                    weight = W[n, b] * alpha[n, i]
+                    functional(t, zero, acceleration.t[j], weight, 0.0, g[:, :, 3 * b + i])
     for c in range(7):
-        settle(turn_t, g[:, :, c])
-    smooth_adjoint(turn_t, turn_row, turn_K, turn_G, g[:, 2:], m)
-    out[:] = 0.0
+        settle(t, g[:, :, c])
+    smooth_adjoint(t, rotation.row, rotation.K, rotation.G, g[:, 2:], m)
+    return m
+
+
+@njit(cache=True, nogil=True)
+def _add_gyroscope_noise(m: FloatArray, C: FloatArray, variance: float, out: FloatArray) -> None:
+    """Add the covariance (9,9) that gyroscope noise of weights `m` (Ng,7) causes."""
     G = np.empty((9, 3))
-    for n in range(samples):
+    for n in range(m.shape[0]):
         G[:] = 0.0
         for b in range(2):
             x, y, z = m[n, 3 * b], m[n, 3 * b + 1], m[n, 3 * b + 2]
@@ -167,16 +156,10 @@ def increments_covariance(
             G[o, 1], G[o, 2] = z, -y
             G[o + 1, 0], G[o + 1, 2] = -z, x
             G[o + 2, 0], G[o + 2, 1] = y, -x
-        # Error on the right of C: theta turned into the body at tau.
+        # The error on the right of C: theta rotated into the body at tau.
         for i in range(3):
             for k in range(3):
                 G[i, k] = m[n, 6] * C[k, i]
         for i in range(9):
             for k in range(9):
-                out[i, k] += variance[0] * (G[i, 0] * G[k, 0] + G[i, 1] * G[k, 1] + G[i, 2] * G[k, 2])
-    for n in range(count):
-        for b in range(2):
-            for d in range(2):
-                s = variance[1] * W[n, b] * W[n, d]
-                for i in range(3):
-                    out[3 + 3 * b + i, 3 + 3 * d + i] += s
+                out[i, k] += variance * (G[i, 0] * G[k, 0] + G[i, 1] * G[k, 1] + G[i, 2] * G[k, 2])

@@ -1,4 +1,4 @@
-"""Specific force, turned along with the gyroscope and summed, with its derivatives: see `gravity_witness`."""
+"""Specific force rotated by the integrated gyroscope and summed, with derivatives: see `gravity_witness`."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ def sum_force(rate: FloatArray, force: FloatArray, step_s: float, every: int) ->
     Args:
         rate, force: (K,N,3) means over steps of `step_s` [rad/s, m/s^2].
         step_s: the step.
-        every: the sums after so many steps are given out.
+        every: a sum is returned after each `every` steps.
 
     Returns:
-        (K,N/every,3,7): V [m/s], its change with a bias that is taken off the rate, `sum (C f)^ (sum C dt)
-        dt`, and less the velocity that a lever arm adds, `-C omega^`.
+        (K,N/every,3,7): V [m/s], its derivative by a bias subtracted from the rate, `sum (C f)^ (sum C dt)
+        dt`, and the negative of the velocity due to a lever arm, `-C omega^`.
     """
     out = np.empty((rate.shape[0], rate.shape[1] // every, 3, 7))
     half, middle, hat, product = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    C, turned, by_bias = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    C, integral, by_bias = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     felt, velocity, angle = np.empty(3), np.empty(3), np.empty(3)
     for k in range(rate.shape[0]):
         for i in range(3):
             velocity[i] = 0.0
             for j in range(3):
                 C[i, j] = 1.0 if i == j else 0.0
-                turned[i, j] = by_bias[i, j] = 0.0
+                integral[i, j] = by_bias[i, j] = 0.0
         for n in range(rate.shape[1]):
             for i in range(3):
                 angle[i] = 0.5 * step_s * rate[k, n, i]
@@ -43,8 +43,8 @@ def sum_force(rate: FloatArray, force: FloatArray, step_s: float, every: int) ->
             for i in range(3):
                 velocity[i] += step_s * felt[i]
                 for j in range(3):
-                    turned[i, j] += step_s * middle[i, j]
-            matmul(hat, turned, product)
+                    integral[i, j] += step_s * middle[i, j]
+            matmul(hat, integral, product)
             for i in range(3):
                 for j in range(3):
                     by_bias[i, j] += step_s * product[i, j]

@@ -1,15 +1,16 @@
-"""Scale of both inertial sensors from gravity alone: how it turns, and how long it is.
+"""Scale of both inertial sensors from gravity: from its direction and its magnitude.
 
-Turned along with the gyroscope, the specific force `f` of a body sums up to its velocity less what gravity
-adds: `V(t) = sum C(t) f(t) dt = v(t) - v(0) - g t`. What is left of V beside a straight line is how
-unsteadily the body moves, some tenths of a metre per second for hands. Where the gyroscope reads a multiple
-of the turn, gravity is turned too far or not far enough, and more is left. So for each factor by which the
-readings could be multiplied, V is fitted by a line per span, a bias of the gyroscope and the lever arm `r` of
-a turn about a fixed point (`v = omega x r`), all linear; the spread of what is left gives a log-likelihood.
+Rotated by the integrated gyroscope, the specific force `f` of a body sums to its change of velocity without
+gravity: `V(t) = sum C(t) f(t) dt = v(t) - v(0) - g t`. The deviation of V from a straight line is the
+unsteadiness of the body's velocity, a few tenths of a metre per second when hand-held. If the gyroscope reads
+a multiple of the rotation, gravity is rotated too far or not far enough, and the deviation grows. Therefore V
+is fitted, for each factor by which the readings could be multiplied, by a line per span, a gyroscope bias
+and the lever arm `r` of a rotation about a fixed point (`v = omega x r`), all linear; the spread of the
+remainder gives a log-likelihood.
 
-A body whose acceleration and tilt cancel (drones, pendulums, vehicles) feels gravity along one axis of its
-own whatever it does: there the factor 0 does as well as any, and nothing is told. The length of g, the slope
-of the lines, tells the scale of the accelerometer.
+A body whose acceleration and tilt cancel (drones, pendulums, vehicles) measures gravity along a fixed axis of
+its own. There the factor 0 fits as well as any other, and the scale is not observable. The length of g, the
+slope of the lines, gives the scale of the accelerometer.
 """
 
 from __future__ import annotations
@@ -26,37 +27,37 @@ from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
 GRAVITY = 9.80665
 #: Steps [s] over which readings are averaged, length of a span in steps, most and least spans and steps.
 _STEP_S, _SPAN_STEPS, _MOST_SPANS, _LEAST_STEPS = 0.02, 200, 20, 25
-#: Sums are looked at after so many steps.
+#: Steps between evaluated sums.
 _EVERY = 5
 #: Standard deviations of a gyroscope's bias [rad/s] and of a lever arm [m].
 _BIAS_SIGMA, _LEVER_SIGMA = 0.05, 0.3
-#: Independent values a second of a velocity; a spread [m/s] below which none is believed.
+#: Independent values per second of a velocity; the smallest spread [m/s] that is assumed.
 _VALUES_HZ, _LEAST_SPREAD = 2.0, 0.05
-#: Powers of two tried, with 0; then so far around the best, in finer and finer steps.
+#: Powers of two that are tried, besides 0; then ranges around the best, in finer and finer steps.
 _COARSE = np.arange(-7.0, 8.0)
 _FINER = (0.5, 0.2, 0.08, 0.03)
 _ROUNDS, _REWEIGHTED = 2, 5
-#: Log-likelihood that an alternative must lack to be excluded: chance brings it once in a million.
+#: Deficit of log-likelihood that excludes an alternative: by chance once in a million.
 EXCLUDED = 15.0
-#: Factors closer to one than this are no error of a unit or a range.
+#: Factors closer to one than this are not errors of a unit or a range.
 SAME_SCALE = 1.3
-#: A length of gravity [m/s^2] within this factor is explained by bias and scale errors of any sensor, and a
-#: change of velocity [m/s] over a span that is no larger, by motion.
+#: A magnitude of gravity [m/s^2] within this factor is explained by the bias and scale errors of any sensor;
+#: a change of velocity [m/s] over a span up to this limit, by motion.
 FORCE_RATIO = 1.25
 _VELOCITY = 2.0
 
 
 @dataclass(frozen=True)
 class GravityWitness:
-    """What gravity tells of the two sensors.
+    """Scales of the two sensors according to gravity.
 
     Attributes:
-        scale: the gyroscope's readings over the turn of gravity: 1 where both agree.
-        log_sigma: standard deviation of its logarithm; infinite where it is not told.
+        scale: rotation read by the gyroscope over the rotation of gravity: 1 where both agree.
+        log_sigma: standard deviation of its logarithm; infinite where it is not observable.
         against_one: log-likelihood by which the scale 1 falls short of the best.
-        against_rest: log-likelihood by which no turn at all falls short; small where gravity tells nothing.
-        force: length of gravity as the accelerometer reads it [m/s^2].
-        seconds: of the recording that were looked at, in spans of `span_s`.
+        against_rest: the same for no rotation at all; small where the scale is not observable.
+        force: magnitude of gravity as the accelerometer reads it [m/s^2].
+        seconds: evaluated part of the recording, in spans of `span_s`.
     """
 
     scale: float
@@ -69,27 +70,27 @@ class GravityWitness:
 
     @property
     def told(self) -> bool:
-        """Whether gravity turns enough to tell the gyroscope's scale."""
+        """Whether gravity rotates enough to determine the gyroscope's scale."""
         return self.against_rest > EXCLUDED and np.isfinite(self.log_sigma)
 
     def gyroscope_complaint(self) -> str:
-        """What is wrong with the gyroscope's scale beyond doubt; empty where nothing is."""
+        """A certain error of the gyroscope's scale, in words; empty if there is none."""
         factor = max(self.scale, 1.0 / self.scale)
         if not self.told or factor < SAME_SCALE or self.against_one < EXCLUDED:
             return ""
         return (
-            f"the gyroscope reads {self.scale:.3g} times what gravity turns by in the accelerometer"
+            f"the gyroscope reads {self.scale:.3g} times the rotation of gravity in the accelerometer"
             f"{gyroscope_cause(self.scale)}"
         )
 
     def force_complaint(self) -> str:
-        """What is wrong with the accelerometer's scale beyond doubt; empty where nothing is."""
+        """A certain error of the accelerometer's scale, in words; empty if there is none."""
         ratio = self.force / GRAVITY
         if 1.0 / FORCE_RATIO < ratio < FORCE_RATIO or abs(self.force - GRAVITY) * self.span_s < _VELOCITY:
             return ""
         return (
             f"the accelerometer reads gravity as {self.force:.3g} m/s^2 (mean over {self.seconds:.3g} s, "
-            f"turned along with the gyroscope), {ratio:.3g} times what it is; expected {GRAVITY:.2f}: "
+            f"rotated by the gyroscope), {ratio:.3g} times its true value; expected {GRAVITY:.2f}: "
             "another unit, a full-scale range other than the driver's, or gravity removed; multiply by "
             f"{1.0 / ratio:.3g} if the scale is the cause"
         )
@@ -200,7 +201,7 @@ class _Fit:
         return float(cost), float(np.median(length))
 
     def _bent(self, sums: FloatArray) -> FloatArray:
-        """Of sums (K,N,3,7), what straight lines in each span leave, as (K,3N,7)."""
+        """Sums (K,N,3,7) minus the best straight line of each span, as (K,3N,7)."""
         K, N = sums.shape[:2]
         flat = sums.reshape(K, N, -1)
         return np.asarray(flat - self._line @ (self._line.T @ flat)).reshape(K, 3 * N, -1)
@@ -208,7 +209,7 @@ class _Fit:
     def _solve(
         self, rows: FloatArray, left: FloatArray, before: FloatArray, inverse: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Bias and lever arm (6,) as steps from `before`, and the spread of each span [m/s]."""
+        """Steps (6,) of bias and lever arm from `before`, and the spread of each span [m/s]."""
         x = np.zeros(6)
         for _ in range(_REWEIGHTED):
             spread = np.sqrt(np.square(left + rows @ x).mean(axis=1) + _LEAST_SPREAD**2)

@@ -1,9 +1,9 @@
 """Posterior mean between nodes, and its integrals in closed form (29).
 
-Given the states at two neighbouring nodes the mean of a doubly integrated Wiener process is the quintic
-Hermite polynomial of [p, p', p''], so first and second integrals are polynomials of degree six and seven. A
-table of states `x` (n,5,c) holds [double integral, integral, p, p', p''] of c columns at the nodes `t` (n,);
-the integrals run from time zero, which must be a node.
+Given the states at two neighbouring nodes, the mean of a doubly integrated Wiener process is the quintic
+Hermite polynomial of [p, p', p''], and its integrals are polynomials of degree six and seven. A table of
+states `x` (n,5,c) holds [double integral, integral, p, p', p''] of c columns at the nodes `t` (n,); the
+integrals start at time zero, which must be a node.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ _SECOND_WHOLE = _SECOND.sum(axis=1)
 
 @njit(cache=True, nogil=True)
 def interval_of(t: FloatArray, tau: float) -> int:
-    """Interval of the nodes `t` that holds `tau`; the first or the last one beyond the nodes."""
+    """Interval of the nodes `t` that contains `tau`; outside the nodes the first or the last one."""
     return max(min(np.searchsorted(t, tau, side="right") - 1, t.shape[0] - 2), 0)
 
 
 @njit(cache=True, nogil=True)
 def integral_weights(s: float, dt: float, value: FloatArray, first: FloatArray, second: FloatArray) -> None:
-    """Weights (6,) of [p, p', p''] at both nodes in p and in its two integrals from the first node, `s dt`
-    seconds later."""
+    """Weights (6,) of [p, p', p''] at both nodes in p and in its two integrals, `s dt` seconds after the
+    first node, where the integrals start."""
     unit = 1.0
     for i in range(6):
         if i == 3:
@@ -127,7 +127,7 @@ def functional(t: FloatArray, zero: int, tau: float, once: float, twice: float, 
 
 @njit(cache=True, nogil=True)
 def settle(t: FloatArray, f: FloatArray) -> None:
-    """Carry the entries of the integrals in `f` (n,5) back to the states they are integrals of, in place."""
+    """Move the entries of the integrals in `f` (n,5) to the states that they integrate, in place."""
     first = np.empty(6)
     second = np.empty(6)
     for n in range(t.shape[0] - 2, -1, -1):

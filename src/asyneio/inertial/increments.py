@@ -1,7 +1,7 @@
-"""What preintegration takes and gives: samples around an interval in, motion since its start out.
+"""Input and output of preintegration: samples around an interval, and increments since its start.
 
-Increments are the motion of the body since `t_k` with the velocity at `t_k` and gravity taken out (29), in
-the body frame at `t_k`. With C, r of the body at `t_k` and its velocity `nu` in the body,
+Increments are the motion of the body since `t_k` with the velocity at `t_k` and gravity removed (29), in the
+body frame at `t_k`. With C, r of the body at `t_k` and its velocity `nu` in the body,
 
     C(tau) = C dC,    r(tau) = r + C (nu tau + dr) + g tau^2 / 2,    v(tau) = C (nu + dnu) + g tau.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from asyneio.errors import InertialError
 from asyneio.types import FloatArray
 
-#: How many sample periods an end of the interval may lie outside the samples.
+#: Largest distance of an end of the interval from the samples, in sample periods.
 COVER_PERIODS = 3.0
 
 
@@ -33,8 +33,15 @@ class Increments(NamedTuple):
     d_bias: FloatArray  # (N,9,6)
 
 
+def empty_increments(count: int) -> Increments:
+    """Memory for increments at `count` times."""
+    return Increments(
+        np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 9, 6))
+    )
+
+
 class Preintegration(Protocol):
-    """Increments of one interval, whatever the rule that made them."""
+    """Increments of one interval, independent of the rule."""
 
     @property
     def bias(self) -> FloatArray:
@@ -51,7 +58,7 @@ class Preintegration(Protocol):
         """Increments (N = 1) at the end of the interval."""
 
     def covariance(self, tau: float) -> FloatArray:
-        """Covariance (9,9) of the errors [phi, nu, r] at `tau` that the samples' noise makes."""
+        """Covariance (9,9) of the errors [phi, nu, r] at `tau` due to the samples' noise."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +83,11 @@ class SampleNoise:
 
 @dataclass(frozen=True)
 class ImuWindow:
-    """Bias-afflicted samples over an interval of `duration` seconds that begins at `t_k`.
+    """Samples, biases included, over an interval of `duration` seconds that begins at `t_k`.
 
     Times (Ng,), (Na,) are seconds since `t_k`, ascending; samples (Ng,3) [rad/s] and (Na,3) [m/s^2] in the
-    body. The two sensors have their own times and rates. A few samples before 0 and after `duration` are
-    welcome: they settle what happens at the ends.
+    body. The two sensors have their own times and rates. A few samples before 0 and after `duration` improve
+    the increments at the ends.
 
     Raises:
         InertialError: wrong shapes, fewer than two samples, times that do not ascend, numbers that are not
@@ -129,7 +136,7 @@ def checked_times(tau: FloatArray, duration: float) -> FloatArray:
     times = np.ascontiguousarray(np.atleast_1d(tau), dtype=np.float64)
     if times.ndim != 1 or not ((times >= 0.0) & (times <= duration)).all():
         raise InertialError(
-            f"asked for increments at {times.min()} .. {times.max()} s (shape {times.shape}); "
+            f"found query times {times.min()} .. {times.max()} s (shape {times.shape}); "
             f"expected (N,) times between 0 and {duration} s after the start of the interval"
         )
     return times
@@ -165,7 +172,7 @@ def _check_cover(name: str, t: FloatArray, duration: float) -> None:
     margin = COVER_PERIODS * float(np.median(np.diff(t)))
     if t[0] > margin or t[-1] < duration - margin:
         raise InertialError(
-            f"{name}: samples from {t[0]:.6f} to {t[-1]:.6f} s leave an end of the interval 0 .. "
-            f"{duration:.6f} s bare; expected samples to within {margin:.6f} s of both ends: "
+            f"{name}: samples from {t[0]:.6f} to {t[-1]:.6f} s do not cover the interval 0 .. "
+            f"{duration:.6f} s; expected samples to within {margin:.6f} s of both ends: "
             "shorten the interval or look for a gap in the recording"
         )

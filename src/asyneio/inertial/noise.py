@@ -1,10 +1,10 @@
-"""Noise of an inertial sensor as it is: a white part, and vibration above what a trajectory follows.
+"""Noise of an inertial sensor: white noise, and vibration above the bandwidth of the trajectory.
 
-A data sheet gives white noise. On a vehicle the samples carry vibration besides, whose power is ten to a
-thousand times larger, but lies at frequencies where it averages away: the mean over 0.1 s of a tone at 87 Hz
-keeps a thirtieth of its amplitude. White noise of the same power would hide a hundred times more of the
-motion. So the two are kept apart, and what is left of each in a mean or a fitted polynomial is computed, not
-assumed (`SensorNoise.covariance`).
+A data sheet gives white noise. On a vehicle the samples also contain vibration, whose power is ten to a
+thousand times larger, but at frequencies where it averages out: the mean over 0.1 s of a tone at 87 Hz keeps
+a thirtieth of its amplitude. White noise of the same power would hide a hundred times more of the motion. So
+the two are modelled separately, and their effect on a mean or a fitted polynomial is computed
+(`SensorNoise.covariance`).
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ def _none() -> FloatArray:
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Noise of one sensor, alike on its three axes; unit: rad/s or m/s^2.
+    """Noise of one sensor, equal on its three axes; unit: rad/s or m/s^2.
 
-    `density` [unit/sqrt(Hz)] of the white part, in samples at `rate_hz`. Vibration: `power` (F,) [unit^2],
-    the variance of what lies around each of the frequencies `frequency_hz` (F,).
+    `density` [unit/sqrt(Hz)] of the white noise, in samples at `rate_hz`. Vibration: `power` (F,) [unit^2],
+    the variance around each of the frequencies `frequency_hz` (F,).
 
     Raises:
         InertialError: the density or the rate is not a positive number.
@@ -48,7 +48,7 @@ class SensorNoise:
 
     @property
     def white_sigma(self) -> float:
-        """Standard deviation of the white part of a sample."""
+        """Standard deviation of the white noise of a sample."""
         return float(self.density * np.sqrt(self.rate_hz))
 
     @property
@@ -78,12 +78,12 @@ class SensorNoise:
         return np.asarray(solve_triangular(factor, columns, lower=True, check_finite=False))
 
     def density_of_mean(self, seconds: float) -> float:
-        """Density of the white noise that leaves a mean over `seconds` as uncertain as this noise does."""
+        """Density of the white noise that makes a mean over `seconds` as uncertain as this noise does."""
         if len(self.power) == 0:
             return float(self.density)
         n = max(round(seconds * self.rate_hz), 1)
         half = np.pi * self.frequency_hz / self.rate_hz
-        # Of n equidistant samples of a wave; where it repeats with the samples the mean keeps all of it.
+        # Mean of n equidistant samples of a wave; an alias at zero frequency keeps its whole amplitude.
         sine = np.sin(half)
         kept = np.where(np.abs(sine) < 1e-9, 1.0, np.sin(n * half) / np.where(sine == 0.0, 1.0, n * sine))
         return float(np.sqrt(self.density**2 + seconds * np.sum(self.power * kept**2)))
@@ -97,6 +97,6 @@ class InertialNoise:
     accelerometer: SensorNoise
 
     def of_means(self, seconds: float) -> SampleNoise:
-        """White noise of single samples that leaves means over `seconds` as uncertain as they are."""
+        """White noise of single samples that makes means over `seconds` as uncertain as this noise does."""
         sensors = self.gyroscope, self.accelerometer
         return SampleNoise(*(s.density_of_mean(seconds) * np.sqrt(s.rate_hz) for s in sensors))

@@ -1,14 +1,14 @@
-"""The noise of an inertial sensor, learned while it is used from what no trajectory between knots can follow.
+"""Online estimate of an inertial sensor's noise, from frequencies above the bandwidth of the trajectory.
 
-Motion of a hand or a vehicle lies below the frequency that a trajectory with knots every `T` seconds follows,
-`BAND / T`. What the samples hold above it is noise, whatever its cause: electronics, quantisation, rotors, an
-engine. Its power spectrum is averaged over overlapping blocks of half a second (Welch's method, IEEE Trans.
-Audio Electroacoust. 1967), the older the less.
+The motion of a hand or a vehicle lies below the highest frequency that a trajectory with knots every `T`
+seconds can follow, `BAND / T`. Whatever the samples contain above it is noise: electronics, quantisation,
+rotors, an engine. Its power spectrum is averaged over overlapping blocks of half a second (Welch's method,
+IEEE Trans. Audio Electroacoust. 1967) with exponentially decaying weights.
 
-Below that frequency noise cannot be told from motion. White noise reaches there, so the quietest stretch of
-the two octaves above raises the density that is assumed below; peaks of vibration do not. The density is
-never taken to be lower than the declared one times `inertial.noise_inflation`: scale, alignment and bias of a
-real sensor are off by amounts that change with the motion, and none of this shows above the band.
+Below that frequency noise cannot be separated from motion. White noise extends below it, so the quietest part
+of the two octaves above raises the density that is assumed below; peaks of vibration do not. The density is
+never lower than the declared one times `inertial.noise_inflation`: scale, alignment and bias errors of a real
+sensor change with the motion and do not appear above the band.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from asyneio.inertial.noise import SensorNoise
 from asyneio.inertial.stationarity import possible
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, FloatArray, RecordArray
 
-#: A trajectory between knots `T` apart follows frequencies up to `BAND / T`: three unknowns of each axis and
-#: interval make one and a half periods; the motion prior leaves less.
+#: A trajectory with knots `T` apart follows frequencies up to `BAND / T`: three unknowns per axis and
+#: interval describe one and a half periods, and the motion prior reduces that.
 BAND = 2.0
-#: Length of a block [s], and how much later the next begins.
+#: Length of a block [s], and the time between the starts of blocks.
 _BLOCK_S, _HOP_S = 0.5, 0.25
-#: Time over which the spectrum is averaged [s].
+#: Time constant of the average of the spectrum [s].
 _MEMORY_S = 2.0
-#: A pause of so many sample periods spoils a block.
+#: A gap of more than this many sample periods discards a block.
 _PAUSE_PERIODS = 8.0
-#: The spectrum is smoothed over so many of its values before the quietest is sought; and where it is sought,
-#: in multiples of the band's upper end.
+#: Number of values over which the spectrum is smoothed before its minimum is found; range of the search, in
+#: multiples of the band's upper end.
 _SMOOTH, _QUIET_UP_TO = 5, 4.0
-#: Fewer values of the spectrum above the band say nothing.
+#: Minimum number of values of the spectrum above the band.
 _LEAST_VALUES = 5
-#: Fewer samples in a block have no spectrum above any band.
+#: Minimum number of samples of a block.
 _LEAST_SAMPLES = 16
-#: Slow motion is taken out of a block as a polynomial of this degree.
+#: Slow motion is removed from a block as a polynomial of this degree.
 _DEGREE = 3
 
 
 class NoiseLearner:
-    """Takes the samples of one sensor and says how noisy they are.
+    """Estimates the noise of one sensor from its samples.
 
     Args:
         interval_s: time between knots.
@@ -55,11 +55,11 @@ class NoiseLearner:
         self._blocks = 0
         self._frequency_hz: FloatArray = np.empty(0)
         self._power: FloatArray = np.empty(0)
-        #: Answers since the last samples, by the least density asked for.
+        #: Results since the last samples, by the smallest density requested.
         self._known: dict[float, SensorNoise] = {}
 
     def append(self, samples: RecordArray) -> None:
-        """Take over samples (INERTIAL_DTYPE), ascending in time; after a step back they begin anew."""
+        """Add samples (INERTIAL_DTYPE), ascending in time; if time jumps back, start again."""
         self._known.clear()
         held, samples = self._held, samples[possible(samples["xyz"])]
         if len(held) and len(samples) and samples["t_ns"][0] <= held["t_ns"][-1]:
@@ -74,8 +74,8 @@ class NoiseLearner:
             self._held = self._held[np.searchsorted(stamps, stamps[0] + hop_ns) :]
 
     def noise(self, least_density: float) -> SensorNoise:
-        """The noise of the samples, as far as it is known; its white part has at least this density
-        [unit/sqrt(Hz)], which is assumed until more is known."""
+        """The noise of the samples; its white noise has at least this density [unit/sqrt(Hz)], which is
+        assumed until the spectrum is known."""
         if least_density not in self._known:
             self._known[least_density] = self._noise(least_density)
         return self._known[least_density]
@@ -86,7 +86,7 @@ class NoiseLearner:
         if self._blocks == 0 or np.count_nonzero(above) < _LEAST_VALUES:
             return SensorNoise(least_density, rate_hz)
         frequency_hz, power = self._frequency_hz[above], self._power[above]
-        # Density of white noise with the same power between two values of the spectrum.
+        # Density of the white noise with the same power in one bin of the spectrum.
         density_square = power / (2.0 * (frequency_hz[1] - frequency_hz[0]))
         smooth = np.convolve(density_square, np.ones(_SMOOTH) / _SMOOTH, mode="valid")
         near = frequency_hz[_SMOOTH // 2 : len(smooth) + _SMOOTH // 2] <= _QUIET_UP_TO * self._band_hz
@@ -96,7 +96,7 @@ class NoiseLearner:
         return SensorNoise(float(np.sqrt(white_square)), rate_hz, frequency_hz[loud], excess[loud])
 
     def _learn(self, block: RecordArray) -> None:
-        """Average the spectrum of a block in."""
+        """Include the spectrum of a block in the average."""
         t = (block["t_ns"] - block["t_ns"][0]) / NS_PER_S
         steps = np.diff(t)
         period = float(np.median(steps))
@@ -109,7 +109,7 @@ class NoiseLearner:
         value = np.column_stack([np.interp(even, t, block["xyz"][:, axis]) for axis in range(3)])
         frequency_hz, power = _spectrum(value, _BLOCK_S)
         if len(power) != len(self._power):
-            # The rate has changed: the spectrum begins anew.
+            # The rate has changed: restart the average.
             self._blocks, self._frequency_hz, self._power = 0, frequency_hz, np.zeros(len(power))
         self._blocks += 1
         self._power += max(1.0 / self._blocks, _HOP_S / _MEMORY_S) * (power - self._power)

@@ -9,8 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.inertial.discrete_kernels import Samples, integrate, query, sample_sensitivity
-from asyneio.inertial.increments import ImuWindow, Increments, SampleNoise, checked_bias, checked_times
+from asyneio.inertial.discrete_kernels import Samples, Steps, integrate, query, sample_sensitivity
+from asyneio.inertial.increments import (
+    ImuWindow,
+    Increments,
+    SampleNoise,
+    checked_bias,
+    checked_times,
+    empty_increments,
+)
 from asyneio.types import FloatArray, IntArray
 
 
@@ -21,31 +28,14 @@ class DiscretePreintegration:
         self._bias = checked_bias(bias)
         self._duration = window.duration
         self._noise = noise
-        self._hold = hold
-        self._samples = Samples(
-            window.gyroscope_t, window.gyroscope, window.accelerometer_t, window.accelerometer
-        )
-        self._grid = _union(window)
-        self._index = np.stack(
-            [_sample_before(t, self._grid, hold) for t in (window.gyroscope_t, window.accelerometer_t)],
-            axis=1,
-        )
-        count = len(self._grid)
-        self._C = np.empty((count, 3, 3))
-        self._nu, self._r = np.empty((count, 3)), np.empty((count, 3))
-        self._d_bias = np.empty((count, 9, 6))
-        self._C[0], self._nu[0], self._r[0], self._d_bias[0] = np.eye(3), 0.0, 0.0, 0.0
-        integrate(
-            self._grid,
-            self._index,
-            self._samples,
-            self._bias,
-            hold,
-            self._C,
-            self._nu,
-            self._r,
-            self._d_bias,
-        )
+        samples = Samples(window.gyroscope_t, window.gyroscope, window.accelerometer_t, window.accelerometer)
+        grid = _union(window)
+        index = [_sample_before(t, grid, hold) for t in (window.gyroscope_t, window.accelerometer_t)]
+        self._steps = Steps(grid, np.stack(index, axis=1), samples, self._bias, hold)
+        self._increments = empty_increments(len(grid))
+        C, nu, r, d_bias = self._increments
+        C[0], nu[0], r[0], d_bias[0] = np.eye(3), 0.0, 0.0, 0.0
+        integrate(self._steps, self._increments)
 
     @property
     def bias(self) -> FloatArray:
@@ -64,53 +54,27 @@ class DiscretePreintegration:
             InertialError: a time is outside [0, duration].
         """
         times = checked_times(tau, self._duration)
-        count = len(times)
-        out = Increments(
-            np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 9, 6))
-        )
-        query(
-            times,
-            self._grid,
-            self._index,
-            self._samples,
-            self._bias,
-            self._hold,
-            self._C,
-            self._nu,
-            self._r,
-            self._d_bias,
-            *out,
-        )
+        out = empty_increments(len(times))
+        query(times, self._steps, self._increments, out)
         return out
 
     def end(self) -> Increments:
         """Increments (N = 1) at the end of the interval."""
-        return Increments(
-            self._C[-1:].copy(), self._nu[-1:].copy(), self._r[-1:].copy(), self._d_bias[-1:].copy()
-        )
+        return Increments(*(part[-1:].copy() for part in self._increments))
 
     def covariance(self, tau: float) -> FloatArray:
         """Covariance (9,9) of the errors [phi, nu, r] at `tau`, from independent noise of the samples.
 
-        A sample that two steps share is counted once, with the sum of its effects.
+        A sample that two steps share counts once, with the sum of its derivatives.
 
         Raises:
             InertialError: the time is outside [0, duration].
         """
         time = float(checked_times(np.array([tau]), self._duration)[0])
-        by_gyroscope = np.empty((len(self._samples.gyroscope_t), 9, 3))
-        by_accelerometer = np.empty((len(self._samples.accelerometer_t), 9, 3))
-        sample_sensitivity(
-            time,
-            self._grid,
-            self._index,
-            self._samples,
-            self._bias,
-            self._hold,
-            self._C,
-            by_gyroscope,
-            by_accelerometer,
-        )
+        samples = self._steps.samples
+        by_gyroscope = np.empty((len(samples.gyroscope_t), 9, 3))
+        by_accelerometer = np.empty((len(samples.accelerometer_t), 9, 3))
+        sample_sensitivity(time, self._steps, self._increments.C, by_gyroscope, by_accelerometer)
         return _outer(by_gyroscope, self._noise.gyroscope) + _outer(
             by_accelerometer, self._noise.accelerometer
         )

@@ -1,13 +1,12 @@
-"""The samples of an interval, projected onto the polynomials that a trajectory between two knots can show.
+"""Projection of an interval's samples onto the polynomials that a trajectory between two knots can represent.
 
 Between two knots the trajectory's rates are smooth: to far below the noise of any sensor they are polynomials
-of degree `NODES - 1`. All that a hundred samples say of such a curve is said by their best fit, taken at
-`NODES` times, with its covariance: as factors these few values are the same as all samples (exactly so for a
-polynomial), at a fraction of the cost. What the fit leaves over no trajectory can follow: it says how noisy
-the interval was.
+of degree `NODES - 1`. The values of the best fit at `NODES` times, with their covariance, contain all the
+information that a hundred samples have about such a curve: as factors they are equivalent to all samples
+(exactly so for a polynomial), at a fraction of the cost.
 
-The fit weighs the samples by their covariance (generalised least squares), so that vibration at known
-frequencies takes no part in it.
+The fit weights the samples by their covariance (generalised least squares), so that vibration at known
+frequencies has little influence.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ import numpy as np
 from asyneio.inertial.noise import SensorNoise
 from asyneio.types import FloatArray
 
-#: Values that stand for the samples of an interval.
+#: Number of values that represent the samples of an interval.
 NODES = 6
-#: Coefficients that the samples determine so much worse than the best one are left out: a gap.
+#: Coefficients that the samples determine worse than the best one by this factor are omitted: a gap.
 _CONDITION = 1e-3
 #: The remainder over its expectation that is not chance any more: with sixty degrees of freedom once in a
 #: thousand.
@@ -33,7 +32,7 @@ _LEAST_FREEDOM = 12
 
 @dataclass(frozen=True)
 class Projected:
-    """Values (n,3) at `t` (n,) [s] that stand for the samples; `root` (n,n), lower triangular, whitens each
+    """Values (n,3) at `t` (n,) [s] that represent the samples; `root` (n,n), lower triangular, whitens each
     axis."""
 
     t: FloatArray
@@ -57,7 +56,7 @@ def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
         noise: of the samples.
 
     Returns:
-        At most `NODES` values; the samples themselves, where there are no more than that.
+        At most `NODES` values; the samples themselves if there are no more of them.
     """
     if len(t) == 0:
         return Projected(t, value, np.empty((0, 0)))
@@ -77,8 +76,8 @@ def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
     scale = np.sqrt(excess) if freedom >= _LEAST_FREEDOM and excess > _SUDDEN else 1.0
     nodes, at_nodes = _nodes(n)
     fitted = at_nodes @ np.linalg.solve(R[:n, :n], coefficients)
-    # Coefficients are white with unit variance, and R at_nodes^{-1} makes them of the values. The triangular
-    # factor of this matrix with its columns reversed, reversed again, whitens too and is lower triangular.
+    # The coefficients are white with unit variance, and R at_nodes^{-1} computes them from the values. The
+    # triangular factor of this matrix with reversed columns, reversed again, is lower triangular and whitens.
     whiten = R[:n, :n] @ np.linalg.inv(at_nodes)
     upper = np.linalg.qr(whiten[:, ::-1])[1]
     root = upper[::-1, ::-1] / scale

@@ -1,14 +1,14 @@
-"""Held samples: a sensor whose value is renewed less often than it is read repeats each reading.
+"""Held samples: a sensor that updates its value less often than it is read repeats each reading.
 
-A repeated reading is the same measurement again and tells nothing new. The accelerometer of the DAVIS240, for
-instance, is renewed at 1 kHz and read at 2.3 kHz, so that each of its values appears two or three times.
+A repeated reading is the same measurement and contains no information. The accelerometer of the DAVIS240, for
+instance, is updated at 1 kHz and read at 2.3 kHz, so that each of its values appears two or three times.
 
-One repeated reading proves nothing: readings are quantised, and a sensor that barely moves may read the
-same value twice, or hundreds of times at rest, by measuring it anew each time. What tells the two apart is
-how long equal readings last. A held value lasts `k` readings or, where the two rates are no multiples of each
-other, `k` or `k + 1`, never fewer and never more; chance makes runs of all lengths, short ones most often.
-Therefore nothing is left out until holding is proven, and a value that stays for longer than a sensor holds
-one has been measured again: one reading for each time of holding is kept, so that a long rest is no pause.
+A single repeated reading proves nothing: readings are quantised, and a sensor that hardly moves can measure
+the same value twice, or hundreds of times when stationary. The two cases differ in the length of runs of
+equal readings. A held value lasts `k` readings or, if the rates are not multiples of each other, `k` or
+`k + 1`, never fewer and never more; chance produces runs of all lengths, mostly short ones. Therefore no
+reading is dropped until holding is proven. A value that lasts longer than the sensor holds one has been
+measured again: one reading per hold period is kept, so that a long stationary phase is not a gap.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ import numpy as np
 
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, BoolArray, IntArray, Packet, RecordArray
 
-#: Runs and steps of time that are remembered.
+#: Number of runs and of time steps that are kept.
 _MEMORY = 200
-#: Share of the runs that may be shorter or longer than a held value lasts: samples get lost on the way.
+#: Fraction of the runs that may be shorter or longer than a held value lasts: samples get lost.
 _EXCEPTIONS = 0.05
-#: Finished runs that prove holding where every value repeats: chance makes eight runs of two or three
-#: readings and no other with odds of 4e-4 at best.
+#: Number of complete runs that prove holding if every value repeats: by chance, eight runs of two or three
+#: readings and no others have a probability of at most 4e-4.
 _ENOUGH = 8
-#: Where some values do not repeat, nearly all runs remembered must have one or two readings, and so many of
-#: them two: chance makes three or more readings of an eighth of the runs then.
+#: If some values do not repeat, nearly all runs must have one or two readings, and this fraction of them two:
+#: by chance an eighth of the runs would then have three or more readings.
 _LEAST_REPEATS = 0.35
-#: Share of shorter runs that disproves holding.
+#: Fraction of shorter runs that disproves holding.
 _DISPROOF = 0.1
 
 
@@ -46,9 +46,9 @@ _NOT_HELD = _Hold(1, 1, 1.0)
 
 
 class Renewals:
-    """Passes each renewed reading of one sensor once, at the time when it was first read.
+    """Passes each updated reading of one sensor once, at the time when it was first read.
 
-    `rate_hz` is the rate of what is measured anew, 1 Hz before the second sample.
+    `rate_hz` is the rate of the updates, 1 Hz before the second sample.
     """
 
     def __init__(self) -> None:
@@ -56,13 +56,13 @@ class Renewals:
         self._lengths: IntArray = np.empty(0, dtype=np.int64)
         self._steps_ns: IntArray = np.empty(0, dtype=np.int64)
         self._last: RecordArray = np.empty(0, dtype=INERTIAL_DTYPE)
-        #: Length of the run that is not over; 0 in the very first one, -1 before it.
+        #: Length of the current run; 0 in the first one, -1 before it.
         self._running = -1
         self._kept_ns = 0
 
     @property
     def rate_hz(self) -> float:
-        """Rate of the renewed readings [Hz]."""
+        """Rate of the updated readings [Hz]."""
         if self._steps_ns.size == 0:
             return 1.0
         return NS_PER_S / (max(float(np.median(self._steps_ns)), 1.0) * self._hold.mean)
@@ -91,7 +91,7 @@ class Renewals:
         return samples[self._renewed(samples["t_ns"], same)]
 
     def _count(self, same: BoolArray) -> None:
-        """Take in the runs that ended; the very first one may have begun before the recording."""
+        """Add the runs that ended, except the first one, which may have started before the recording."""
         begins = np.flatnonzero(~same)
         if self._running < 0:
             begins, self._running = begins[1:], 0
@@ -105,13 +105,13 @@ class Renewals:
         self._lengths = np.concatenate([self._lengths, ended])[-_MEMORY:]
 
     def _renewed(self, t_ns: IntArray, same: BoolArray) -> BoolArray:
-        """Which samples of a sensor that holds its values to keep: new values, and old ones that have lasted
-        for longer than they are held."""
+        """Which samples to keep of a sensor that holds its values: new values, and values that have lasted
+        longer than they are held."""
         keep = ~same
         hold_ns = (self._hold.longest - 0.5) * float(np.median(self._steps_ns))
         kept_ns = self._kept_ns
         for i, t in enumerate(t_ns.tolist()):
-            # Time may have been set back.
+            # The clock may have jumped back.
             keep[i] |= not 0 <= t - kept_ns < hold_ns
             if keep[i]:
                 kept_ns = t
@@ -120,14 +120,14 @@ class Renewals:
 
 
 class RenewedPackets:
-    """Does so for both sensors of a rig, packet by packet."""
+    """Removes repeated readings of both sensors, packet by packet."""
 
     def __init__(self) -> None:
         self._gyroscope, self._accelerometer = Renewals(), Renewals()
 
     @property
     def rates_hz(self) -> tuple[float, float]:
-        """Rates of the renewed readings [Hz]: gyroscope, accelerometer."""
+        """Rates of the updated readings [Hz]: gyroscope, accelerometer."""
         return self._gyroscope.rate_hz, self._accelerometer.rate_hz
 
     def passed(self, packet: Packet) -> Packet:
@@ -140,10 +140,10 @@ class RenewedPackets:
 
 
 def _judged(lengths: IntArray, before: _Hold) -> _Hold:
-    """How long values are held, by the lengths (N,) of the last runs of equal readings."""
+    """How long values are held, from the lengths (N,) of the last runs of equal readings."""
     if lengths.size < _ENOUGH or (before == _NOT_HELD and lengths.max() == 1):
         return before
-    # The shortest length that is no exception.
+    # The shortest length that is not an exception.
     shortest = int(np.sort(lengths)[int(_EXCEPTIONS * lengths.size)])
     usual = lengths[(lengths == shortest) | (lengths == shortest + 1)]
     if usual.size >= (1.0 - _EXCEPTIONS) * lengths.size:
@@ -153,7 +153,7 @@ def _judged(lengths: IntArray, before: _Hold) -> _Hold:
             return _Hold(shortest, shortest + (longer > _EXCEPTIONS), float(usual.mean()))
     if float(np.mean(lengths < before.shortest)) > _DISPROOF:
         return _NOT_HELD
-    # Two-thirds of runs of one reading are no sign of a value held for one or two.
+    # Two thirds of runs of one reading do not indicate values held for one or two readings.
     if before.shortest == 1 and float(np.mean(lengths > before.longest)) > _DISPROOF:
         return _NOT_HELD
     return before

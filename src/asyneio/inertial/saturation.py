@@ -1,19 +1,19 @@
-"""The end of a sensor's range: many readings pile up at one extreme value of one axis, and none lies beyond.
+"""Saturation: readings accumulate at one extreme value of an axis, and none lies beyond it.
 
-Readings are quantised. At the top of a smooth swing two to eight of them are equal without any end of the
-range being near (real hand-held recording at 1 kHz), so that equal readings alone prove nothing. A reading at
-the end of the range is told by one of three signs, each on readings equal to the largest that this axis has
-ever given in this direction:
+Readings are quantised. At the top of a smooth swing two to eight of them are equal although the end of the
+range is not near (real hand-held recording at 1 kHz), so that equal readings alone prove nothing. The end of
+the range is detected by one of three criteria, each for readings equal to the largest that this axis has had
+in this direction:
 
-*It breaks off.* The line and the parabola through the three samples before go well beyond it, compared with
-how far samples usually are from such a line or parabola after the same number of samples. The more readings
-are equal, the less it takes.
+*Clipping.* The line and the parabola through the three samples before extend well beyond it, compared with
+the typical distance of samples from such a line or parabola after the same number of samples. The more
+readings are equal, the smaller the required distance.
 
-*It is reached again.* Two separate, abrupt swings end at exactly the same value.
+*Repetition.* Two separate, abrupt swings end at exactly the same value.
 
-*It stays.* The readings are equal for much longer than this axis is known to repeat a reading otherwise.
+*Duration.* The readings are equal for much longer than this axis otherwise repeats a reading.
 
-What is read later corrects: a reading beyond shows that it was no end.
+A later reading beyond the value proves that it is not the end of the range.
 """
 
 from __future__ import annotations
@@ -23,23 +23,24 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from asyneio.types import BoolArray, FloatArray
 
-#: How many times further beyond the end than usual line and parabola must go after two, three, ... equal
-#: readings. A real recording without saturation, cut into pieces of three hundred samples, reaches 4.0, 2.9,
-#: 2.8, 1.7 and 1.8 for two to six.
+#: Multiples of the typical distance by which line and parabola must extend beyond the value after two, three,
+#: ... equal readings. A real recording without saturation, cut into pieces of three hundred samples, reaches
+#: 4.0, 2.9, 2.8, 1.7 and 1.8 for two to six.
 _BREAKS = (6.0, 4.0, 3.5, 2.5)
-#: And by so many of the converter's steps for each sample: a slower motion may come to rest unnoticed.
+#: The same in steps of the converter per sample: a slower motion may stop without a visible change.
 _STEPS = 2.0
-#: What counts as usual: a distance that one in ten is beyond, of so many samples before.
+#: Typical distance: this quantile of the distances of this many samples before.
 _USUAL, _HISTORY = 0.9, 40
-#: Fewer than these tell nothing.
+#: Minimum number of samples before.
 _LEAST_HISTORY = 15
-#: A swing is abrupt where its last step is so many times the usual distance.
+#: A swing is abrupt if its last step is this multiple of the typical distance.
 _ABRUPT = 6.0
-#: Readings in two or more abrupt swings that reach the same value.
+#: Number of readings in two or more abrupt swings to the same value.
 _TOUCHES = 3
-#: Equal readings in a row, whatever came before; at least, and as a multiple of the longest other run.
+#: Number of equal readings in a row, regardless of those before: minimum, and multiple of the longest other
+#: run.
 _STAY, _STAY_FACTOR = 5, 2
-#: Readings kept from the packets before.
+#: Number of readings kept from earlier packets.
 _TAIL = 3 * _HISTORY
 
 
@@ -78,21 +79,21 @@ class RangeEnds:
                 column = sign * rows[:, k]
                 for i in np.flatnonzero(column[first:] >= end.extreme).tolist():
                     out[i] |= end.reached(column[: first + i + 1], least, habits)
-                # Those that led to the discovery, as far as they came with it.
+                # Also the equal readings before the detection, as far as they belong to this packet.
                 out |= end.known & (column[first:] == end.extreme)
         return out
 
 
 class _Habits:
-    """Of one axis: the longest run of equal readings that is not at an end, and the smallest step."""
+    """One axis: the longest run of equal readings that is not at an end, and the smallest step."""
 
     def __init__(self) -> None:
         self.longest = self._running = 1
         self.step = np.inf
 
     def see(self, step: float, same: BoolArray | None) -> None:
-        """Take in the smallest step between the next readings that is not zero, and which of them (N,) are
-        equal to the one before away from the ends; None where no reading is equal to the one before."""
+        """Update with the smallest non-zero step between the next readings, and with which of them (N,) are
+        equal to the one before, away from the ends; None if no reading is equal to the one before."""
         self.step = min(self.step, step)
         if same is None or not same.any():
             self._running = 1
@@ -114,9 +115,9 @@ class _End:
         self.extreme = -np.inf
         #: Whether that is the end of the range.
         self.known = False
-        #: Of readings at the extreme: in a row; in abrupt swings, and the number of these.
+        #: Number of readings at the extreme in a row, and in abrupt swings; number of abrupt swings.
         self._run = self._touches = self._swings = 0
-        #: What came before the first one, until a second swing asks for it.
+        #: The readings before the first one, kept until a second swing.
         self._approach: FloatArray | None = None
         #: Whether the last swing to the extreme was abrupt.
         self._abrupt = False
@@ -125,9 +126,9 @@ class _End:
         """Whether the last of `rows` (M,) is at the end.
 
         Args:
-            rows: the last readings; only those whose last one is at the extreme or beyond need be given.
-            least: no end is below.
-            habits: of the axis elsewhere.
+            rows: the last readings; needed only if the last one is at the extreme or beyond.
+            least: smallest possible end of the range.
+            habits: of the axis away from its ends.
         """
         value = float(rows[-1])
         if value < self.extreme:
@@ -157,9 +158,9 @@ class _End:
         self._run = 0
 
     def _breaks_off(self, before: FloatArray, value: float, step: float) -> bool:
-        """Whether line and parabola through the samples before (M,) go far beyond the run at `value`.
+        """Whether line and parabola through the samples before (M,) extend far beyond the run at `value`.
 
-        By more than a motion that is as slow as a converter's `step` from sample to sample.
+        The distance must also exceed a motion of one converter's `step` per sample.
         """
         if self._run < 2 or len(before) < 3:
             return False
@@ -172,8 +173,8 @@ class _End:
 
 
 def _continued(three: FloatArray, ahead: int) -> tuple[FloatArray, FloatArray]:
-    """Where the first three readings of rows (N,3 or more) lead after so many samples: by a line, by a
-    parabola, both (N,)."""
+    """Extrapolation of the first three readings of rows (N,3 or more) by the given number of samples, with a
+    line and with a parabola, both (N,)."""
     step = three[:, 2] - three[:, 1]
     bend = step - (three[:, 1] - three[:, 0])
     line = three[:, 2] + ahead * step
@@ -181,13 +182,13 @@ def _continued(three: FloatArray, ahead: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _is_abrupt(before: FloatArray, value: float) -> bool:
-    """Whether the step from the last of the readings before (M,) to `value` is far larger than usual ones."""
+    """Whether the step from the last of the readings before (M,) to `value` is far larger than typical."""
     usual = _usual_distance(before, 1)
     return usual is not None and value - float(before[-1]) > _ABRUPT * usual
 
 
 def _usual_distance(before: FloatArray, ahead: int) -> float | None:
-    """How far samples usually are from the nearer of the two; None where there are too few to tell."""
+    """Typical distance of samples from the nearer of the two; None if there are too few samples."""
     before = before[-(_HISTORY + ahead) :]
     if len(before) < _LEAST_HISTORY + ahead + 3:
         return None

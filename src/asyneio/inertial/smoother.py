@@ -3,7 +3,7 @@
 A scalar p with white noise of density q on its third derivative is a GP whose kernel is that of a quintic
 smoothing spline; its state [p, p', p''] is Markov. The Kalman filter and the Rauch-Tung-Striebel smoother
 give the posterior mean at the nodes. Gains depend on times alone: one set serves all axes and all
-derivatives, which stand as columns. Nodes are the samples' times and any others that are wanted; `row[j]` is
+derivatives, which are columns. Nodes are the times of the samples and any other required times; `row[j]` is
 the sample at node j, or -1.
 """
 
@@ -39,14 +39,17 @@ def _predict(P: FloatArray, dt: float, density: float, out: FloatArray) -> None:
 
 @njit(cache=True, nogil=True)
 def _update(P: FloatArray, variance: float, K: FloatArray) -> float:
-    """Take one sample into `P` (3,3), in place; writes the gain `K` (3,), returns the innovation variance."""
+    """Update `P` (3,3) with one sample, in place; writes the gain `K` (3,), returns the innovation variance.
+
+    After the update the first row and column of P are `K` times the sample's variance.
+    """
     S = P[0, 0] + variance
     for i in range(3):
         K[i] = P[i, 0] / S
     for i in range(3):
         for j in range(3):
             P[i, j] -= K[i] * K[j] * S
-    # In place of the difference of two large numbers while the prior still dominates.
+    # Avoids the difference of two large numbers while the prior still dominates.
     for i in range(3):
         P[i, 0] = K[i] * variance
         P[0, i] = P[i, 0]
@@ -55,7 +58,7 @@ def _update(P: FloatArray, variance: float, K: FloatArray) -> float:
 
 @njit(cache=True, nogil=True)
 def _backward_gain(P: FloatArray, dt: float, density: float, G: FloatArray) -> None:
-    """`G = Phi^{-1} (1 - Q P^{-1})` (3,3) with `P` predicted over `dt`: what smoothing takes back a step."""
+    """`G = Phi^{-1} (1 - Q P^{-1})` (3,3) with `P` predicted over `dt`: the smoother's gain of one step."""
     l00 = np.sqrt(P[0, 0])
     l10 = P[1, 0] / l00
     l20 = P[2, 0] / l00
@@ -114,8 +117,8 @@ def gains(
 def evidence(
     t: FloatArray, y: FloatArray, density: float, variance: float, prior: FloatArray
 ) -> tuple[float, float]:
-    """Volume and misfit, whose sum is minus twice the log likelihood of samples `y` (n,c) at `t` (n,) but for
-    its constant: c times the log determinant of their covariance, and their squares whitened with it."""
+    """Minus twice the log likelihood of samples `y` (n,c) at `t` (n,), up to a constant, in two terms: c
+    times the log determinant of their covariance, and the sum of their whitened squares."""
     P = np.zeros((3, 3))
     ahead = np.empty((3, 3))
     K = np.empty(3)

@@ -1,4 +1,4 @@
-"""How smooth the signals are: the processes' densities, from the likelihood of the samples themselves."""
+"""Smoothness of the signals: the densities of their processes, by maximum likelihood of the samples."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from asyneio.inertial.increments import ImuWindow, SampleNoise
 from asyneio.inertial.smoother import evidence
 from asyneio.types import FloatArray
 
-#: Densities that are tried, in units of a sample's variance over the fifth power of the sample period: from
-#: a parabola through everything to a spline through every sample.
+#: Candidate densities, in units of a sample's variance over the fifth power of the sample period: from one
+#: parabola for all samples to a spline through every sample.
 _DECADES = np.arange(-14.0, 5.0)
 _COARSE = 3
-#: How many values the declared noise is worth against what the samples show of theirs.
+#: Weight of the declared noise, as a number of values, against the noise that the samples show.
 _BELIEF = 6.0
 #: Standard deviations of the prior at the first node, in units of the largest value and differences seen.
 _PRIOR = 3.0
-#: Smallest standard deviation of a sample, in units of the largest sample: below, interpolation is the same.
+#: Smallest standard deviation of a sample, in units of the largest sample: below, interpolation is unchanged.
 _LEAST_SIGMA = 1e-6
 
 
 @dataclass(frozen=True)
 class Smoothness:
-    """Densities of the white noise on the second derivative's rate: of phi_dot [rad^2/s^7], of a_k [m^2/s^9].
+    """Densities of the white noise on the third derivatives: of phi_dot [rad^2/s^7] and of a_k [m^2/s^9].
 
     Raises:
         InertialError: one is not a positive number.
@@ -47,8 +47,8 @@ class Smoothness:
 def find_smoothness(window: ImuWindow, noise: SampleNoise) -> Smoothness:
     """Densities with the largest marginal likelihood of the samples, to a decade.
 
-    The raw samples are judged, not the latent states: so the choice knows neither rotation nor bias, and
-    increments stay differentiable by the bias.
+    The likelihood is that of the raw samples, not of the latent states: it depends on neither rotation nor
+    bias, so that increments stay differentiable with respect to the bias.
     """
     return Smoothness(
         _likeliest(window.gyroscope_t, window.gyroscope, noise.gyroscope, _DECADES),
@@ -58,7 +58,7 @@ def find_smoothness(window: ImuWindow, noise: SampleNoise) -> Smoothness:
 
 @njit(cache=True, nogil=True)
 def _likeliest(t: FloatArray, y: FloatArray, sigma: float, decades: FloatArray) -> float:
-    """Every third decade, then the two on either side of the best."""
+    """The best density: every third decade first, then the two decades on either side of the best."""
     prior = np.empty(3)
     variance = prior_variances(t, y, sigma, prior)
     unit = variance / ((t[-1] - t[0]) / (t.shape[0] - 1)) ** 5
@@ -79,13 +79,13 @@ def _likeliest(t: FloatArray, y: FloatArray, sigma: float, decades: FloatArray) 
 
 @njit(cache=True, nogil=True)
 def _surprise(t: FloatArray, y: FloatArray, density: float, variance: float, prior: FloatArray) -> float:
-    """Minus twice the log marginal likelihood, all variances scaled down to what suits the samples best.
+    """Minus twice the log marginal likelihood, with all variances scaled down to fit the samples best.
 
-    Declared noise is often inflated, and would then smooth motion away. It is never scaled up: fast motion
-    would pass for noise.
+    Declared noise is often inflated and would then smooth motion away. It is never scaled up, because fast
+    motion would then count as noise.
     """
     volume, misfit = evidence(t, y, density, variance, prior)
-    # Three values an axis fix the parabola that the prior leaves free.
+    # Three values per axis determine the parabola that the prior leaves free.
     free = max(t.shape[0] - 3, 0) * y.shape[1]
     scale = min((_BELIEF + misfit) / (_BELIEF + free), 1.0)
     return volume + (_BELIEF + free) * np.log(scale) + (_BELIEF + misfit) / scale
@@ -95,8 +95,9 @@ def _surprise(t: FloatArray, y: FloatArray, density: float, variance: float, pri
 def prior_variances(t: FloatArray, y: FloatArray, sigma: float, prior: FloatArray) -> float:
     """Write the variances (3,) of [p, p', p''] at the first node, return that of a sample.
 
-    The prior is so wide that the samples `y` (N,3) at `t` (N,) decide, where there are any, and not wider:
-    the filter's rounding grows with the ratio of the two. Made of raw samples, it does not know the bias.
+    The prior is wide enough for the samples `y` (N,3) at `t` (N,) to dominate, and not wider, because the
+    filter's rounding errors grow with the ratio of the two. It is derived from raw samples, so it does not
+    depend on the bias.
     """
     size = np.zeros(3)
     period = (t[-1] - t[0]) / (t.shape[0] - 1)

@@ -1,12 +1,13 @@
-"""Is an inertial sensor at rest? What the samples of half a second say, against the noise they must have.
+"""Test whether an inertial sensor is stationary, from samples over half a second and their expected noise.
 
-Means over short bins are compared with the mean over the whole span, or with what the sensor read when it was
-surely at rest. White noise of density `d` leaves a mean over `T` seconds with the standard deviation
-`d / sqrt(T)`: motion as slow as a hand's shows in means long before it shows among single samples. Single
-samples show what averages away: the vibration of an engine or a rotor. The parts are those of the
+Means over short bins are compared with the mean over the whole span, or with readings from a time when the
+sensor was certainly stationary. With white noise of density `d`, a mean over `T` seconds has the standard
+deviation `d / sqrt(T)`: slow motion of a hand is visible in means long before it is visible in single
+samples. Single samples show vibration of an engine or a rotor, which averages out. These are the parts of the
 generalised likelihood ratio test for zero velocity (Skog et al., IEEE TBME 2010).
 
-A sensor in smooth, straight, uniform motion reads the same as one at rest: this test alone does not prove it.
+A sensor in smooth, straight, uniform motion reads the same as a stationary one, so that this test alone is
+not sufficient.
 """
 
 from __future__ import annotations
@@ -17,20 +18,20 @@ import numpy as np
 
 from asyneio.types import BoolArray, FloatArray, IntArray
 
-#: Length of a bin [ns]: the shortest push that moves anything by a tenth of a millimetre at the limit.
+#: Length of a bin [ns]: an acceleration at the limit over one bin moves the sensor by 0.1 mm.
 BIN_NS = 50_000_000
-#: Densities [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)] below which none is believed. Two sensors lying still showed
-#: means over 50 ms that scatter by up to 7e-4 rad/s and 9e-3 m/s^2, which is two to four times what
-#: their single samples suggest: low frequencies are louder than white noise.
+#: Smallest assumed densities [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)]. In two stationary sensors, means over 50 ms
+#: scattered by up to 7e-4 rad/s and 9e-3 m/s^2, two to four times what their single samples suggest: the
+#: noise has more power at low frequencies than white noise.
 LEAST_DENSITY = (2e-4, 2e-3)
-#: Scatter [rad/s, m/s^2] of single samples that any consumer sensor may have at rest; two lying still had
-#: up to 2.4e-3 and 3.2e-2. A running engine shakes by metres per square second.
+#: Scatter [rad/s, m/s^2] of single samples that any stationary consumer sensor may have; two had up to 2.4e-3
+#: and 3.2e-2. A running engine causes metres per square second.
 LEAST_SCATTER = (6e-3, 0.1)
-#: Single samples may scatter by so many times what is declared: figures are often put too low.
+#: Single samples may scatter by this multiple of the declared noise, which is often too low.
 _SCATTER_FACTOR = 2.0
 
 
-#: No sensor reads more, in any unit: such a sample is corrupt.
+#: Larger readings are corrupt, in any unit.
 _IMPOSSIBLE = 1e6
 
 
@@ -51,12 +52,12 @@ def measure_stationarity(
 ) -> Stationarity | None:
     """Figures of one sensor between two times; `t_ns` (N,) ascending, `value` (N,3).
 
-    None where the samples do not tell: fewer than two in a bin, or corrupt ones.
+    None if a bin has fewer than two samples, or if samples are corrupt.
     """
     inside = slice(*np.searchsorted(t_ns, [start_ns, end_ns], side="right"))
     t, x = t_ns[inside], value[inside]
     bins = (end_ns - start_ns) // BIN_NS
-    # One wrong stamp makes a span of years, with more bins than fit into memory.
+    # One wrong stamp can make a span of years, with more bins than fit into memory.
     if len(t) < 2 * bins:
         return None
     # The bins end with the span; samples are taken with start < t <= end.
@@ -74,15 +75,15 @@ def measure_stationarity(
 
 
 def possible(value: FloatArray) -> BoolArray:
-    """Which samples (N,3) a sensor may have read: (N,)."""
+    """Which samples (N,3) are possible readings: (N,)."""
     return np.asarray((np.abs(value) < _IMPOSSIBLE).all(axis=1))
 
 
 def deviation(found: Stationarity, reference: FloatArray, density: float, walk: float = 0.0) -> float:
-    """How far the means stray from `reference` (3,), in standard deviations of white noise of `density`.
+    """Distance of the means from `reference` (3,), in standard deviations of white noise of `density`.
 
-    The largest over axes, of the bins and of the whole span; `walk` is a standard deviation by which the
-    reading itself may have wandered since the reference was taken.
+    The largest over axes, of the bins and of the whole span; `walk` is the standard deviation of the random
+    walk since the reference was taken.
     """
     sigma_bin = np.hypot(density / np.sqrt(BIN_NS * 1e-9), walk)
     sigma_span = np.hypot(density / np.sqrt(found.span_s), walk)
@@ -91,6 +92,6 @@ def deviation(found: Stationarity, reference: FloatArray, density: float, walk: 
 
 
 def shakes(found: Stationarity, density: float, least_scatter: float) -> bool:
-    """Whether single samples scatter by more than the noise of a sensor at rest."""
+    """Whether single samples scatter by more than the noise of a stationary sensor."""
     declared = density / np.sqrt(found.period_s)
     return bool(found.scatter.max() > _SCATTER_FACTOR * max(declared, least_scatter))

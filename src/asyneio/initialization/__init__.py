@@ -1,1 +1,1 @@
-"""From nothing to a first window: visual-inertial alignment and warm-up."""
+"""Initialization of the first window: consensus of tracks, visual-inertial alignment, adjustment, warm-up."""

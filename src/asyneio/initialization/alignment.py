@@ -1,15 +1,14 @@
 """Linear visual-inertial alignment: velocity, gravity and depths from tracks and IMU, no initial guess.
 
 In the body frame b0 at the first instant the IMU gives rotation R(t) and the double integral s(t) of the
-specific force, so that the body is at p(t) = v t + g t^2 / 2 + s(t), linear in velocity v and gravity
-g. A landmark
-X seen along d(t) = R(t) C_bc z (unit) from the camera centre c(t) = p(t) + R(t) r_bc satisfies
+specific force, so that the body is at p(t) = v t + g t^2 / 2 + s(t), linear in velocity v and gravity g. A
+landmark X seen along d(t) = R(t) C_bc z (unit) from the camera centre c(t) = p(t) + R(t) r_bc satisfies
 
     (1 - d d^T) (X - c(t)) = 0,
 
-which is linear in X, v and g. Every X is eliminated by its own 3x3 block; six unknowns are left. Gravity's
-known magnitude is then imposed by Gauss-Newton on the sphere. Rows are weighted by the inverse distance of
-the landmark (second pass), so that residuals are angles.
+which is linear in X, v and g. Every X is eliminated by its own 3x3 block; six unknowns remain. The known
+magnitude of gravity is then imposed by Gauss-Newton on the sphere. In a second pass, rows are weighted by the
+inverse distance of the landmark, so that residuals are angles.
 
 Source: the closed-form solution family of Martinelli (IJCV 2014) and Dong-Si and Mourikis (IROS 2012),
 with the gravity sphere of VINS-Mono, which the paper cites.
@@ -25,15 +24,15 @@ from numba import njit
 from asyneio.errors import EstimationError
 from asyneio.types import FloatArray, IntArray
 
-#: Scatter of a track's bearings along its mean ray, over what noise alone gives.
+#: Scatter of a track's bearings along its mean ray, as a multiple of the scatter from noise alone.
 _PARALLAX_OVER_NOISE = 2.0
-#: Six unknowns, and each track gives two equations per observation less its three coordinates.
+#: There are six unknowns; each track gives two equations per observation less its three coordinates.
 _MIN_TRACKS = 5
 
 
 @dataclass(frozen=True)
 class AlignmentData:
-    """What alignment sees, all in the first body frame: M observations of tracks numbered 0..L-1."""
+    """Input of the alignment, in the first body frame: M observations of tracks numbered 0..L-1."""
 
     t: FloatArray  # (M,) seconds after the first instant
     direction: FloatArray  # (M,3) unit, R(t) C_bc z
@@ -86,7 +85,7 @@ def align(data: AlignmentData, gravity: float, bearing_sigma: float = 0.0) -> Al
 
 
 def _with_parallax(data: AlignmentData, bearing_sigma: float) -> AlignmentData:
-    """The tracks whose bearings move more than their noise: the others say nothing about depth."""
+    """The tracks whose bearings move by more than their noise: the others contain no information on depth."""
     P = np.eye(3) - np.einsum("ni,nj->nij", data.direction, data.direction)
     scatter = np.zeros((data.tracks, 3, 3))
     np.add.at(scatter, data.track, P)
@@ -105,14 +104,14 @@ def _with_parallax(data: AlignmentData, bearing_sigma: float) -> AlignmentData:
 
 
 def _align(data: AlignmentData, gravity: float, bearing_sigma: float) -> Alignment:
-    """Once without compensation, which tells the noise there is, then with it.
+    """Solve once without compensation, which gives the actual noise, then with it.
 
-    Compensating for more noise than there is turns the equations indefinite. The first solution minimises the
-    misses of the rays, so these are no larger than the noise makes them.
+    Compensating for more noise than there is makes the equations indefinite. The first solution minimises the
+    distances of the rays, so these are not larger than the noise.
     """
     points, solution = _solve(data, gravity, 0.0)
     miss = _ray_residual(data, points, solution)
-    # Two equations an observation, less three unknowns a track.
+    # Two equations per observation, less three unknowns per track.
     freedom = 1.0 - 1.5 * data.tracks / data.t.size
     sigma = min(bearing_sigma, miss / np.sqrt(2.0 * max(freedom, 0.1)))
     points, solution = _solve(data, gravity, sigma)
@@ -135,7 +134,7 @@ def _solve(data: AlignmentData, gravity: float, bearing_sigma: float) -> tuple[F
 def _reduced(
     data: AlignmentData, distance: FloatArray, bearing_sigma: float
 ) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
-    """Normal equations of [v, g] (6x6), and the blocks that give the landmarks back."""
+    """Normal equations of [v, g] (6x6), and the blocks for the back-substitution of the landmarks."""
     H_xx = np.zeros((data.tracks, 3, 3))
     H_xs = np.zeros((data.tracks, 3, 6))
     b_x = np.zeros((data.tracks, 3))

@@ -1,15 +1,15 @@
-"""Before the start: the tracks that agree on one velocity and one gravity, and those that contradict them.
+"""IMU-aided MSAC before initialization: which tracks agree on one velocity and one gravity.
 
 As in `alignment`, the camera is at c(t) = F(t) z with z = [v, g, 1] and F = [t, t^2 / 2, offset]: its path is
-known from the inertial samples but for six numbers. A track whose rays d_i are seen from there costs, for a
-point at bearing kappa and inverse distance rho from its mean camera position,
+known from the inertial samples up to six numbers. For a point at bearing kappa and inverse distance rho from
+the track's mean camera position, a track with rays d_i has the cost
 
     sum_i |P_i (kappa - rho F_i z)|^2 = kappa^T S kappa - 2 rho kappa^T K z + rho^2 z^T G z,
 
-P_i = 1 - d_i d_i^T, F_i about its mean over the track: three small matrices say all about a track,
-whatever the hypothesis. Hypotheses come from three tracks each (MSAC); the best is refined over its own
-inliers. A body that moves by itself is consistent with another velocity, so the tracks on it agree with
-each other, but not with the larger part of the scene.
+P_i = 1 - d_i d_i^T, F_i relative to its mean over the track: three small matrices describe a track for every
+hypothesis. Hypotheses come from three tracks each (MSAC); the best is refined over its own inliers. Tracks on
+a moving object are consistent with another velocity: they agree with each other, but not with the larger part
+of the scene.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from asyneio.types import BoolArray, FloatArray, IntArray
 _SUBSET = 3
 _HYPOTHESES = 60
 _REFINEMENTS = 5
-#: Prior on a bias that is taken as known, rad/s.
+#: Standard deviation of a bias that is assumed to be known, rad/s.
 _NO_BIAS = 1e-9
-#: Velocities [m/s] and gravity errors [m/s^2] that a start may meet: regularises what a subset leaves open.
+#: Standard deviations of velocity [m/s] and of errors of gravity [m/s^2], which regularise small subsets.
 _VELOCITY_SIGMA = 3.0
 _GRAVITY_SIGMA = 2.0
-#: Observations and tracks without which there is no verdict.
+#: Minimum number of observations of a track, and of tracks, for a result.
 _MIN_OBSERVATIONS = 4
 _MIN_TRACKS = 8
 
 
 @dataclass(frozen=True)
 class _Sums:
-    """What hypotheses need of L tracks."""
+    """Sums over the observations of L tracks that the hypotheses need."""
 
     S: FloatArray  # (L,3,3) sum P
     K: FloatArray  # (L,3,7) sum P F
@@ -52,15 +52,15 @@ class _Sums:
 
 
 class BiasEffect(NamedTuple):
-    """Derivatives (M,3,3) of `direction` and `offset` of the alignment's data by the gyroscope's bias."""
+    """Derivatives (M,3,3) of `AlignmentData.direction` and `.offset` by the gyroscope's bias."""
 
     direction: FloatArray
     offset: FloatArray
 
 
 class Consensus(NamedTuple):
-    """Which tracks (L,) agree, and the bias (3,) [rad/s] of the gyroscope that their rays tell of, with its
-    largest standard deviation; None where there is no verdict."""
+    """Which tracks (L,) agree, and the bias (3,) [rad/s] of the gyroscope that fits their rays, with its
+    largest standard deviation; None where there are too few tracks for a result."""
 
     agreeing: BoolArray
     gyroscope_bias: FloatArray | None
@@ -70,18 +70,17 @@ class Consensus(NamedTuple):
 def find_consensus(
     data: AlignmentData, effect: BiasEffect, gravity: float, bearing_sigma: float, gyroscope_sigma: float
 ) -> Consensus:
-    """Which tracks are consistent with the motion that most of them agree on.
+    """Which tracks are consistent with the motion on which most of them agree.
 
-    Tracks with fewer than four observations are; so are all where there are too few to tell, or where no
-    motion suits more than half of them.
+    Tracks with fewer than four observations count as consistent; so do all tracks if there are too few of
+    them, or if no motion fits more than half of them.
 
     Args:
-        data: rays and offsets, as alignment takes them; a second or so of them.
-        effect: what a bias of the gyroscope does to them.
+        data: rays and offsets as in alignment, of about a second.
+        effect: their derivatives by the gyroscope bias.
         gravity: its magnitude [m/s^2].
         bearing_sigma: noise of a bearing across the ray [rad].
-        gyroscope_sigma: of what is left of the gyroscope's bias [rad/s]: it turns the rays along a track as
-            no point does.
+        gyroscope_sigma: of the remaining gyroscope bias [rad/s], which rotates the rays along a track.
     """
     agreeing = np.ones(data.tracks, dtype=np.bool_)
     counts = np.bincount(data.track, minlength=data.tracks)
@@ -140,7 +139,7 @@ class _Rays:
         return np.asarray(np.add.reduceat(values, self.begin, axis=0))
 
     def _centred(self, values: FloatArray) -> FloatArray:
-        """Values (M,3,n) about their mean over the track."""
+        """Values (M,3,n) relative to their mean over the track."""
         return np.asarray(values - (self.total(values) / self.counts[:, None, None])[self.track])
 
 
@@ -155,11 +154,11 @@ def _sums(rays: _Rays, bearing_sigma: float, gyroscope_sigma: float) -> _Sums:
         K=rays.total(PF),
         G=rays.total(np.swapaxes(rays.F, 1, 2) @ PF),
         mean=mean,
-        # The complement of the mean ray.
+        # Basis of the plane orthogonal to the mean ray.
         basis=np.swapaxes(np.linalg.svd(mean[:, None, :])[2][:, 1:], 1, 2),
         freedom=freedom,
         variance=bearing_sigma**2 + gyroscope_sigma**2 * spread,
-        # Noise of the bearings averages out over a track, a turn of all of them does not.
+        # Noise of the bearings averages out over a track, a common rotation of them does not.
         allowed=bearing_sigma**2 * reduced_chi_square_gate(freedom)
         + gyroscope_sigma**2 * spread * reduced_chi_square_gate(2.0),
     )
@@ -170,18 +169,18 @@ def _gauss_newton(
 ) -> tuple[FloatArray, FloatArray]:
     """Step (9,) of velocity, gravity and gyroscope bias for the tracks `inside`, and its covariance (9,9).
 
-    Their points are eliminated. Unlike the linear equations of a hypothesis, whose noise shortens distances
-    and velocity, it has no bias.
+    Their points are eliminated. Unlike the linear equations of a hypothesis, in which noise shortens
+    distances and velocity, the step is unbiased.
     """
     rho = _points(sums, z[None])[0][0][rays.track][:, None]
     P, Fz = rays.P, rays.F @ z
     e = np.einsum("nij,nj->ni", P, sums.mean[rays.track] - rho * Fz)
     own = P @ np.concatenate([sums.basis[rays.track], -Fz[:, :, None]], axis=2)
     rho = rho[:, :, None]
-    # kappa - rho F z must be along the turned ray.
+    # kappa - rho F z must be along the rotated ray.
     common = -P @ np.concatenate([rho * rays.F[:, :, :6], rays.d_direction + rho * rays.d_offset], axis=2)
     A = rays.total(np.swapaxes(own, 1, 2) @ own)
-    # Without parallax the last of the three is open.
+    # Without parallax the last of the three is undetermined.
     A += 1e-9 * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     B = rays.total(np.swapaxes(own, 1, 2) @ common)
     a = rays.total(np.einsum("nji,nj->ni", own, e))
@@ -195,8 +194,8 @@ def _gauss_newton(
 
 
 def _mean_gravity(data: AlignmentData, gravity: float) -> FloatArray:
-    """Gravity (3,) in the first body frame if the body were, on the whole, not accelerated: from a parabola
-    through the doubly integrated specific force."""
+    """Gravity (3,) in the first body frame, assuming zero mean acceleration: from a parabola through the
+    doubly integrated specific force."""
     A = np.vander(data.t, 3)
     bend: FloatArray = -2.0 * np.linalg.lstsq(A, data.offset, rcond=None)[0][0]
     norm = float(np.linalg.norm(bend))
@@ -207,7 +206,7 @@ class _Solver:
     """Velocity and gravity from weighted tracks."""
 
     def __init__(self, sums: _Sums, down: FloatArray) -> None:
-        # Without parallax S is singular along the ray: a little information there keeps the point near.
+        # Without parallax S is singular along the ray: a little information there limits the distance.
         S = sums.S + 1e-6 * np.trace(sums.S, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         self._M = sums.G - np.swapaxes(sums.K, 1, 2) @ np.linalg.solve(S, sums.K)
         variance = float(np.median(sums.variance))
@@ -242,5 +241,5 @@ def _points(sums: _Sums, z: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _misses(sums: _Sums, z: FloatArray) -> FloatArray:
-    """Mean squared misses (H,L) of the rays, relative to what noise explains."""
+    """Mean squared distances (H,L) of the rays, relative to those from noise alone."""
     return np.maximum(_points(sums, z)[1], 0.0) / (sums.freedom * sums.allowed)

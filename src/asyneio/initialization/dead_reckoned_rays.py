@@ -1,4 +1,4 @@
-"""From increments of the IMU to the rays of the dead-reckoned adjustment."""
+"""The rays of the dead-reckoned adjustment from increments of the IMU."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class SpanObservations:
 
 
 class DeadReckoning:
-    """The IMU's integral over a span, as a function of the biases.
+    """The integrated IMU over a span, as a function of the biases.
 
     Args:
         window: the samples, in seconds after the start of the span.
         noise: of the samples.
         T_b_c: (4,4) camera to body.
-        seen: what the camera saw, in any order within a track's ascending times.
+        seen: observations; those of each track in ascending time.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class DeadReckoning:
         self._rate = np.stack([np.interp(seen.t, samples[0], axis) for axis in samples[1].T], axis=1)
         order = np.argsort(seen.track, kind="stable")
         count = np.bincount(seen.track)
-        # A track is parametrised where it was in the middle of its life: nearest to all its observations.
+        # A track is parametrised at its middle observation, which is nearest to all others.
         self._reference = order[np.cumsum(count) - count + count // 2]
 
     def increments(self, t: FloatArray, bias: FloatArray) -> Increments:
@@ -53,8 +53,8 @@ class DeadReckoning:
     def rays(self, bias: FloatArray) -> Rays:
         """The rays of all observations, dead-reckoned with biases (6,) [b_g, b_a].
 
-        The camera's centre is `r + C r_bc`, and an angle `phi` on the right of C moves it by `-C [r_bc]x
-        phi`; in time it moves by `nu + C (omega x r_bc)`, besides what velocity and gravity do.
+        The camera's centre is `r + C r_bc`. An angle `phi` on the right of C moves it by `-C [r_bc]x phi`; in
+        time it moves by `nu + C (omega x r_bc)`, in addition to velocity and gravity.
         """
         seen = self._seen
         at = self.increments(seen.t, bias)

@@ -1,5 +1,4 @@
-"""Warm-up (40): generalised velocity and acceleration of the knots from known poses, through the
-motion prior.
+"""Warm-up (40): generalised velocity and acceleration of the knots from known poses and the motion prior.
 
 Minimises the motion prior over varpi and varpi_dot with poses fixed, plus zero priors on those of the first
 knot, which remove the null space of the prior. Under white noise on acceleration varpi_dot stays as it is.
@@ -11,6 +10,7 @@ import numpy as np
 
 from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
 from asyneio.factors.local_frame import local_to_knots
+from asyneio.state import DOF, KINEMATIC_DOF, KINEMATIC_LOCAL_DOF, LOCAL_DOF, VARPI, XI_DOT_0
 from asyneio.trajectory.interpolation import interval_local
 from asyneio.trajectory.model import WNOA, MotionModel
 from asyneio.types import FloatArray
@@ -67,18 +67,18 @@ def _normal_equations(
 ) -> None:
     """Add the prior (16) of all intervals, differentiated with respect to the rates of their two knots.
 
-    Not a kernel: it runs once, and would compile the interval's kernels a second time.
+    Not a kernel, because it runs once and would compile the interval's kernels a second time.
     """
-    local, chain = np.empty((5, 6)), np.empty((48, 48))
+    local, chain = np.empty((5, 6)), np.empty((LOCAL_DOF, LOCAL_DOF))
     coefficients, residual = np.empty((3, 5)), np.empty((3, 6))
-    rates = np.r_[6:18, 30:42]
+    rates = np.r_[VARPI:KINEMATIC_DOF, DOF + VARPI : DOF + KINEMATIC_DOF]
     prior, space = motion_model
     for k in range(len(dt)):
         interval_local(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], space, local)
         local_to_knots(C[k], r[k], varpi[k], C[k + 1], r[k + 1], varpi[k + 1], space, chain)
         gp_prior_coefficients(float(dt[k]), prior, coefficients)
         gp_prior_factor(local, coefficients, root_density, residual)
-        d_local = chain[6:36, rates].reshape(5, 6, 24)
+        d_local = chain[XI_DOT_0:KINEMATIC_LOCAL_DOF, rates].reshape(5, 6, 24)
         J = np.einsum("ap,pic->aic", coefficients, d_local) / root_density[:, None]
         J = J.reshape(18, 24)
         span = slice(12 * k, 12 * k + 24)

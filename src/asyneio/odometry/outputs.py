@@ -18,6 +18,7 @@ from asyneio.estimation.solver.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.settings import Settings
+from asyneio.state import DOF
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import CalibrationEstimate, Estimate, FloatArray, ImuCorrectionEstimate
 
@@ -61,7 +62,7 @@ def trajectory_of(
             window.states,
             window.preintegrations,
             settings.window.gravity_w,
-            lambda knot: joint_covariance(solution, knot + dropped)[:24, :24],
+            lambda knot: joint_covariance(solution, knot + dropped)[:DOF, :DOF],
             settings.window.noise_inflation,
         )
     return GPTrajectory(

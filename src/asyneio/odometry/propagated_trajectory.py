@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import TrajectoryError
 from asyneio.estimation.problem.problem import States
-from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
-from asyneio.inertial.increments import Increments, Preintegration
+from asyneio.factors.preintegration import Increment, Knot, propagated_pose, propagated_pose_jacobian
+from asyneio.inertial.increments import Preintegration
+from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import FloatArray, IntArray
 
 #: Step [s] of the differences that give a rate: increments are smooth, and exact to rounding.
@@ -67,18 +68,18 @@ class PropagatedTrajectory:
     def pose(self, t_ns: IntArray) -> FloatArray:
         """Poses `T_w_b` (N,4,4)."""
         out = np.tile(np.eye(4), (len(t_ns), 1, 1))
-        for n, (k, tau, at) in enumerate(self._increments(t_ns)):
+        for n, (k, increment) in enumerate(self._increments(t_ns)):
             C, r = np.empty((3, 3)), np.empty(3)
-            propagated_pose(*self._knot(k), at.C[0], at.r[0], at.d_bias[0], tau, self._gravity_w, C, r)
+            propagated_pose(self._knot(k), increment, self._gravity_w, C, r)
             out[n, :3, :3], out[n, :3, 3] = C, r
         return out
 
     def velocity(self, t_ns: IntArray) -> FloatArray:
         """Velocity (N,3) of the body's origin in the world [m/s]."""
         out = np.empty((len(t_ns), 3))
-        for n, (k, tau, at) in enumerate(self._increments(t_ns)):
-            C, _, nu, bias, reference = self._knot(k)
-            out[n] = C @ (nu + at.nu[0] + at.d_bias[0, 3:6] @ (bias - reference)) + self._gravity_w * tau
+        for n, (k, at) in enumerate(self._increments(t_ns)):
+            C, _, nu, bias = self._knot(k)
+            out[n] = C @ (nu + at.nu + at.d_bias[3:6] @ (bias - at.bias)) + self._gravity_w * at.dt
         return out
 
     def covariance(self, t_ns: IntArray) -> FloatArray:
@@ -104,7 +105,7 @@ class PropagatedTrajectory:
     def _knot(self, k: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """C, r, nu, bias of a knot, and the bias at which its increments were computed."""
         s = self._states
-        return s.C[k], s.r[k], s.varpi[k, 0, 3:], s.bias[k], self._preintegrations[k].bias
+        return Knot(s.C[k], s.r[k], s.varpi[k, 0, 3:], s.bias[k])
 
     def _increments(self, t_ns: IntArray) -> list[tuple[int, float, Increments]]:
         """For every time: index of the knot before it, seconds since that knot, and increments."""
@@ -120,5 +121,6 @@ class PropagatedTrajectory:
             k = min(int(np.searchsorted(self._t_ns, time, side="right")) - 1, len(self._t_ns) - 2)
             rule = self._preintegrations[k]
             tau = min(float(time - self._t_ns[k]) * 1e-9, rule.duration)
-            found.append((k, tau, rule.at(np.array([tau]))))
+            C, nu, r, d_bias = (part[0] for part in rule.at(np.array([tau])))
+            found.append((k, Increment(C, nu, r, d_bias, rule.bias, tau)))
         return found

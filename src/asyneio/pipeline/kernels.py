@@ -1,4 +1,4 @@
-"""Small inputs that make Numba compile the kernels a run with the default configuration needs, by group."""
+"""Compilation of the kernels that a run with the default configuration needs, by calls with small inputs."""
 
 from __future__ import annotations
 
@@ -33,12 +33,13 @@ from asyneio.inertial.increments import ImuWindow, SampleNoise
 from asyneio.initialization.dead_reckoned import BiasPrior, FirstMotion, adjust
 from asyneio.initialization.dead_reckoned_rays import DeadReckoning, SpanObservations
 from asyneio.odometry.propagation import predict_knot
+from asyneio.state import DOF, LOCAL_DOF
 from asyneio.trajectory.model import WNOJ_SE3
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, CameraIntrinsics
 
 
 def are_compiled() -> bool:
-    """Whether the kernel cache on disk holds the largest kernels."""
+    """Whether the kernel cache on disk contains the largest kernels."""
     kernels = (
         visual_terms.visual_terms,
         interval_terms.accelerometer_terms,
@@ -50,22 +51,22 @@ def are_compiled() -> bool:
 
 
 def compile_frontend() -> None:
-    """The event loop and all it calls."""
+    """The event loop."""
     Frontend(FrontendConfig(), 32, 32).process(np.zeros(1, dtype=EVENT_DTYPE))
 
 
 def compile_visual() -> None:
-    """The kernels of the observations, of a step, of the lens and of dead reckoning."""
+    """The kernels of observations, steps, lens and dead reckoning."""
     problem = _tiny_problem()
-    local, chain = np.zeros((1, 5, 6)), np.zeros((1, 48, 48))
+    local, chain = np.zeros((1, 5, 6)), np.zeros((1, LOCAL_DOF, LOCAL_DOF))
     sums = empty_sums(problem)
     visual_terms.visual_terms(
-        problem, local, local, chain, False, np.zeros((1, 48, 48)), np.zeros((1, 48)), sums, np.empty(1)
+        problem, local, local, chain, False, chain, np.zeros((1, LOCAL_DOF)), sums, np.empty(1)
     )
-    H, b = np.zeros((48, 48)), np.zeros(48)
+    H, b = np.zeros((2 * DOF, 2 * DOF)), np.zeros(2 * DOF)
     system = LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.W_camera, 0.0, 0.0, 0, np.empty(1))
     eliminate_landmarks(system, problem.landmarks, problem.model)
-    retract(problem, system, np.zeros(48))
+    retract(problem, system, b)
     C, r, kappa = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0]] * 2)
     model, weights = problem.model, np.zeros((2, 5))
     interval = np.zeros(2, dtype=np.int64)
@@ -83,21 +84,21 @@ def compile_visual() -> None:
 
 
 def compile_intervals() -> None:
-    """The kernels of the trajectory and of the inertial samples."""
+    """The kernels of the trajectory and the inertial samples."""
     problem = _tiny_problem()
     states = problem.states
     local = np.zeros((1, 5, 6))
-    H, b = np.zeros((1, 48, 48)), np.zeros((1, 48))
+    H, b = np.zeros((1, LOCAL_DOF, LOCAL_DOF)), np.zeros((1, LOCAL_DOF))
     space = problem.model.motion_model.space
     interval_terms.interval_locals(states, space, local)
-    interval_terms.interval_chains(states, np.ones(1, dtype=np.bool_), space, np.zeros((1, 48, 48)))
+    interval_terms.interval_chains(states, np.ones(1, dtype=np.bool_), space, np.zeros_like(H))
     interval_terms.motion_terms(problem, local, True, H, b)
     interval_terms.gyroscope_terms(problem.gyroscope, states.bias, local, local, True, H, b)
     interval_terms.accelerometer_terms(
         problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
     )
     resting = problem._replace(zero_velocity=zero_velocity_of(np.ones(1, dtype=np.bool_), problem.model))
-    zero_velocity_terms(resting, True, np.zeros((48, 48)), np.zeros(48))
+    zero_velocity_terms(resting, True, np.zeros((2 * DOF, 2 * DOF)), np.zeros(2 * DOF))
 
 
 def compile_start() -> None:
@@ -112,12 +113,12 @@ def compile_start() -> None:
 
 
 def compile_linearization() -> None:
-    """The sum of all factors, and what the other groups left."""
+    """The sum of all factors, and all kernels that the other groups do not compile."""
     linearize(_tiny_problem())
 
 
 def _tiny_problem() -> Problem:
-    """Two knots at rest, one sample of each kind, one landmark."""
+    """Two stationary knots, one sample of each kind, one landmark."""
     states = States(np.stack([np.eye(3)] * 2), np.zeros((2, 3)), np.zeros((2, 2, 6)), np.zeros((2, 6)))
     start = np.array([0, 1])
     value, root = np.zeros((1, 3)), np.ones((1, 1))

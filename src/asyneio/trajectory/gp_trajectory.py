@@ -1,4 +1,4 @@
-"""The continuous-time trajectory as an object: knots in, state and covariance at any instant between them.
+"""Continuous-time trajectory: state and covariance at any instant between its knots.
 
 | symbol    | meaning                                      | shape   | unit, frame            |
 |-----------|----------------------------------------------|---------|------------------------|
@@ -13,7 +13,7 @@ The state at t is a function of the two knots around it, through gamma (20), so 
     J P J^T + G (K x Q_c) G^T,
 
 J its exact Jacobian with respect to the knots, G that with respect to gamma, and K the covariance that the
-motion prior leaves between two perfectly known knots.
+motion prior leaves between two perfectly known knots (docs/derivations/motion-prior.md).
 """
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ import numpy as np
 from numba import njit
 
 from asyneio.errors import TrajectoryError
+from asyneio.state import DOF, KINEMATIC_DOF, KINEMATIC_LOCAL_DOF
 from asyneio.trajectory.interpolation import (
-    KINEMATIC_DOF,
-    LOCAL_DOF,
     interval_chain,
     interval_local,
     query_pose,
@@ -38,9 +37,6 @@ from asyneio.trajectory.model import WNOJ_SE3, MotionModel
 from asyneio.trajectory.motion_prior import conditional_covariance, interpolation_weights_many
 from asyneio.types import FloatArray, IntArray
 
-#: Error-state size of a knot with its biases, and of the two knots a joint covariance is for.
-_KNOT_DOF = 24
-_JOINT_DOF = 2 * _KNOT_DOF
 #: How far from orthonormal a knot's rotation may be.
 _ORTHONORMAL = 1e-6
 
@@ -53,14 +49,14 @@ class GPTrajectory:
 
     Every query takes one time or an array (N,) of them, in any order; results have no leading axis for a
     single time. Every query raises TrajectoryError for a time outside the knots or not an integer.
-    Two neighbouring knots must be less than half a turn apart: there the logarithm of a rotation ends.
+    Two neighbouring knots must be less than half a turn apart, where the logarithm of a rotation is unique.
 
     Laws (tested): at a knot every query returns the knot; the derivative in time of the pose is the
     generalised velocity, that of the generalised velocity the generalised acceleration, exactly (8), (9).
 
-    Under white noise on acceleration the knots have no varpi_dot: what is passed is not used, and
-    accelerations are the derivative of the interpolated velocity. They jump at the knots, where they are
-    those of the interval that follows.
+    Under white noise on acceleration the knots have no varpi_dot: the values passed are ignored, and
+    accelerations are the derivative of the interpolated velocity. They jump at the knots, where a query
+    returns the value of the following interval.
     """
 
     def __init__(
@@ -166,15 +162,15 @@ class GPTrajectory:
         return _unwrapped((1.0 - alpha) * self._bias[k] + alpha * self._bias[k + 1], scalar)
 
     def covariance(self, t_ns: IntArray | int) -> FloatArray:
-        """Covariance (N,18,18) or (18,18) of the errors [eps, varpi, varpi_dot]; at a knot that knot's own.
+        """Covariance (N,18,18) or (18,18) of the errors [eps, varpi, varpi_dot]; at a knot, that of the knot.
 
         eps perturbs the pose on the right, in the body (43); units are those of the state. Under white noise
-        on acceleration varpi_dot is the derivative of the interpolated velocity, and its covariance what the
-        errors of the knots do to that; the prior leaves the acceleration itself without a finite variance.
+        on acceleration varpi_dot is the derivative of the interpolated velocity, and its covariance comes
+        from the errors of the knots alone: under the prior the acceleration itself has no finite variance.
 
         Raises:
-            TrajectoryError: there is no source of joint covariances, its answer is unusable, or a time is
-                outside the knots.
+            TrajectoryError: there is no source of joint covariances, it returns an unusable matrix, or a
+                time is outside the knots.
         """
         times, scalar = self._checked_times(t_ns)
         k, tau = self._interval(times)
@@ -182,7 +178,7 @@ class GPTrajectory:
         out = np.empty((len(times), KINEMATIC_DOF, KINEMATIC_DOF))
         for interval in np.unique(k):
             chosen = np.flatnonzero(k == interval)
-            chain = np.empty((LOCAL_DOF, LOCAL_DOF))
+            chain = np.empty((KINEMATIC_LOCAL_DOF, KINEMATIC_LOCAL_DOF))
             pair = slice(interval, interval + 2)
             C, r, varpi = self._C[pair], self._r[pair], self._varpi[pair]
             interval_chain(C[0], r[0], varpi[0], C[1], r[1], varpi[1], self._space, chain)
@@ -207,13 +203,13 @@ class GPTrajectory:
                 "this trajectory was built without covariances; expected `joint_covariance`"
             )
         joint = np.asarray(self._joint_covariance(interval), dtype=np.float64)
-        if joint.shape != (_JOINT_DOF, _JOINT_DOF) or not np.isfinite(joint).all():
+        if joint.shape != (2 * DOF, 2 * DOF) or not np.isfinite(joint).all():
             raise TrajectoryError(
                 f"the joint covariance of knots {interval} and {interval + 1} has shape {joint.shape} and "
                 f"{np.count_nonzero(~np.isfinite(joint))} entries that are not finite; expected a finite "
-                f"({_JOINT_DOF},{_JOINT_DOF}) matrix"
+                f"({2 * DOF},{2 * DOF}) matrix"
             )
-        kept = np.concatenate([np.arange(KINEMATIC_DOF), _KNOT_DOF + np.arange(KINEMATIC_DOF)])
+        kept = np.concatenate([np.arange(KINEMATIC_DOF), DOF + np.arange(KINEMATIC_DOF)])
         return np.ascontiguousarray(joint[np.ix_(kept, kept)])
 
     def _checked_times(self, t_ns: IntArray | int) -> tuple[IntArray, bool]:
@@ -221,14 +217,14 @@ class GPTrajectory:
         times = np.asarray(t_ns)
         if times.ndim > 1 or times.dtype.kind not in "iu":
             raise TrajectoryError(
-                f"asked for times of type {times.dtype} and shape {times.shape}; "
+                f"found query times of type {times.dtype} and shape {times.shape}; "
                 "expected int64 nanoseconds, a single time or (N,)"
             )
         flat = np.atleast_1d(times).astype(np.int64)
         first, last = int(self._t_ns[0]), int(self._t_ns[-1])
         if len(flat) and not first <= flat.min() <= flat.max() <= last:
             raise TrajectoryError(
-                f"asked for times {flat.min()} .. {flat.max()} ns; "
+                f"found query times {flat.min()} .. {flat.max()} ns; "
                 f"expected times within the knots, {first} .. {last} ns"
             )
         return flat, times.ndim == 0
@@ -343,7 +339,7 @@ def _posterior(
     out: FloatArray,
 ) -> None:
     """`out[index]` (N,18,18) for the times of one interval: J P J^T + G (K x Q_c) G^T."""
-    to_local = np.zeros((KINEMATIC_DOF, LOCAL_DOF))
+    to_local = np.zeros((KINEMATIC_DOF, KINEMATIC_LOCAL_DOF))
     G = np.zeros((KINEMATIC_DOF, KINEMATIC_DOF))
     K = np.empty((3, 3))
     spread = np.empty((KINEMATIC_DOF, KINEMATIC_DOF))

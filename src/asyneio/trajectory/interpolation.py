@@ -8,8 +8,9 @@
 | xi_dot     | J_r^{-1}(xi) varpi_{k+1}                                        (8)  | 6    |
 | xi_ddot    | J_r^{-1}(xi) varpi_dot_{k+1} + (d/dt J_r^{-1}) varpi_{k+1}      (9)  | 6    |
 
-These are the relations on SE(3). On SO(3) x R^3 the rotation's are the same, and the position's those of
-linear_position.py, where the second derivative at the first knot is nu_dot + omega x nu. `space` chooses.
+These are the relations on SE(3). On SO(3) x R^3 the rotation has the same relations and the position those of
+linear_position.py, where the second derivative at the first knot is nu_dot + omega x nu. The argument `space`
+selects between them.
 
 Everything measured inside an interval is a function of its *local coordinates*
 
@@ -17,8 +18,9 @@ Everything measured inside an interval is a function of its *local coordinates*
 
 (on SE(3) the derivatives at t_k are varpi_k and varpi_dot_k themselves)
 
-and depends on the last five only through fixed scalar weights (20). The one place where the knot k+1 enters
-is `interval_chain`, d y / d (knot k, knot k+1), computed once per interval and iteration.
+and depends on the last five only through fixed scalar weights (20). Knot k+1 enters only through
+`interval_chain`, d y / d (knot k, knot k+1), which is computed once per interval and iteration.
+docs/derivations/local-coordinates.md derives the Jacobians.
 """
 
 from __future__ import annotations
@@ -43,6 +45,7 @@ from asyneio.geometry.se3 import (
     varpi_from_local,
 )
 from asyneio.geometry.so3 import so3_exp
+from asyneio.state import EPS, KINEMATIC_DOF, VARPI, VARPI_DOT, XI, XI_DDOT, XI_DOT
 from asyneio.trajectory.linear_position import (
     linear_chain,
     linear_local,
@@ -51,11 +54,6 @@ from asyneio.trajectory.linear_position import (
 )
 from asyneio.trajectory.model import SE3
 from asyneio.types import FloatArray
-
-#: Local coordinates of an interval: eps_k, two derivatives at t_k, xi, xi_dot, xi_ddot.
-LOCAL_DOF = 36
-#: Kinematic coordinates of a knot: eps, varpi, varpi_dot.
-KINEMATIC_DOF = 18
 
 
 @njit(cache=True, nogil=True)
@@ -119,34 +117,34 @@ def interval_chain(
         for j in range(6):
             d_acc[i, j] += d_rate[i, j] + work[i, j]
     out[:] = 0.0
-    for i in range(18):
+    for i in range(KINEMATIC_DOF):
         out[i, i] = 1.0
     # Columns of eps_{k+1}: d xi = J^{-1}; those of eps_k: -J^{-1} Ad(T_{k,k+1})^{-1} (45).
-    _write_pose_columns(J_inv, Ad_inv, 0, out)
+    _write_pose_columns(J_inv, Ad_inv, XI, out)
     matmul(d_dot, J_inv, work)
-    _write_pose_columns(work, Ad_inv, 1, out)
+    _write_pose_columns(work, Ad_inv, XI_DOT, out)
     matmul(d_acc, J_inv, work)
-    _write_pose_columns(work, Ad_inv, 2, out)
+    _write_pose_columns(work, Ad_inv, XI_DDOT, out)
     # Columns of varpi_{k+1} and varpi_dot_{k+1}.
     matmul(d_rate_u, J_inv, work)
     for i in range(6):
         for j in range(6):
-            out[24 + i, 24 + j] = J_inv[i, j]
-            out[30 + i, 24 + j] = d_rate_v[i, j] + work[i, j]
-            out[30 + i, 30 + j] = J_inv[i, j]
+            out[XI_DOT + i, KINEMATIC_DOF + VARPI + j] = J_inv[i, j]
+            out[XI_DDOT + i, KINEMATIC_DOF + VARPI + j] = d_rate_v[i, j] + work[i, j]
+            out[XI_DDOT + i, KINEMATIC_DOF + VARPI_DOT + j] = J_inv[i, j]
     if space != SE3:
         linear_chain(C, r, varpi_0, varpi_1, out)
 
 
 @njit(cache=True, nogil=True)
-def _write_pose_columns(d_eps_1: FloatArray, Ad_inv: FloatArray, block: int, out: FloatArray) -> None:
-    """Rows of xi (block 0), xi_dot (1) or xi_ddot (2): columns of eps_{k+1} and of eps_k."""
+def _write_pose_columns(d_eps_1: FloatArray, Ad_inv: FloatArray, row: int, out: FloatArray) -> None:
+    """The six rows from `row` (XI, XI_DOT or XI_DDOT): columns of eps_{k+1} and of eps_k."""
     d_eps_0 = np.empty((6, 6))
     matmul(d_eps_1, Ad_inv, d_eps_0)
     for i in range(6):
         for j in range(6):
-            out[18 + 6 * block + i, 18 + j] = d_eps_1[i, j]
-            out[18 + 6 * block + i, j] = -d_eps_0[i, j]
+            out[row + i, KINEMATIC_DOF + EPS + j] = d_eps_1[i, j]
+            out[row + i, EPS + j] = -d_eps_0[i, j]
 
 
 @njit(cache=True, nogil=True)

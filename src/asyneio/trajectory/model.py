@@ -1,4 +1,4 @@
-"""Which continuous-time model a trajectory follows: its motion prior and the space it is regressed in.
+"""Continuous-time model of a trajectory: its motion prior and the space in which it is interpolated.
 
 | prior | white noise on              | state of a knot              | mean between two knots  |
 |-------|-----------------------------|------------------------------|-------------------------|
@@ -7,11 +7,11 @@
 
 | space        | local variable xi = [phi, rho] of a pose T around T_k                                     |
 |--------------|-------------------------------------------------------------------------------------------|
-| SE(3)        | Log(T_k^{-1} T): rotation and position curve together (7)                                 |
-| SO(3) x R^3  | [Log(C_k^T C), C_k^T (r - r_k)]: the position is regressed on its own, in the frame of T_k |
+| SE(3)        | Log(T_k^{-1} T): rotation and position are coupled (7)                                     |
+| SO(3) x R^3  | [Log(C_k^T C), C_k^T (r - r_k)]: the position is independent, in the frame of T_k          |
 
-A knot is [T, varpi, varpi_dot] in the body for all four; under WNOA its varpi_dot has no part in anything.
-Kernels take the two numbers as plain integers.
+A knot is [T, varpi, varpi_dot] in the body for all four combinations; WNOA does not use varpi_dot.
+Kernels take prior and space as integers.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class MotionModel(NamedTuple):
     space: int
 
 
-#: The paper's.
+#: The paper's model.
 WNOJ_SE3 = MotionModel(WNOJ, SE3)
 
 

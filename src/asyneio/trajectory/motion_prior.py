@@ -1,13 +1,13 @@
 """Motion priors: Phi (14), Q (15), Q^{-1}, Lambda and Psi (20) as scalar 3x3 matrices.
 
-With a power spectral density that is the same at every instant each of these is a 3x3 matrix Kronecker
-Q_c, or Kronecker 1_6, so nothing of size 18 is ever formed or inverted. `Q` and `Q^{-1}` below are those of
-a unit density; the factor Q_c (or its inverse) is applied by the caller.
+With a constant power spectral density each of these is a 3x3 matrix Kronecker Q_c, or Kronecker 1_6, so that
+no 18x18 matrix is formed or inverted. `Q` and `Q^{-1}` below are those of a unit density; the caller applies
+the factor Q_c (or its inverse). docs/derivations/motion-prior.md derives them.
 
-`prior` chooses: white noise on jerk (WNOJ), as in the paper, or on acceleration (WNOA). WNOA has no second
-derivative in its state: its matrices are 2x2, and the third row and column of what is returned are zero. What
-interpolation gives for the second derivative under WNOA is the derivative of the mean; the prior itself
-leaves it white, of no finite variance.
+`prior` selects white noise on jerk (WNOJ), as in the paper, or on acceleration (WNOA). WNOA has no second
+derivative in its state: its matrices are 2x2, and the third row and column of every result are zero. Under
+WNOA the interpolated second derivative is the derivative of the mean; the prior itself makes it white noise,
+whose variance is not finite.
 """
 
 from __future__ import annotations
@@ -17,10 +17,6 @@ from numba import njit
 
 from asyneio.trajectory.model import WNOA
 from asyneio.types import FloatArray
-
-#: Local quantities at a query time (rows): xi, xi_dot, xi_ddot.
-#: Weighted end quantities (columns): xi_dot, xi_ddot at t_k, then xi, xi_dot, xi_ddot at t_{k+1}.
-WEIGHT_SHAPE = (3, 5)
 
 
 @njit(cache=True, nogil=True)
@@ -106,7 +102,7 @@ def information_root(dt: float, prior: int, out: FloatArray) -> None:
 def interpolation_weights(tau: float, dt: float, prior: int, out: FloatArray) -> None:
     """Non-zero columns of Lambda and Psi (20) at `tau` seconds after t_k, `dt = t_{k+1} - t_k`: `out` (3,5).
 
-    Lambda multiplies `[0, xi_dot, xi_ddot](t_k)`, so its first column never matters. In closed form the
+    Lambda multiplies `[0, xi_dot, xi_ddot](t_k)`, so its first column is not needed. In closed form the
     conditional mean of white noise on jerk is the quintic Hermite polynomial, that of white noise on
     acceleration the cubic one. Each row is the derivative of the one above.
     """
@@ -158,10 +154,10 @@ def _quintic_weights(s: float, dt: float, out: FloatArray) -> None:
 
 @njit(cache=True, nogil=True)
 def conditional_covariance(tau: float, dt: float, prior: int, out: FloatArray) -> None:
-    """Covariance (3,3) of `gamma(tau)` given both ends, unit density: what interpolation cannot know.
+    """Covariance (3,3) of `gamma(tau)` given both ends, for unit density: the uncertainty of interpolation.
 
     `Q(tau) - Psi Q(dt) Psi^T`, the GP posterior between two exactly known states. Under WNOA the third row
-    and column are zero: of the second derivative there is only the mean.
+    and column are zero: the second derivative has a mean, but no finite variance.
     """
     Q = np.empty((3, 3))
     w = np.empty((3, 5))

@@ -1,5 +1,5 @@
-"""The step from knot k to a query time, `T(tau) = T_k step(xi(tau))` (58), and its Jacobian, in tuples: what
-every observation asks for, in every iteration.
+"""The step from knot k to a query time, `T(tau) = T_k step(xi(tau))` (58), and its Jacobian, in tuples, as
+every observation needs them in every iteration.
 
 On SE(3) the step is Exp(xi); on SO(3) x R^3 it is `(Exp(phi), rho)`.
 """
@@ -50,8 +50,10 @@ def step_pose(phi: Vector, rho: Vector, space: int) -> tuple[Matrix, Vector]:
 def row_times_step_jacobian(
     row: tuple[Vector, Vector], phi: Vector, rho: Vector, C: Matrix, space: int
 ) -> tuple[Vector, Vector]:
-    """A row by the pose at the query time, perturbed on the right, into one by (phi, rho); `C` is the
-    rotation of the step. (62)"""
+    """Turn a row by the pose at the query time, perturbed on the right, into a row by (phi, rho) (62).
+
+    `C` is the rotation of the step.
+    """
     if space == SE3:
         return row_times_right_jacobian(row, phi, rho, jacobian_coefficients(dot(phi, phi)))
     # Of SO(3) alone: J_r = 1 - b phi^ + c phi^2.

@@ -1,7 +1,9 @@
-"""What the inertial samples say of their own scale factors and misalignment (`inertial_calibration`): sums
-over the factors (21), against the trajectory and against themselves."""
+"""Scale factors and misalignment of the inertial sensors (`inertial_calibration`) in the normal equations:
+sums over the factors (21)."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,6 +17,7 @@ from asyneio.factors.gp_inertial import (
     gyroscope_jacobian,
     gyroscope_residual,
 )
+from asyneio.state import DOF, LOCAL_DOF
 from asyneio.types import FloatArray
 
 
@@ -28,8 +31,8 @@ def add_correction_terms(
 ) -> None:
     """Add rows and columns of the IMU's coordinates, the last ones of `H` (24K+c+s,24K+c+s), `b` (24K+c+s,).
 
-    `local`, `local_lin` (I,5,6) are the intervals' local coordinates, of the states and where Jacobians are
-    taken; `chain` (I,48,48) moves from those to the knots.
+    `local`, `local_lin` (I,5,6) are the intervals' local coordinates, of the states and of the linearisation
+    point; `chain` (I,48,48) transforms from them to the knots.
     """
     states, linearization, model = problem.states, problem.linearization, problem.model
     columns = problem.imu.columns
@@ -40,39 +43,40 @@ def add_correction_terms(
         if size == 0:
             continue
         directions = np.ascontiguousarray(DIRECTIONS[mine])
-        border, own, slope = np.zeros((len(local), 48, size)), np.zeros((size, size)), np.zeros(size)
-        sums = (directions, border, own, slope)
+        border = np.zeros((len(local), LOCAL_DOF, size))
+        own, slope = np.zeros((size, size)), np.zeros(size)
+        sums = CorrectionSums(directions, border, own, slope)
         if mine[0] < GYROSCOPE_DOF:
-            gyroscope_correction(problem.gyroscope, states.bias, local, local_lin, *sums)
+            gyroscope_correction(problem.gyroscope, states.bias, local, local_lin, sums)
         else:
-            space = model.motion_model.space
-            fields = (model.gravity_w, space, local, local_lin)
-            accelerometer_correction(problem.accelerometer, states, linearization, *fields, *sums)
+            fields = (model.gravity_w, model.motion_model.space, local, local_lin)
+            accelerometer_correction(problem.accelerometer, states, linearization, *fields, sums)
         end = at + size
         H[at:end, at:end] += own
         b[at:end] += slope
         for i, moved in enumerate(chain.transpose(0, 2, 1) @ border):
-            o = 24 * i
-            H[o : o + 48, at:end] += moved
-            H[at:end, o : o + 48] += moved.T
+            first, last = DOF * i, DOF * (i + 2)
+            H[first:last, at:end] += moved
+            H[at:end, first:last] += moved.T
+
+
+class CorrectionSums(NamedTuple):
+    """Normal equations of the s coordinates of one sensor, and their directions."""
+
+    directions: FloatArray  # (s,3,3) what a unit of each coordinate adds to E
+    border: FloatArray  # (I,48,s) local coordinates of the intervals against them
+    H: FloatArray  # (s,s)
+    b: FloatArray  # (s,)
 
 
 @njit(cache=True, nogil=True)
 def gyroscope_correction(
-    samples: Inertial,
-    bias: FloatArray,
-    local: FloatArray,
-    local_lin: FloatArray,
-    directions: FloatArray,
-    border: FloatArray,
-    H: FloatArray,
-    b: FloatArray,
+    samples: Inertial, bias: FloatArray, local: FloatArray, local_lin: FloatArray, sums: CorrectionSums
 ) -> None:
-    """Adds to `border` (I,48,s) against the local coordinates, `H` (s,s), `b` (s,); `directions` (s,3,3) are
-    what a unit of each coordinate adds to E."""
+    """Add all samples of the gyroscope to `sums`; `bias` (K,6)."""
     most = samples.root_information.shape[1]
     residual = np.empty((most, 3))
-    jacobian = np.empty((most, 3, 48))
+    jacobian = np.empty((most, 3, LOCAL_DOF))
     for i in range(local.shape[0]):
         begin, end = samples.start[i], samples.start[i + 1]
         for n in range(begin, end):
@@ -81,7 +85,7 @@ def gyroscope_correction(
             gyroscope_jacobian(local_lin[i], weights, alpha, jacobian[k])
         root = samples.root_information[begin:end]
         whiten(root, residual, jacobian, True)
-        _accumulate(root, samples.smooth[begin:end], residual, jacobian, directions, border[i], H, b)
+        _accumulate(root, samples.smooth[begin:end], residual, jacobian, i, sums)
 
 
 @njit(cache=True, nogil=True)
@@ -93,15 +97,12 @@ def accelerometer_correction(
     space: int,
     local: FloatArray,
     local_lin: FloatArray,
-    directions: FloatArray,
-    border: FloatArray,
-    H: FloatArray,
-    b: FloatArray,
+    sums: CorrectionSums,
 ) -> None:
-    """As `gyroscope_correction`."""
+    """Add all samples of the accelerometer to `sums`."""
     most = samples.root_information.shape[1]
     residual = np.empty((most, 3))
-    jacobian = np.empty((most, 3, 48))
+    jacobian = np.empty((most, 3, LOCAL_DOF))
     for i in range(local.shape[0]):
         begin, end = samples.start[i], samples.start[i + 1]
         biases = states.bias[i : i + 2]
@@ -112,7 +113,7 @@ def accelerometer_correction(
             accelerometer_jacobian(C_lin, local_lin[i], weights, alpha, gravity_w, space, jacobian[k])
         root = samples.root_information[begin:end]
         whiten(root, residual, jacobian, True)
-        _accumulate(root, samples.smooth[begin:end], residual, jacobian, directions, border[i], H, b)
+        _accumulate(root, samples.smooth[begin:end], residual, jacobian, i, sums)
 
 
 @njit(cache=True, nogil=True)
@@ -121,12 +122,11 @@ def _accumulate(
     smooth: FloatArray,
     residual: FloatArray,
     jacobian: FloatArray,
-    directions: FloatArray,
-    border: FloatArray,
-    H: FloatArray,
-    b: FloatArray,
+    i: int,
+    sums: CorrectionSums,
 ) -> None:
-    """Sums of one interval: `residual` (n,3) and `jacobian` (n,3,48) are whitened, `smooth` (n,3) is not."""
+    """Add interval i: `residual` (n,3) and `jacobian` (n,3,48) are whitened, `smooth` (n,3) is not."""
+    directions, border, H, b = sums.directions, sums.border[i], sums.H, sums.b
     size = directions.shape[0]
     white = np.empty(3)
     row = np.empty((3, size))
@@ -150,5 +150,5 @@ def _accumulate(
                 b[p] += v * residual[n, a]
                 for q in range(size):
                     H[p, q] += v * row[a, q]
-                for k in range(48):
+                for k in range(LOCAL_DOF):
                     border[k, p] += jacobian[n, a, k] * v

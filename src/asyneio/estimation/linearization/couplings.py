@@ -1,8 +1,8 @@
-"""Couplings of the landmarks with the knots that their observations touch, and nothing else.
+"""Couplings of the landmarks with the knots in their observations, stored compactly.
 
-A landmark touches the knots from its anchor to the one after its last observation: a third of the window.
-Landmarks of one anchor stand together, each as wide as the widest of them, so that their rank update of the
-knots is one product of a contiguous matrix (`elimination.py`).
+A landmark is coupled with the knots from its anchor to the one after its last observation, a third of the
+window. Landmarks with the same anchor are contiguous, with rows as long as the longest of them, so that their
+rank update of the knots is one product of a contiguous matrix (`elimination.py`).
 """
 
 from __future__ import annotations
@@ -12,21 +12,22 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from asyneio.estimation.problem.problem import LANDMARK_COLUMNS
 from asyneio.types import FloatArray, IntArray
 
 
 class Couplings(NamedTuple):
     """Rows of L landmarks, `dof` each, in the order of their anchors.
 
-    The row d of landmark j begins at `begin[j] + d width[anchor[j]]`; in it are 18 columns for each knot from
-    the anchor on.
+    Row d of landmark j begins at `begin[j] + d width[anchor[j]]` and has 18 columns for each knot from the
+    anchor on.
     """
 
     values: FloatArray  # (total,)
-    begin: IntArray  # (L,) where the first row of a landmark begins
-    order: IntArray  # (L,) landmarks as they follow each other
-    end: IntArray  # (L,) one past the last knot that a landmark touches
-    first: IntArray  # (K+1,) for each knot, where in `order` the landmarks anchored there begin
+    begin: IntArray  # (L,) start of the first row of a landmark
+    order: IntArray  # (L,) landmarks in the order of storage
+    end: IntArray  # (L,) one past the last knot of a landmark
+    first: IntArray  # (K+1,) start in `order` of the landmarks anchored in each knot
     width: IntArray  # (K,) length of their rows
 
     def group(self, anchor: int, dof: int) -> FloatArray:
@@ -37,13 +38,14 @@ class Couplings(NamedTuple):
         return self.values[at : at + n * dof * width].reshape(n * dof, width)
 
     def dense(self, anchor: IntArray, dof: int) -> FloatArray:
-        """All of them (L,dof,K,18), for tests and what is computed once."""
+        """All couplings (L,dof,K,18), for tests and for code that is not time-critical."""
         knots = len(self.width)
-        out = np.zeros((len(anchor), dof, knots, 18))
+        out = np.zeros((len(anchor), dof, knots, LANDMARK_COLUMNS))
         for k in range(knots):
             mine = self.order[self.first[k] : self.first[k + 1]]
-            span = int(self.width[k]) // 18
-            out[mine, :, k : k + span] = self.group(k, dof).reshape(len(mine), dof, span, 18)
+            span = int(self.width[k]) // LANDMARK_COLUMNS
+            rows = self.group(k, dof).reshape(len(mine), dof, span, LANDMARK_COLUMNS)
+            out[mine, :, k : k + span] = rows
         return out
 
 
@@ -53,7 +55,7 @@ def empty_couplings(
 ) -> Couplings:
     """Zeroed, for the observations of `landmark` (M,) sorted by interval, `start` (I+1,).
 
-    `anchor` (L,); `reach`: how many knots from the interval's first on an observation touches.
+    `anchor` (L,); `reach`: number of knots, from the first of its interval on, in an observation.
     """
     count = anchor.shape[0]
     end = np.zeros(count, dtype=np.int64)
@@ -64,7 +66,7 @@ def empty_couplings(
     for j in range(count):
         a = anchor[j]
         first[a + 1] += 1
-        width[a] = max(width[a], 18 * (end[j] - a))
+        width[a] = max(width[a], LANDMARK_COLUMNS * (end[j] - a))
     offset = np.zeros(knots, dtype=np.int64)
     total = 0
     for a in range(knots):

@@ -1,9 +1,8 @@
 """Sums over the factors inside each interval, in the interval's local coordinates (48).
 
-Each kernel is a top-level stage of `linear_system.linearize`: shallow call trees compile in seconds,
-deep ones in
-minutes. `H` (I,48,48) and `b` (I,48) are accumulated in place; residuals are taken at `local`, Jacobians at
-`local_lin` (they differ for frozen knots). Every stage returns its cost.
+Each kernel is a top-level stage of `linear_system.linearize`, because shallow call trees compile in seconds
+and deep ones in minutes. `H` (I,48,48) and `b` (I,48) are accumulated in place; residuals are evaluated at
+`local`, Jacobians at `local_lin` (they differ for frozen knots). Every stage returns its cost.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from asyneio.factors.gp_inertial import (
 )
 from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
 from asyneio.factors.local_frame import local_to_knots
+from asyneio.state import BIAS_0, BIAS_1, LOCAL_DOF, XI_DOT_0
 from asyneio.trajectory.interpolation import interval_local
 from asyneio.types import BoolArray, FloatArray
 
@@ -96,25 +96,25 @@ def _add_gp_prior(
     for p in range(5):
         for j in range(6):
             for a in range(3):
-                b[6 + 6 * p + j] += coefficients[a, p] * residual[a, j] / root_density[j]
+                b[XI_DOT_0 + 6 * p + j] += coefficients[a, p] * residual[a, j] / root_density[j]
         for q in range(5):
             s = 0.0
             for a in range(3):
                 s += coefficients[a, p] * coefficients[a, q]
             for j in range(6):
-                H[6 + 6 * p + j, 6 + 6 * q + j] += s / root_density[j] ** 2
+                H[XI_DOT_0 + 6 * p + j, XI_DOT_0 + 6 * q + j] += s / root_density[j] ** 2
 
 
 @njit(cache=True, nogil=True)
 def _add_bias(residual: FloatArray, model: Model, i: int, H: FloatArray, b: FloatArray) -> None:
     for j in range(6):
         w = 1.0 / (model.bias_walk[j] * np.sqrt(model.dt[i]))
-        H[36 + j, 36 + j] += w * w
-        H[42 + j, 42 + j] += w * w
-        H[36 + j, 42 + j] -= w * w
-        H[42 + j, 36 + j] -= w * w
-        b[36 + j] -= w * residual[j]
-        b[42 + j] += w * residual[j]
+        H[BIAS_0 + j, BIAS_0 + j] += w * w
+        H[BIAS_1 + j, BIAS_1 + j] += w * w
+        H[BIAS_0 + j, BIAS_1 + j] -= w * w
+        H[BIAS_1 + j, BIAS_0 + j] -= w * w
+        b[BIAS_0 + j] -= w * residual[j]
+        b[BIAS_1 + j] += w * residual[j]
 
 
 @njit(cache=True, nogil=True)
@@ -130,7 +130,7 @@ def gyroscope_terms(
     """Gyroscope samples (21); `bias` (K,6)."""
     most = samples.root_information.shape[1]
     residual = np.empty((most, 3))
-    jacobian = np.empty((most, 3, 48))
+    jacobian = np.empty((most, 3, LOCAL_DOF))
     cost = 0.0
     for i in range(local.shape[0]):
         begin, end = samples.start[i], samples.start[i + 1]
@@ -165,7 +165,7 @@ def accelerometer_terms(
     """Accelerometer samples (21)."""
     most = samples.root_information.shape[1]
     residual = np.empty((most, 3))
-    jacobian = np.empty((most, 3, 48))
+    jacobian = np.empty((most, 3, LOCAL_DOF))
     cost = 0.0
     for i in range(local.shape[0]):
         begin, end = samples.start[i], samples.start[i + 1]
@@ -196,9 +196,9 @@ def accelerometer_terms(
 
 @njit(cache=True, nogil=True)
 def whiten(root: FloatArray, residual: FloatArray, jacobian: FloatArray, with_jacobian: bool) -> float:
-    """In place, the samples of one interval by their common `root` (n,n), lower triangular; their cost.
+    """Whiten the samples of one interval in place by their `root` (n,n), lower triangular; returns the cost.
 
-    `residual` (n,3), `jacobian` (n,3,48). The last row first: each takes from those before it alone.
+    `residual` (n,3), `jacobian` (n,3,48). The last row first, because each needs the rows before it.
     """
     cost = 0.0
     for n in range(root.shape[0] - 1, -1, -1):
@@ -209,10 +209,10 @@ def whiten(root: FloatArray, residual: FloatArray, jacobian: FloatArray, with_ja
             residual[n, a] = s
             cost += 0.5 * s * s
             if with_jacobian:
-                for p in range(48):
+                for p in range(LOCAL_DOF):
                     jacobian[n, a, p] *= root[n, n]
                 for m in range(n):
-                    for p in range(48):
+                    for p in range(LOCAL_DOF):
                         jacobian[n, a, p] += root[n, m] * jacobian[m, a, p]
     return cost
 
@@ -220,10 +220,10 @@ def whiten(root: FloatArray, residual: FloatArray, jacobian: FloatArray, with_ja
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _accumulate(jacobian: FloatArray, residual: FloatArray, H: FloatArray, b: FloatArray) -> None:
     """`H += J^T J`, `b += J^T r` for J (3,48)."""
-    for p in range(48):
+    for p in range(LOCAL_DOF):
         j0, j1, j2 = jacobian[0, p], jacobian[1, p], jacobian[2, p]
         if j0 == 0.0 and j1 == 0.0 and j2 == 0.0:
             continue
         b[p] += j0 * residual[0] + j1 * residual[1] + j2 * residual[2]
-        for q in range(48):
+        for q in range(LOCAL_DOF):
             H[p, q] += j0 * jacobian[0, q] + j1 * jacobian[1, q] + j2 * jacobian[2, q]

@@ -1,8 +1,8 @@
-"""Linearisation of the window (39): normal equations of the knots and of what is estimated of camera and IMU;
-landmarks are kept apart for their Schur complement (`elimination.py`).
+"""Linearisation of the window (39): normal equations of the knots and of the calibration of camera and IMU;
+landmarks are kept separate for their Schur complement (`elimination.py`).
 
-Jacobians are taken at `problem.linearization`, residuals at `problem.states`: the two differ for knots that
-the marginal prior has frozen (first-estimates Jacobians).
+Jacobians are evaluated at `problem.linearization`, residuals at `problem.states`: the two differ for knots
+that the marginal prior has frozen (first-estimates Jacobians).
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from asyneio.estimation.linearization.visual import visual_terms
 from asyneio.estimation.linearization.visual_sums import NO_SUMS, VisualSums, empty_sums
 from asyneio.estimation.linearization.zero_velocity import zero_velocity_terms
 from asyneio.estimation.problem.problem import Problem
+from asyneio.state import BIAS, BIAS_0, BIAS_1, DOF, EPS, KINEMATIC_DOF, LOCAL_DOF, VARPI, XI, XI_DDOT_0
 from asyneio.types import BoolArray, FloatArray
 
 
@@ -57,11 +58,11 @@ def linearize(problem: Problem) -> LinearSystem:
     knots = len(problem.states.r)
     local, local_lin = _locals(problem)
     needed = _needed(problem)
-    chain = np.zeros((knots - 1, 48, 48))
+    chain = np.zeros((knots - 1, LOCAL_DOF, LOCAL_DOF))
     interval_chains(problem.linearization, needed, problem.model.motion_model.space, chain)
-    H_local, b_local = np.zeros((knots - 1, 48, 48)), np.zeros((knots - 1, 48))
+    H_local, b_local = np.zeros((knots - 1, LOCAL_DOF, LOCAL_DOF)), np.zeros((knots - 1, LOCAL_DOF))
     sums = empty_sums(problem)
-    size = 24 * knots + len(problem.camera.columns) + len(problem.imu.columns)
+    size = DOF * knots + len(problem.camera.columns) + len(problem.imu.columns)
     H, b = np.zeros((size, size)), np.zeros(size)
     by_interval, by_knot = (H_local, b_local), (H, b)
     squared = np.empty(len(problem.visual.tau))
@@ -84,7 +85,7 @@ def evaluate(problem: Problem) -> tuple[float, FloatArray]:
     squared = np.empty(len(problem.visual.tau))
     local = np.empty((len(problem.states.r) - 1, 5, 6))
     interval_locals(problem.states, problem.model.motion_model.space, local)
-    by_interval = (np.zeros((0, 48, 48)), np.zeros((0, 48)))
+    by_interval = (np.zeros((0, LOCAL_DOF, LOCAL_DOF)), np.zeros((0, LOCAL_DOF)))
     by_knot = (np.zeros((0, 0)), np.zeros(0))
     cost, *_ = _terms(problem, local, local, by_interval[0], False, by_interval, by_knot, NO_SUMS, squared)
     return cost, squared
@@ -101,9 +102,9 @@ def _terms(
     sums: VisualSums,
     squared: FloatArray,
 ) -> tuple[float, float, int]:
-    """All terms of the cost (39): total, that of the observations, observations without influence.
+    """Terms of the cost (39): the total, that of the observations, number of observations without influence.
 
-    Adds to the sums in the intervals' local coordinates and to those in the knots' own.
+    Adds to the sums in the intervals' local coordinates and to those in the knots' coordinates.
     """
     states = problem.states
     H, b = by_interval
@@ -144,7 +145,7 @@ def _locals(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def _needed(problem: Problem) -> BoolArray:
-    """Intervals that hold any factor."""
+    """Intervals that contain any factor."""
     counts = sum(np.diff(m.start) for m in (problem.gyroscope, problem.accelerometer, problem.visual))
     return np.asarray(problem.motion | (counts > 0))
 
@@ -159,30 +160,30 @@ def _move_to_knots(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Sums of all intervals, anchors and the camera, from local coordinates to the knots."""
+    """Add the sums of all intervals, anchors and the camera to the knots' coordinates."""
     camera = sums.b_camera.shape[0]
-    at = 24 * sums.H_pose.shape[0]
-    moved = np.empty((48, 48))
-    border = np.empty((48, camera))
-    half = np.empty((48, 48))
-    cross = np.empty((48, 6))
+    at = DOF * sums.H_pose.shape[0]
+    moved = np.empty((LOCAL_DOF, LOCAL_DOF))
+    border = np.empty((LOCAL_DOF, camera))
+    half = np.empty((LOCAL_DOF, LOCAL_DOF))
+    cross = np.empty((LOCAL_DOF, 6))
     for k in range(sums.H_pose.shape[0]):
         for i in range(6):
-            b[24 * k + i] += sums.b_pose[k, i]
+            b[DOF * k + i] += sums.b_pose[k, i]
             for j in range(6):
-                H[24 * k + i, 24 * k + j] += sums.H_pose[k, i, j]
+                H[DOF * k + i, DOF * k + j] += sums.H_pose[k, i, j]
     for c in range(camera):
         b[at + c] += sums.b_camera[c]
         for d in range(camera):
             H[at + c, at + d] += sums.H_camera[c, d]
         for k in range(sums.pose_camera.shape[0]):
             for p in range(6):
-                H[24 * k + p, at + c] += sums.pose_camera[k, p, c]
-                H[at + c, 24 * k + p] += sums.pose_camera[k, p, c]
+                H[DOF * k + p, at + c] += sums.pose_camera[k, p, c]
+                H[at + c, DOF * k + p] += sums.pose_camera[k, p, c]
     for i in range(needed.shape[0]):
         if not needed[i]:
             continue
-        o = 24 * i
+        o = DOF * i
         C = chain[i]
         _right_times_chain(H_local[i], C, half)
         _chain_transposed_times(C, half, moved)
@@ -205,56 +206,62 @@ def _move_to_knots(
             _chain_transposed_times(C, sums.H_anchor[i, a], cross)
             for p in range(48):
                 for q in range(6):
-                    H[o + p, 24 * a + q] += cross[p, q]
-                    H[24 * a + q, o + p] += cross[p, q]
+                    H[o + p, DOF * a + q] += cross[p, q]
+                    H[DOF * a + q, o + p] += cross[p, q]
 
 
-# The chain is the identity for the first knot's own coordinates (18) and for the biases (12); only its
-# rows 18..35 (xi, xi_dot, xi_ddot) are full, in columns 0..5 (eps_k) and 24..41 (knot k + 1). On SO(3) x R^3
-# rows 15..17, the acceleration at the first knot, depend on its varpi too, columns 6..11.
+# Blocks of the chain, d (local coordinates) / d (knots k and k + 1), that are not zero. It is the identity
+# from the first knot's own coordinates and from the biases of both knots. The rows of xi, xi_dot and xi_ddot
+# depend on the pose of the first knot and on the second knot. On SO(3) x R^3 the acceleration at the first
+# knot depends on its velocity too.
+_ROWS = (XI, BIAS_0)
+_FIRST_POSE = (EPS, VARPI)
+_SECOND_KNOT = (DOF, DOF + KINEMATIC_DOF)
+_ACCELERATION_ROWS = (XI_DDOT_0 + 3, XI)
+_FIRST_VELOCITY = (VARPI, VARPI + 6)
+#: First and last row, then first and last column, of each block.
+_BLOCKS = (
+    (_ACCELERATION_ROWS, _FIRST_VELOCITY),
+    (_ROWS, _FIRST_POSE),
+    (_ROWS, _SECOND_KNOT),
+)
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _right_times_chain(H: FloatArray, chain: FloatArray, out: FloatArray) -> None:
     """`out = H chain` (48,48)."""
-    for p in range(48):
-        for q in range(48):
+    for p in range(LOCAL_DOF):
+        for q in range(LOCAL_DOF):
             out[p, q] = 0.0
-        for q in range(18):
+        for q in range(KINEMATIC_DOF):
             out[p, q] = H[p, q]
         for q in range(6):
-            out[p, 18 + q] = H[p, 36 + q]
-            out[p, 42 + q] = H[p, 42 + q]
-        for m in range(15, 18):
-            v = H[p, m]
-            for q in range(6, 12):
-                out[p, q] += v * chain[m, q]
-        for m in range(18, 36):
-            v = H[p, m]
-            for q in range(6):
-                out[p, q] += v * chain[m, q]
-            for q in range(24, 42):
-                out[p, q] += v * chain[m, q]
+            out[p, BIAS + q] = H[p, BIAS_0 + q]
+            out[p, DOF + BIAS + q] = H[p, BIAS_1 + q]
+        for rows, columns in _BLOCKS:
+            for m in range(rows[0], rows[1]):
+                v = H[p, m]
+                for q in range(columns[0], columns[1]):
+                    out[p, q] += v * chain[m, q]
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _chain_transposed_times(chain: FloatArray, X: FloatArray, out: FloatArray) -> None:
     """`out = chain^T X` for X (48,n), or (36,n) where the rows of the biases are zero."""
     n = X.shape[1]
-    for p in range(48):
+    for p in range(LOCAL_DOF):
         for q in range(n):
-            out[p, q] = X[p, q] if p < 18 else 0.0
-    if X.shape[0] == 48:
+            out[p, q] = X[p, q] if p < KINEMATIC_DOF else 0.0
+    if X.shape[0] == LOCAL_DOF:
         for p in range(6):
             for q in range(n):
-                out[18 + p, q] = X[36 + p, q]
-                out[42 + p, q] = X[42 + p, q]
-    for m in range(15, 36):
-        for p in range(42):
-            if (m < 18) != (6 <= p < 12) or 12 <= p < 24:
-                continue
-            v = chain[m, p]
-            if v == 0.0:
-                continue
-            for q in range(n):
-                out[p, q] += v * X[m, q]
+                out[BIAS + p, q] = X[BIAS_0 + p, q]
+                out[DOF + BIAS + p, q] = X[BIAS_1 + p, q]
+    for rows, columns in _BLOCKS:
+        for m in range(rows[0], rows[1]):
+            for p in range(columns[0], columns[1]):
+                v = chain[m, p]
+                if v == 0.0:
+                    continue
+                for q in range(n):
+                    out[p, q] += v * X[m, q]

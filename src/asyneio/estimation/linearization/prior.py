@@ -1,5 +1,5 @@
-"""The marginal prior in the normal equations: its cost and gradient at a distance from where it was
-linearised."""
+"""The marginal prior in the normal equations: its cost and gradient at a distance from its linearisation
+point."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import numpy as np
 from numba import njit
 
 from asyneio.estimation.linearization.linear_system import LinearSystem
-from asyneio.estimation.problem.active import KNOT_DOF
 from asyneio.estimation.problem.camera_calibration import camera_difference
 from asyneio.estimation.problem.problem import Camera, ImuCorrection, Prior, States
 from asyneio.factors.marginal_prior import knot_difference
+from asyneio.state import DOF
 from asyneio.types import FloatArray
 
 
 def add_prior(system: LinearSystem, prior: Prior, delta: FloatArray) -> float:
     """Add the marginal prior to the normal equations; returns its cost."""
     residual = prior.R @ delta + prior.r_0
-    # What it knows of camera and IMU stands behind its knots, in the system behind all knots.
-    n = KNOT_DOF * prior.knots
+    # Its coordinates of camera and IMU follow its own knots; in the system they follow all knots.
+    n = DOF * prior.knots
     behind = prior.R.shape[1] - n
     gradient = prior.R.T @ residual
     system.H[:n, :n] += prior.information[:n, :n]
@@ -40,9 +40,9 @@ def prior_cost(prior: Prior, delta: FloatArray) -> float:
 def difference(
     states: States, prior: Prior, camera: Camera | None = None, imu: ImuCorrection | None = None
 ) -> FloatArray:
-    """`delta` (24 m + c + s,) of the first m knots, and of camera and IMU where the prior knows something of
-    them, from the prior's linearisation point."""
-    out = np.empty((prior.knots, KNOT_DOF))
+    """`delta` (24 m + c + s,) of the first m knots, and of camera and IMU if they are part of the prior, from
+    the prior's linearisation point."""
+    out = np.empty((prior.knots, DOF))
     _difference(prior.linearization, states, out)
     parts = [out.ravel()]
     if prior.camera is not None and camera is not None:

@@ -1,7 +1,7 @@
-"""Sums over the observations where the pose at an observation is propagated from the knot before (29).
+"""Sums over the observations if the pose at an observation is propagated from the knot before (29).
 
-It depends on pose, velocity and biases of that one knot (15), and nothing lies between two knots: sums go
-straight into the knots' coordinates.
+The pose depends on pose, velocity and biases of that one knot (15), so that sums are formed directly in the
+knots' coordinates.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 
 from asyneio.estimation.linearization.visual_sums import VisualSums
-from asyneio.estimation.problem.problem import Landmarks, Problem, States
+from asyneio.estimation.problem.problem import LANDMARK_COLUMNS, Landmarks, Problem, States
+from asyneio.estimation.problem.propagated_queries import increment_at, knot_at
 from asyneio.factors.preintegration import propagated_pose, propagated_pose_jacobian
 from asyneio.factors.propagated_rates import propagated_velocity
 from asyneio.factors.reprojection import (
@@ -27,13 +28,15 @@ from asyneio.factors.reprojection import (
 )
 from asyneio.factors.robust import cauchy
 from asyneio.geometry.tuples import ORIGIN, Vector, matrix_at, matrix_of, plus, vector_at
+from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import FloatArray
 
-#: Coordinates that an observation depends on: pose and velocity of the knot before, its biases, anchor pose,
-#: and what is estimated of the camera.
+#: Columns of a row: pose, velocity and biases of the knot before, anchor pose, calibration of the camera.
 _EPS, _NU, _BIAS, _ANCHOR, _CAMERA = 0, 6, 9, 15, 21
-#: Where a row holds the derivatives by the pose at the observation, before they are moved to the knot.
+#: Columns of the derivatives by the pose at the observation, before they are moved to the knot.
 _POSE = _EPS
+#: Position of the biases in `PROPAGATED_COLUMNS`, which omit the accelerations.
+_LANDMARK_BIAS = 12
 
 
 @njit(cache=True, nogil=True)
@@ -45,10 +48,10 @@ def propagated_terms(
     sums: VisualSums,
     squared: FloatArray,
 ) -> tuple[float, int]:
-    """Cost of all observations and how many had no influence; adds to `H` (24K+c,24K+c), `b` (24K+c,)
+    """Cost of all observations and the number without influence; adds to `H` (24K+c,24K+c), `b` (24K+c,)
     and `sums`; `squared` (M,) as in `visual_rows.fill_rows`.
 
-    `sums.W` holds the columns `PROPAGATED_COLUMNS`.
+    `sums.W` has the columns `PROPAGATED_COLUMNS`.
     """
     visual, model, landmarks = problem.visual, problem.model, problem.landmarks
     rig = rig_of(problem.camera.C_bc, model.r_bc)
@@ -94,14 +97,14 @@ def propagated_terms(
                 if row.shape[1] > _CAMERA:
                     _write_camera(problem, by, seen, rig, h, velocity, row[m])
             _move_to_knot(problem, i, n, row)
-            _sum_knots(row, residual, robust, i, a, 24 * problem.states.r.shape[0], H, b)
+            _sum_knots(row, residual, robust, i, a, DOF * problem.states.r.shape[0], H, b)
             _sum_landmark(row, residual, d_landmark, robust, i, j, a, sums)
     return cost, rejected
 
 
 @njit(cache=True, nogil=True)
 def _landmark(landmarks: Landmarks, states: States, j: int, origin: FloatArray, rig: Rig) -> Anchored:
-    """Landmark j in the world, its origin moved to `origin` (3,)."""
+    """Landmark j in the world with its origin moved to `origin` (3,)."""
     a = landmarks.anchor[j]
     r = plus(vector_at(states.r, a), -1.0, (origin[0], origin[1], origin[2]))
     return anchored(matrix_at(states.C, a), r, rig, vector_at(landmarks.kappa, j), landmarks.rho[j])
@@ -111,7 +114,7 @@ def _landmark(landmarks: Landmarks, states: States, j: int, origin: FloatArray, 
 def _write_camera(
     problem: Problem, by: Row, seen: Anchored, rig: Rig, h: Vector, velocity: FloatArray, row: FloatArray
 ) -> None:
-    """What is estimated of the camera, into `row` (21+c,); the pose moves with `velocity` (6,) in time."""
+    """Derivatives by the camera's calibration, into `row` (21+c,); `velocity` (6,) is that of the pose."""
     by_turn = extrinsic_rotation_row(by, seen, rig, h)
     for k in range(len(problem.camera.columns)):
         column = problem.camera.columns[k]
@@ -126,38 +129,19 @@ def _write_camera(
 @njit(cache=True, nogil=True)
 def pose_at(problem: Problem, states: States, i: int, n: int, C: FloatArray, r: FloatArray) -> None:
     """Body pose at observation n of interval i, propagated from knot i of `states`."""
-    propagated, sums = problem.propagated, problem.preintegrated
-    propagated_pose(
-        states.C[i],
-        states.r[i],
-        states.varpi[i, 0, 3:],
-        states.bias[i],
-        sums.bias[i],
-        propagated.C[n],
-        propagated.r[n],
-        propagated.d_bias[n],
-        propagated.tau[n],
-        problem.model.gravity_w,
-        C,
-        r,
-    )
+    increment = increment_at(problem.propagated, problem.preintegrated.bias[i], n)
+    propagated_pose(knot_at(states, i), increment, problem.model.gravity_w, C, r)
 
 
 @njit(cache=True, nogil=True)
 def _pose_rate(problem: Problem, i: int, n: int, out: FloatArray) -> None:
     """Generalised velocity (6,) of the pose of `pose_at`, at the linearisation point."""
-    propagated, states = problem.propagated, problem.linearization
+    propagated = problem.propagated
     propagated_velocity(
-        states.C[i],
-        states.varpi[i, 0, 3:],
-        states.bias[i],
-        problem.preintegrated.bias[i],
-        propagated.C[n],
-        propagated.d_bias[n],
-        propagated.tau[n],
+        knot_at(problem.linearization, i),
+        increment_at(propagated, problem.preintegrated.bias[i], n),
         propagated.omega[n],
-        propagated.nu[n],
-        propagated.d_turn[n],
+        propagated.d_bias_rate[n],
         problem.model.gravity_w,
         out,
     )
@@ -165,25 +149,11 @@ def _pose_rate(problem: Problem, i: int, n: int, out: FloatArray) -> None:
 
 @njit(cache=True, nogil=True)
 def _move_to_knot(problem: Problem, i: int, n: int, row: FloatArray) -> None:
-    """The derivatives by the pose at observation n, the first six of `row` (2,21+c), into those by eps, nu
-    and the biases of knot i, its first 15."""
-    propagated, states = problem.propagated, problem.linearization
+    """Replace the derivatives by the pose at observation n, the first six columns of `row` (2,21+c), by those
+    by eps, nu and the biases of knot i, the first 15."""
     d_eps, d_nu, d_bias = np.empty((6, 6)), np.empty((6, 3)), np.empty((6, 6))
-    propagated_pose_jacobian(
-        states.C[i],
-        states.r[i],
-        states.varpi[i, 0, 3:],
-        states.bias[i],
-        problem.preintegrated.bias[i],
-        propagated.C[n],
-        propagated.r[n],
-        propagated.d_bias[n],
-        propagated.tau[n],
-        problem.model.gravity_w,
-        d_eps,
-        d_nu,
-        d_bias,
-    )
+    increment = increment_at(problem.propagated, problem.preintegrated.bias[i], n)
+    propagated_pose_jacobian(knot_at(problem.linearization, i), increment, d_eps, d_nu, d_bias)
     d_pose = np.empty(6)
     for m in range(2):
         d_pose[:] = row[m, _POSE : _POSE + 6]
@@ -205,13 +175,13 @@ def _move_to_knot(problem: Problem, i: int, n: int, row: FloatArray) -> None:
 def _column(k: int, i: int, a: int, knots_end: int) -> int:
     """Coordinate in the stacked error states of entry k of a row; the camera's follow those of the knots."""
     if k < _NU:
-        return 24 * i + k
+        return DOF * i + EPS + k
     if k < _BIAS:
-        return 24 * i + 3 + k
+        return DOF * i + NU + k - _NU
     if k < _ANCHOR:
-        return 24 * i + 9 + k
+        return DOF * i + BIAS + k - _BIAS
     if k < _CAMERA:
-        return 24 * a + k - _ANCHOR
+        return DOF * a + EPS + k - _ANCHOR
     return knots_end + k - _CAMERA
 
 
@@ -253,12 +223,12 @@ def _sum_landmark(
         for e in range(dof):
             sums.H_l[j, d, e] += first * d_landmark[0, e] + second * d_landmark[1, e]
         of_anchor = sums.W.begin[j] + d * sums.W.width[a]
-        of_knot = of_anchor + 18 * (i - a)
+        of_knot = of_anchor + LANDMARK_COLUMNS * (i - a)
         for k in range(6):
             values[of_anchor + k] += first * row[0, _ANCHOR + k] + second * row[1, _ANCHOR + k]
-            values[of_knot + k] += first * row[0, _EPS + k] + second * row[1, _EPS + k]
-            values[of_knot + 12 + k] += first * row[0, _BIAS + k] + second * row[1, _BIAS + k]
+            values[of_knot + EPS + k] += first * row[0, _EPS + k] + second * row[1, _EPS + k]
+            values[of_knot + _LANDMARK_BIAS + k] += first * row[0, _BIAS + k] + second * row[1, _BIAS + k]
         for k in range(3):
-            values[of_knot + 9 + k] += first * row[0, _NU + k] + second * row[1, _NU + k]
+            values[of_knot + NU + k] += first * row[0, _NU + k] + second * row[1, _NU + k]
         for k in range(sums.W_camera.shape[2]):
             sums.W_camera[j, d, k] += first * row[0, _CAMERA + k] + second * row[1, _CAMERA + k]

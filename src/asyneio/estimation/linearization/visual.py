@@ -1,7 +1,7 @@
-"""Cost of the observations (34)-(38) on the trajectory, and the sums of their normal equations.
+"""Cost and normal equations of the observations (34)-(38) on the trajectory.
 
-Per interval the whitened Jacobians of all observations are written into rows (`visual_rows.py`), and the sums
-are products of those rows (`visual_sums.py`).
+For each interval the whitened Jacobians of all observations are written into rows (`visual_rows.py`); the
+sums are products of those rows (`visual_sums.py`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def visual_terms(
     sums: VisualSums,
     squared: FloatArray,
 ) -> tuple[float, int]:
-    """Cost of all observations and how many had no influence (behind the camera or beyond the gate).
+    """Cost of all observations and the number without influence (behind the camera or beyond the gate).
 
     `squared` (M,): as in `fill_rows`.
     """

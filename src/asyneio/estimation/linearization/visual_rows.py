@@ -8,7 +8,9 @@ from numba import njit
 from asyneio.estimation.problem.problem import Landmarks, Problem, States
 from asyneio.factors.reprojection import (
     Anchored,
+    PoseRow,
     Rig,
+    Row,
     anchored,
     bearing_row,
     extrinsic_rotation_row,
@@ -19,12 +21,15 @@ from asyneio.factors.reprojection import (
 )
 from asyneio.factors.robust import cauchy
 from asyneio.geometry.tuples import dot, matrix_at, plus, transposed_product, transposed_times, vector_at
+from asyneio.state import KINEMATIC_LOCAL_DOF, XI_DOT_0
 from asyneio.trajectory.step import local_variable, row_times_step_jacobian, step_pose
 from asyneio.types import FloatArray
 
-#: Columns of a row: anchor pose, local coordinates of the interval, residual, landmark, what is estimated of
-#: the camera.
-ANCHOR, LOCAL, RESIDUAL, LANDMARK, CAMERA = 0, 6, 42, 43, 46
+#: Columns of a row: anchor pose, local coordinates of the interval, residual, landmark, calibration of the
+#: camera.
+ANCHOR, LOCAL = 0, 6
+RESIDUAL = LOCAL + KINEMATIC_LOCAL_DOF
+LANDMARK, CAMERA = RESIDUAL + 1, RESIDUAL + 4
 
 
 @njit(cache=True, nogil=True)
@@ -38,11 +43,11 @@ def fill_rows(
     squared: FloatArray,
 ) -> tuple[float, int]:
     """Rows (2m,46+c) of the m observations of interval i, whitened and robustly weighted, two for each:
-    residuals at the states, Jacobians at the linearisation point. What has no influence keeps zeros.
+    residuals at the states, Jacobians at the linearisation point. Rows without influence keep their zeros.
 
-    Returns their cost and how many have no influence; `squared` (M,) takes the squared norms of their
-    whitened residuals, infinite behind the camera, whatever the robust cost makes of them. The base frame is
-    the body at knot i; what depends on the landmark alone is found once for its run of observations.
+    Returns the cost and the number of observations without influence. `squared` (M,) receives the squared
+    norms of the whitened residuals before the robust cost, infinite behind the camera. The base frame is the
+    body at knot i; what depends on the landmark alone is computed once for its consecutive observations.
     """
     visual, model, camera_columns = problem.visual, problem.model, problem.camera.columns
     landmark_of, xy, root_information, weights = (
@@ -89,19 +94,12 @@ def fill_rows(
             w0, w1 = root * root_information[n, m, 0], root * root_information[n, m, 1]
             row = reprojection_row(w0, w1, lin, C, r, rig, x_b, h)
             step = row_times_step_jacobian(row.query, phi, rho, C, space)
-            for k in range(3):
-                rows[o, ANCHOR + k], rows[o, ANCHOR + 3 + k] = row.anchor[0][k], row.anchor[1][k]
-                rows[o, LOCAL + k], rows[o, LOCAL + 3 + k] = row.base[0][k], row.base[1][k]
-            for p in range(5):
-                w = weights[n, 0, p]
-                for k in range(3):
-                    rows[o, LOCAL + 6 + 6 * p + k] = w * step[0][k]
-                    rows[o, LOCAL + 9 + 6 * p + k] = w * step[1][k]
+            _write_poses(row, step, weights, n, rows, o)
             rows[o, RESIDUAL] = root * (e0 if m == 0 else e1)
             rows[o, LANDMARK] = row.by_rho
             rows[o, LANDMARK + 1], rows[o, LANDMARK + 2] = bearing_row(row, rig, tangent, j)
             if len(camera_columns) > 0:
-                # A second of time offset perturbs the pose by the step's Jacobian times the rate of xi.
+                # By the time offset the pose changes by the step's Jacobian times the rate of xi.
                 turn_rate, rate = local_variable(local_lin, weights, n, 1)
                 by_offset = dot(step[0], turn_rate) + dot(step[1], rate)
                 by_turn = extrinsic_rotation_row(row, lin, rig, h)
@@ -111,11 +109,28 @@ def fill_rows(
     return cost, rejected
 
 
+# Inlined before compilation: as a call it would cost a few per cent of the whole linearisation.
+@njit(cache=True, nogil=True, inline="always")
+def _write_poses(row: Row, step: PoseRow, weights: FloatArray, n: int, rows: FloatArray, o: int) -> None:
+    """Derivatives by the anchor's pose and by the local coordinates, into row o of `rows`.
+
+    `step` is the derivative of observation n by xi(tau), which its `weights` (N,2,5) distribute (20).
+    """
+    for k in range(3):
+        rows[o, ANCHOR + k], rows[o, ANCHOR + 3 + k] = row.anchor[0][k], row.anchor[1][k]
+        rows[o, LOCAL + k], rows[o, LOCAL + 3 + k] = row.base[0][k], row.base[1][k]
+    for p in range(5):
+        w = weights[n, 0, p]
+        for k in range(3):
+            rows[o, LOCAL + XI_DOT_0 + 6 * p + k] = w * step[0][k]
+            rows[o, LOCAL + XI_DOT_0 + 6 * p + 3 + k] = w * step[1][k]
+
+
 @njit(cache=True, nogil=True)
 def _landmark(landmarks: Landmarks, states: States, i: int, j: int, rig: Rig) -> Anchored:
     """Landmark j relative to the body at knot i."""
     a = landmarks.anchor[j]
     C_i = matrix_at(states.C, i)
-    way = plus(vector_at(states.r, a), -1.0, vector_at(states.r, i))
-    C, r = transposed_product(C_i, matrix_at(states.C, a)), transposed_times(C_i, way)
+    dp = plus(vector_at(states.r, a), -1.0, vector_at(states.r, i))
+    C, r = transposed_product(C_i, matrix_at(states.C, a)), transposed_times(C_i, dp)
     return anchored(C, r, rig, vector_at(landmarks.kappa, j), landmarks.rho[j])

@@ -1,6 +1,6 @@
 """Products of the observations' rows: sums over the trajectory, anchors, landmarks, camera and couplings.
 
-Observations are sorted by interval, anchor and landmark, so that each product takes a contiguous block.
+Observations are sorted by interval, anchor and landmark, so that each product uses a contiguous block.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from numba import njit
 
 from asyneio.estimation.linearization.couplings import Couplings, empty_couplings
 from asyneio.estimation.linearization.visual_rows import ANCHOR, CAMERA, LANDMARK, LOCAL, RESIDUAL
-from asyneio.estimation.problem.problem import Problem
+from asyneio.estimation.problem.problem import LANDMARK_COLUMNS, Problem
 from asyneio.geometry.linalg import set_block
+from asyneio.state import DOF, EPS, KINEMATIC_DOF, KINEMATIC_LOCAL_DOF, VARPI, XI, XI_DDOT_0
 from asyneio.trajectory.model import SE3
 from asyneio.types import BoolArray, FloatArray, IntArray
 
@@ -28,7 +29,7 @@ class VisualSums(NamedTuple):
     W: Couplings  # landmarks against knots
     H_l: FloatArray  # (L,3,3)
     b_l: FloatArray  # (L,3)
-    H_camera: FloatArray  # (c,c) what is estimated of the camera
+    H_camera: FloatArray  # (c,c) calibration of the camera
     b_camera: FloatArray  # (c,)
     W_camera: FloatArray  # (L,dof,c) landmarks against it
     local_camera: FloatArray  # (I,36,c) local coordinates against it
@@ -42,7 +43,7 @@ def empty_sums(problem: Problem) -> VisualSums:
     interpolated = len(problem.propagated.tau) == 0
     intervals, dof = knots - 1, model.landmark_dof
     return VisualSums(
-        H_anchor=np.zeros((intervals if interpolated else 0, knots, 36, 6)),
+        H_anchor=np.zeros((intervals if interpolated else 0, knots, KINEMATIC_LOCAL_DOF, 6)),
         touched=np.zeros((intervals, knots), dtype=np.bool_),
         H_pose=np.zeros((knots, 6, 6)),
         b_pose=np.zeros((knots, 6)),
@@ -54,14 +55,14 @@ def empty_sums(problem: Problem) -> VisualSums:
         H_camera=np.zeros((camera, camera)),
         b_camera=np.zeros(camera),
         W_camera=np.zeros((landmarks, dof, camera)),
-        local_camera=np.zeros((intervals, 36, camera)),
+        local_camera=np.zeros((intervals, KINEMATIC_LOCAL_DOF, camera)),
         pose_camera=np.zeros((knots, 6, camera)),
     )
 
 
-#: Where only the cost is asked for.
+#: For evaluations of the cost alone.
 NO_SUMS = VisualSums(
-    H_anchor=np.zeros((0, 0, 36, 6)),
+    H_anchor=np.zeros((0, 0, KINEMATIC_LOCAL_DOF, 6)),
     touched=np.zeros((0, 0), dtype=np.bool_),
     H_pose=np.zeros((0, 6, 6)),
     b_pose=np.zeros((0, 6)),
@@ -71,7 +72,7 @@ NO_SUMS = VisualSums(
     H_camera=np.zeros((0, 0)),
     b_camera=np.zeros(0),
     W_camera=np.zeros((0, 0, 0)),
-    local_camera=np.zeros((0, 36, 0)),
+    local_camera=np.zeros((0, KINEMATIC_LOCAL_DOF, 0)),
     pose_camera=np.zeros((0, 6, 0)),
 )
 
@@ -100,9 +101,9 @@ def sum_knots(
         some = rows[2 * begin : 2 * end]
         square = np.dot(some.T, some)
         sums.touched[i, a] = True
-        for p in range(36):
+        for p in range(KINEMATIC_LOCAL_DOF):
             b[p] += square[LOCAL + p, RESIDUAL]
-            for q in range(36):
+            for q in range(KINEMATIC_LOCAL_DOF):
                 H[p, q] += square[LOCAL + p, LOCAL + q]
             for q in range(6):
                 sums.H_anchor[i, a, p, q] += square[LOCAL + p, ANCHOR + q]
@@ -147,23 +148,23 @@ def sum_landmarks(
         at = sums.W.begin[j] + d * sums.W.width[anchor[j]]
         for k in range(6):
             values[at + k] += row[ANCHOR + k]
-        at += 18 * (i - anchor[j])
-        for k in range(18):
+        at += LANDMARK_COLUMNS * (i - anchor[j])
+        for k in range(KINEMATIC_DOF):
             values[at + k] += row[LOCAL + k]
         for k in range(6):
-            values[at + k] += moved[3 * g + d, k]
-        for k in range(18):
-            values[at + 18 + k] += moved[3 * g + d, 6 + k]
+            values[at + EPS + k] += moved[3 * g + d, k]
+        for k in range(KINEMATIC_DOF):
+            values[at + LANDMARK_COLUMNS + k] += moved[3 * g + d, 6 + k]
         if space != SE3:
             # The acceleration at the first knot depends on its varpi.
-            for k in range(6, 12):
-                for m in range(15, 18):
+            for k in range(VARPI, VARPI + 6):
+                for m in range(XI_DDOT_0 + 3, XI):
                     values[at + k] += row[LOCAL + m] * chain[m, k]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
 def _landmark_rows(seen: IntArray, rows: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Rows (3g,46+c) of the landmarks of the interval, each against all columns, and which those are (g,)."""
+    """Rows (3g,46+c) of the g landmarks of the interval against all columns, and their indices (g,)."""
     m = seen.shape[0]
     own, owner = np.zeros((3 * m, rows.shape[1])), np.empty(m, dtype=np.int64)
     g = -1
@@ -184,8 +185,8 @@ def _landmark_rows(seen: IntArray, rows: FloatArray) -> tuple[FloatArray, IntArr
 
 @njit(cache=True, nogil=True)
 def _moved_by_chain(own: FloatArray, chain: FloatArray) -> FloatArray:
-    """(n,24): the last 18 local coordinates of rows (n,46+c), moved to eps_k and to knot k + 1."""
-    full = np.empty((18, 24))
-    set_block(full, 0, 0, 1.0, chain[18:36, :6])
-    set_block(full, 0, 6, 1.0, chain[18:36, 24:42])
-    return np.dot(np.ascontiguousarray(own[:, LOCAL + 18 : LOCAL + 36]), full)
+    """(n,24): the last 18 local coordinates of rows (n,46+c), transformed to eps_k and to knot k + 1."""
+    full = np.empty((KINEMATIC_DOF, 6 + KINEMATIC_DOF))
+    set_block(full, 0, 0, 1.0, chain[XI:KINEMATIC_LOCAL_DOF, EPS : EPS + 6])
+    set_block(full, 0, 6, 1.0, chain[XI:KINEMATIC_LOCAL_DOF, DOF : DOF + KINEMATIC_DOF])
+    return np.dot(np.ascontiguousarray(own[:, LOCAL + XI : LOCAL + KINEMATIC_LOCAL_DOF]), full)

@@ -1,17 +1,17 @@
 """Time offset and rotation of the camera as unknowns of the window, common to all its observations.
 
-*Which times move.* A landmark's bearing is that of the camera at the anchor's knot, at the knot's own time:
-it stays. Every observation moves along the trajectory: one stamped t shows what the body saw at t +
-time_offset. It stays with the interval of its stamp, whose polynomial is carried on past the knot by the
-offset at most; the next interval's differs from it by a jump of the third derivative of xi, so by j d^3 / 6:
-1e-5 rad for d = 5 ms and a jump of 500 rad/s^3.
+*Which times change.* A landmark's bearing is that of the camera at the anchor knot, at the knot's own time,
+which the offset does not change. Every observation moves along the trajectory: an observation stamped t was
+made at t + time_offset. It stays with the interval of its stamp, whose polynomial is extrapolated past the
+knot by at most the offset d. The polynomial of the next interval differs from it by a jump j of the third
+derivative of xi, hence by j d^3 / 6: 1e-5 rad for d = 5 ms and a jump of 500 rad/s^3.
 
-On an interpolated trajectory the interpolation weights are made anew for every offset that is tried, so
-nothing is linearised but the step. Propagated poses (29) are shifted to first order from where their
-increments were last asked for.
+On an interpolated trajectory the interpolation weights are computed anew for every offset that is tried, so
+that only the step is linearised. Propagated poses (29) are shifted to first order from the times at which
+their increments were last computed.
 
-*Random walk.* All observations in the window share one offset and rotation; between the window and what has
-left it the camera may drift: every marginalised interval adds the variance of a random walk.
+*Random walk.* All observations in the window share one offset and rotation. The camera may drift over longer
+times: every marginalised interval adds the variance of a random walk.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ CAMERA_DOF = 4
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """What is estimated of the camera, and how far it may be off.
+    """Estimated coordinates of the camera and their prior.
 
     `columns` (c,) of [time offset, rotation (3)]; `sigma` (4,) of the prior [s, rad]; `walk` (4,) density of
-    the random walk [s/sqrt(s), rad/sqrt(s)]; `time_offset` to begin with [s].
+    the random walk [s/sqrt(s), rad/sqrt(s)]; initial `time_offset` [s].
     """
 
     columns: IntArray
@@ -58,7 +58,7 @@ def first_camera(C_bc: FloatArray, settings: CalibrationSettings) -> Camera:
 
 
 def with_camera(prior: Prior, camera: Camera, settings: CalibrationSettings) -> Prior:
-    """A prior on knots alone, and that `camera` is known to the settings' sigmas."""
+    """`prior`, which is on knots alone, extended by a prior on `camera` with the settings' sigmas."""
     if not len(camera.columns):
         return prior
     (rank, size), c = prior.R.shape, len(camera.columns)
@@ -69,7 +69,7 @@ def with_camera(prior: Prior, camera: Camera, settings: CalibrationSettings) -> 
 
 
 def camera_difference(camera: Camera, linearization: Camera) -> FloatArray:
-    """Error coordinates (c,) of `camera` as seen from `linearization`."""
+    """Error coordinates (c,) of `camera` relative to `linearization`."""
     out = np.empty(CAMERA_DOF)
     out[0] = camera.time_offset - linearization.time_offset
     so3_log(linearization.C_bc.T @ camera.C_bc, out[1:])
@@ -77,25 +77,25 @@ def camera_difference(camera: Camera, linearization: Camera) -> FloatArray:
 
 
 def moved_camera(camera: Camera, step: FloatArray) -> Camera:
-    """The camera after a step (c,) of what is estimated of it."""
-    full, turn = np.zeros(CAMERA_DOF), np.empty((3, 3))
+    """The camera after a step (c,) of its estimated coordinates."""
+    full, dR = np.zeros(CAMERA_DOF), np.empty((3, 3))
     full[camera.columns] = step
-    so3_exp(full[1:], turn)
-    return camera._replace(C_bc=camera.C_bc @ turn, time_offset=camera.time_offset + float(full[0]))
+    so3_exp(full[1:], dR)
+    return camera._replace(C_bc=camera.C_bc @ dR, time_offset=camera.time_offset + float(full[0]))
 
 
 def after_walk(
     information: FloatArray, gradient: FloatArray, variance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Information (n,n) and gradient (n,) when the last c coordinates have walked by `variance` (c,).
+    """Information (n,n) and gradient (n,) after a random walk of the last c coordinates with `variance` (c,).
 
-    The coordinates before the walk are eliminated, in a form that is exact for a variance of zero too.
+    The coordinates before the walk are eliminated, in a form that is exact for zero variance too.
     """
     c, n = len(variance), len(gradient) - len(variance)
     if c == 0:
         return information, gradient
     border, own, slope = information[:n, n:], information[n:, n:], gradient[n:]
-    # Q S^{-1} stands for (Lambda + Q^{-1})^{-1}, and S^{-1} for what is left of a unit of information.
+    # Q S^{-1} = (Lambda + Q^{-1})^{-1}; S^{-1} is the remaining fraction of the information.
     left = np.linalg.inv(np.eye(c) + own * variance)
     gain = variance[:, None] * left
     out = information.copy()
@@ -109,7 +109,7 @@ def after_walk(
 def at_offset(
     visual: Visual, propagated: Propagated, offset: float, dt: FloatArray, prior: int
 ) -> tuple[Visual, Propagated]:
-    """The observations with their poses asked for at another time offset [s].
+    """The observations with their poses at another time offset [s].
 
     `dt` (I,) are the lengths of the intervals, `prior` the motion prior of their interpolation.
     """

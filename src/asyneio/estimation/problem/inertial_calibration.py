@@ -1,20 +1,20 @@
 """Scale factors and misalignment of both inertial sensors as unknowns of the window, common to all samples.
 
-A data sheet allows a scale factor to be off by one percent and axes to lean by as much. That is no noise: it
-is the same in every sample and grows with the motion, so neither the noise nor the bias can stand for it.
+Data sheets allow errors of scale factors and axes of one percent. They are the same in every sample and grow
+with the motion, so that neither noise nor bias can model them. A reading is `truth + bias + E smooth +
+noise`, where `smooth` is the reading smoothed over its neighbours (`smoothed`). Because `smooth` is known,
+residuals (21) keep their form with corrected values `reading - E smooth` in place of readings, and their
+derivative by E is constant. Neither the reading itself nor the rates of the trajectory can replace `smooth`:
+both contain the noise of the reading, which would then look like a proportional error. Smaller corrected
+values have smaller residuals, and smaller rates less jerk: with an IMU shaken by rotors, this changed scale
+factors by -6 % and by +1.4 %.
 
-A reading is `truth + bias + E smooth + noise`, where `smooth` is what readings around it say of it
-(`smoothed`): a number that is known, so residuals (21) keep their form with corrected values, `reading - E
-smooth`, in the place of readings, and their derivative by E is constant. Neither the reading itself nor the
-rates of the trajectory would do in the place of `smooth`: both contain the reading's own noise, which then
-looks like an error in proportion to it. Smaller corrected values have smaller errors, and smaller rates less
-jerk: where rotors shake an IMU, that moved scale factors by -6 % and by +1.4 %.
+E of the gyroscope is symmetric: the calibration against the camera defines the body's axes as those of the
+gyroscope, so that a rotation in E would be a rotation of the camera. E of the accelerometer has all nine
+elements.
 
-E of the gyroscope is symmetric: its axes are those of the body, by the calibration against the camera, so a
-part that is a rotation would be the camera's. That of the accelerometer has all nine elements.
-
-The coordinates (15): gyroscope's scale x, y, z, its cross-axis shares yz, xz, xy; accelerometer's scale x, y,
-z, its cross-axis shares xy, xz, yx, yz, zx, zy.
+The coordinates (15): scale x, y, z and cross-axis factors yz, xz, xy of the gyroscope; scale x, y, z and
+cross-axis factors xy, xz, yx, yz, zx, zy of the accelerometer.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ IMU_DOF, GYROSCOPE_DOF = 15, 6
 
 
 def _directions() -> FloatArray:
-    """Matrices (15,3,3): what a unit of each coordinate adds to E of its sensor."""
+    """Derivatives (15,3,3) of E of a sensor by its coordinates."""
     out = np.zeros((IMU_DOF, 3, 3))
     for k in range(3):
         out[k, k, k] = out[GYROSCOPE_DOF + k, k, k] = 1.0
@@ -44,14 +44,14 @@ def _directions() -> FloatArray:
 
 
 DIRECTIONS = _directions()
-#: Readings are smoothed over so long on each side of the middle of their interval [ns]: a hand turns little
-#: faster than a parabola in it, and a rotor much. Fewer values stay as they are.
+#: Readings are smoothed over this time on each side of the middle of their interval [ns]: a parabola follows
+#: hand-held motion over it, but not a rotor. With fewer values than this, readings are not smoothed.
 SMOOTH_NS, _FEWEST = 175_000_000, 8
 
 
 @dataclass(frozen=True)
 class CorrectionSettings:
-    """What is estimated of the IMU, and how far it may be off.
+    """Estimated coordinates of the IMU and their prior.
 
     `columns` (s,) of the 15 coordinates; `sigma` (15,) of the prior; `walk` (15,) density of the random walk
     [1/sqrt(s)].
@@ -67,14 +67,14 @@ AS_READ = CorrectionSettings(np.zeros(0, dtype=np.int64), np.ones(IMU_DOF), np.z
 
 
 def correction_settings(scale_sigma: float, misalignment_sigma: float, walk: float) -> CorrectionSettings:
-    """All coordinates: standard deviations of a scale factor and of a cross-axis share [rad], and density of
+    """All coordinates: standard deviations of a scale factor and of a cross-axis factor [rad], and density of
     the random walk [1/sqrt(s)]."""
     sigma = np.repeat([scale_sigma, misalignment_sigma, scale_sigma, misalignment_sigma], [3, 3, 3, 6])
     return CorrectionSettings(np.arange(IMU_DOF), sigma, np.full(IMU_DOF, walk))
 
 
 def first_correction(settings: CorrectionSettings) -> ImuCorrection:
-    """Readings as they are, and what is estimated of them."""
+    """No correction to begin with, and the coordinates that are estimated."""
     return ImuCorrection(np.zeros(IMU_DOF), settings.columns) if len(settings.columns) else NO_CORRECTION
 
 
@@ -85,8 +85,8 @@ def gains(imu: ImuCorrection) -> tuple[FloatArray, FloatArray]:
 
 
 def smoothed(start: IntArray, t_ns: IntArray, value: FloatArray) -> FloatArray:
-    """Values (N,3) at `t_ns` (N,), ascending, smoothed: for each interval the parabola through the values
-    around its own, of intervals outside the window too. `start` (I+1,) as in `Inertial`."""
+    """Values (N,3) at `t_ns` (N,), ascending, smoothed: for each interval by the parabola through the values
+    in and around it, also of intervals outside the window. `start` (I+1,) as in `Inertial`."""
     out = value.copy()
     for begin, end in pairwise(start):
         if end == begin:
@@ -104,7 +104,7 @@ def smoothed(start: IntArray, t_ns: IntArray, value: FloatArray) -> FloatArray:
 def corrected(
     gyroscope: Inertial, accelerometer: Inertial, imu: ImuCorrection, since: ImuCorrection = NO_CORRECTION
 ) -> tuple[Inertial, Inertial]:
-    """Values of both sensors, corrected as `since` says until now, as `imu` says."""
+    """Values of both sensors with the correction `imu` in place of `since`."""
     if imu.coordinates is since.coordinates:
         return gyroscope, accelerometer
     pairs = zip((gyroscope, accelerometer), gains(imu), gains(since), strict=True)
@@ -115,7 +115,7 @@ def corrected(
 
 
 def with_imu(prior: Prior, imu: ImuCorrection, settings: CorrectionSettings) -> Prior:
-    """A prior on knots and camera, and that the IMU is known to the settings' sigmas."""
+    """`prior`, which is on knots and camera, extended by a prior on the IMU with the settings' sigmas."""
     if not len(imu.columns):
         return prior
     (rank, size), s = prior.R.shape, len(imu.columns)
@@ -126,7 +126,7 @@ def with_imu(prior: Prior, imu: ImuCorrection, settings: CorrectionSettings) -> 
 
 
 def with_moved_imu(problem: Problem, step: FloatArray) -> Problem:
-    """The problem after a step (s,) of what is estimated of the IMU."""
+    """The problem after a step (s,) of the IMU's estimated coordinates."""
     if not len(step):
         return problem
     coordinates = problem.imu.coordinates.copy()

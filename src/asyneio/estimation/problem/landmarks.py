@@ -1,4 +1,4 @@
-"""The window's landmarks: birth from a track and the present trajectory, lookup by track, removal."""
+"""The window's landmarks: initialization from a track and the trajectory, lookup by track, removal."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from asyneio.estimation.problem.problem import Landmarks, Propagated, States, bearing_tangent
+from asyneio.estimation.problem.propagated_queries import increment_at, knot_at
 from asyneio.factors.preintegration import propagated_pose
 from asyneio.geometry.linalg import matmul, matvec
 from asyneio.geometry.triangulation import triangulate_inverse_depth
@@ -28,14 +29,14 @@ class LandmarkTable:
         return len(self.track)
 
     def index_of(self, track: IntArray) -> IntArray:
-        """Index of each track's landmark, -1 where it has none."""
+        """Index of each track's landmark, -1 if it has none."""
         if len(self.track) == 0:
             return np.full(len(track), -1)
         at = np.minimum(np.searchsorted(self.track, track), len(self.track) - 1)
         return np.where(self.track[at] == track, at, -1)
 
     def add(self, track: IntArray, anchor: IntArray, kappa: FloatArray, rho: FloatArray) -> None:
-        """Add landmarks of tracks that have none."""
+        """Add landmarks for tracks that have none."""
         order = np.argsort(np.concatenate([self.track, track]), kind="stable")
         self.track = np.concatenate([self.track, track])[order]
         self.anchor = np.concatenate([self.anchor, anchor])[order]
@@ -43,7 +44,7 @@ class LandmarkTable:
         self.rho = np.concatenate([self.rho, rho])[order]
 
     def keep(self, mask: BoolArray) -> None:
-        """Forget the landmarks outside `mask`."""
+        """Drop the landmarks outside `mask`."""
         self.track = self.track[mask]
         self.anchor = self.anchor[mask]
         self.kappa = self.kappa[mask]
@@ -111,26 +112,12 @@ def propagated_camera_poses(
     C_out: FloatArray,
     r_out: FloatArray,
 ) -> None:
-    """As `camera_poses`, from increments (N) since the knots `interval`; `bias_ref` (K,6) as these were made
-    with."""
+    """As `camera_poses`, from increments (N) since the knots `interval`, computed with `bias_ref` (K,6)."""
     C = np.empty((3, 3))
     r = np.empty(3)
     for n in range(interval.shape[0]):
         i = interval[n]
-        propagated_pose(
-            states.C[i],
-            states.r[i],
-            states.varpi[i, 0, 3:],
-            states.bias[i],
-            bias_ref[i],
-            increments.C[n],
-            increments.r[n],
-            increments.d_bias[n],
-            increments.tau[n],
-            gravity_w,
-            C,
-            r,
-        )
+        propagated_pose(knot_at(states, i), increment_at(increments, bias_ref[i], n), gravity_w, C, r)
         _camera_of(C, r, C_bc, r_bc, C_out[n], r_out[n])
 
 
@@ -149,8 +136,9 @@ def _born_landmark(
     """Inverse depth (returned) and bearing `kappa` (3,) at the anchor camera, of a track's first
     observations.
 
-    The bearing is that of observation `reference`, carried to the anchor with its triangulated depth; without
-    parallax (depth uncertain by more than its own size) with the default depth. Never behind the anchor.
+    The bearing is that of observation `reference`, transferred to the anchor with its triangulated depth, or
+    with the default depth if there is no parallax (depth uncertain by more than its own size). It is never
+    behind the anchor.
     """
     rho, information = triangulate_inverse_depth(
         C_wc, r_wc, direction, C_wc[reference], r_wc[reference], direction[reference]
@@ -185,8 +173,8 @@ def initialize_landmarks(
 ) -> None:
     """Bearings `kappa` (G,3) and inverse depths `rho` (G,) of G tracks with `counts` (G,) observations each.
 
-    `direction` (N,3) are unit bearings of all observations, `C_wc`, `r_wc` (N+G) the cameras that saw them,
-    before those of each track the one at its anchor.
+    `direction` (N,3) are unit bearings of all observations, `C_wc`, `r_wc` (N+G) their cameras; the camera at
+    a track's anchor precedes those of its observations.
     """
     seen = 0
     for g in range(counts.shape[0]):

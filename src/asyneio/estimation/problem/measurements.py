@@ -1,6 +1,6 @@
-"""Measurements of the window: raw records in, arrays sorted by interval out. No Python per measurement.
+"""Measurements of the window: raw records in, arrays sorted by interval out, without loops in Python.
 
-Knots carry absolute numbers that never change while the window slides; an interval has the number of its
+Knots have absolute numbers that do not change while the window slides; an interval has the number of its
 first knot. A measurement at `t` belongs to the interval with t_k < t <= t_{k+1}.
 """
 
@@ -24,8 +24,8 @@ from asyneio.inertial.increments import Preintegration
 from asyneio.trajectory.motion_prior import interpolation_weights_many
 from asyneio.types import BoolArray, FloatArray, IntArray
 
-#: Propagated poses are asked for anew when the time offset has moved so far [s]: what a first-order shift
-#: leaves out, half its square times the angular acceleration, is 1e-6 rad in violent motion (50 rad/s^2).
+#: Propagated poses are computed anew when the time offset has changed by this much [s]: a first-order shift
+#: neglects half its square times the angular acceleration, 1e-6 rad in violent motion (50 rad/s^2).
 _ASK_AGAIN_S = 2e-4
 
 
@@ -41,7 +41,7 @@ def _weights(
 
 
 def _with_rows(matrix: FloatArray, rows: FloatArray) -> FloatArray:
-    """`matrix` (N,Q) with more rows (M,P) below, the narrower of the two filled up with zeros."""
+    """`matrix` (N,Q) with rows (M,P) appended, the narrower of the two padded with zeros."""
     out = np.zeros((len(matrix) + len(rows), max(matrix.shape[1], rows.shape[1])))
     out[: len(matrix), : matrix.shape[1]] = matrix
     out[len(matrix) :, : rows.shape[1]] = rows
@@ -52,7 +52,7 @@ class InertialBuffer:
     """Samples of one inertial sensor inside the window, on a trajectory with the given motion prior."""
 
     def __init__(self, prior: int, smooths: bool = False) -> None:
-        """`smooths`: whether smoothed values are asked for as well."""
+        """`smooths`: whether smoothed values are needed as well."""
         self._prior = prior
         self._smooths = smooths
         self._interval: IntArray = np.empty(0, dtype=np.int64)
@@ -74,7 +74,7 @@ class InertialBuffer:
         self._root = _with_rows(self._root, samples.root)
 
     def drop_before(self, interval: int) -> None:
-        """Forget the samples of intervals before `interval`, but for those that smooth the ones after it."""
+        """Drop the samples of intervals before `interval`, except those that smooth the ones after it."""
         n = int(np.searchsorted(self._interval, interval))
         if self._smooths and n < len(self._t_ns):
             n = int(np.searchsorted(self._t_ns, self._t_ns[n] - 2 * SMOOTH_NS))
@@ -125,12 +125,12 @@ class PreintegrationBuffer:
         self._rules[interval] = measured.preintegration
 
     def drop_before(self, interval: int) -> None:
-        """Forget the increments of intervals before `interval`."""
+        """Drop the increments of intervals before `interval`."""
         self._entries = {k: entry for k, entry in self._entries.items() if k >= interval}
         self._rules = {k: rule for k, rule in self._rules.items() if k >= interval}
 
     def rules(self) -> list[Preintegration]:
-        """What made the increments, in order of the intervals."""
+        """The preintegrations of the intervals, in order."""
         return [self._rules[k] for k in sorted(self._rules)]
 
     def arrays(self, first: int, intervals: int) -> Preintegrated:
@@ -175,7 +175,7 @@ class VisualBuffer:
         offset: float = 0.0,
     ) -> None:
         """Undistorted observations `xy` (N,2) of one interval that spans `bounds_ns`, and increments at their
-        times plus `offset` [s] where the scheme has them."""
+        times plus `offset` [s] if the scheme has increments."""
         tau = np.asarray((t_ns - bounds_ns[0]) * 1e-9, dtype=np.float64)
         dt = np.full(len(t_ns), (bounds_ns[1] - bounds_ns[0]) * 1e-9)
         self.t_ns = np.concatenate([self.t_ns, t_ns])
@@ -190,7 +190,7 @@ class VisualBuffer:
         self.propagated = Propagated(*(np.concatenate(pair) for pair in both))
 
     def keep(self, mask: BoolArray) -> None:
-        """Forget the observations outside `mask`."""
+        """Drop the observations outside `mask`."""
         self.t_ns = self.t_ns[mask]
         self.track = self.track[mask]
         self.interval = self.interval[mask]
@@ -202,9 +202,9 @@ class VisualBuffer:
         self.propagated = self.propagated.chosen(mask)
 
     def move_to(self, offset: float, rules: list[Preintegration], first: int) -> None:
-        """Ask for poses at the stamps plus another time offset [s].
+        """Compute poses at the stamps plus another time offset [s].
 
-        `rules` are those of the intervals from `first` on, where poses are propagated.
+        `rules` are the preintegrations of the intervals from `first` on if poses are propagated.
         """
         if len(self.propagated.tau) == 0:
             self.weights = self._weights(self.tau + offset, self.dt)
@@ -216,7 +216,7 @@ class VisualBuffer:
                 propagated_at(rules[k - first], self.tau[self.interval == k] + offset, with_rates=True)
                 for k in np.unique(self.interval)
             ]
-            # Observations are held in the order of their intervals.
+            # Observations are stored in the order of their intervals.
             self.propagated = Propagated(*(np.concatenate(some) for some in zip(*parts, strict=True)))
 
     def _weights(self, tau: FloatArray, dt: FloatArray) -> FloatArray:
@@ -234,7 +234,7 @@ class VisualBuffer:
         """
         chosen = np.flatnonzero(landmark >= 0)
         mine = landmark[chosen]
-        # One key in place of three: a third of the time.
+        # One key instead of three takes a third of the time.
         key = ((self.interval[chosen] - first) * intervals + (anchor[mine] - first)) * len(anchor) + mine
         chosen = chosen[np.argsort(key, kind="stable")]
         start = np.searchsorted(self.interval[chosen], first + np.arange(intervals + 1))

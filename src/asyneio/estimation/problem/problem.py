@@ -1,8 +1,7 @@
 """The window's optimisation problem as flat arrays, in NamedTuples that kernels read.
 
-K knots, I = K - 1 intervals, L landmarks. Measurements are sorted by interval; `start[i]:start[i + 1]`
-are those
-of interval i.
+K knots, I = K - 1 intervals, L landmarks. Measurements are sorted by interval; those of interval i are
+`start[i]:start[i + 1]`.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from asyneio.state import BIAS, DOF, EPS, KINEMATIC_DOF, VARPI_DOT
 from asyneio.trajectory.model import MotionModel
 from asyneio.types import BoolArray, FloatArray, IntArray
 
@@ -27,43 +27,56 @@ class States(NamedTuple):
         """A copy that shares no memory."""
         return States(self.C.copy(), self.r.copy(), self.varpi.copy(), self.bias.copy())
 
+    def chosen(self, knots: slice) -> States:
+        """Some of the knots, as views."""
+        return States(self.C[knots], self.r[knots], self.varpi[knots], self.bias[knots])
+
+    def joined(self, other: States) -> States:
+        """These knots, then those of `other`."""
+        return States(
+            np.concatenate([self.C, other.C]),
+            np.concatenate([self.r, other.r]),
+            np.concatenate([self.varpi, other.varpi]),
+            np.concatenate([self.bias, other.bias]),
+        )
+
 
 class Inertial(NamedTuple):
-    """Samples of one inertial sensor, or the few values that stand for those of an interval
+    """Samples of one inertial sensor, or the few values that represent those of an interval
     (`inertial.projection`).
 
     The values of an interval are whitened together. A row of `root_information` belongs to one value: it
-    holds the weights of the interval's values up to and including that one, then zeros.
+    contains the weights of the interval's values up to and including that one, then zeros.
     """
 
     start: IntArray  # (I+1,)
     value: FloatArray  # (N,3) rad/s or m/s^2
     weights: FloatArray  # (N,3,5) interpolation weights (20)
     alpha: FloatArray  # (N,) fraction of the interval that has passed
-    root_information: FloatArray  # (N,Q), Q the most that an interval holds
-    smooth: FloatArray  # (N,3) readings without their noise, for errors in proportion to them
+    root_information: FloatArray  # (N,Q), Q the largest number of values in an interval
+    smooth: FloatArray  # (N,3) smoothed readings, for errors proportional to them
 
 
 class Camera(NamedTuple):
-    """What the window may estimate of the camera besides its poses, common to all observations.
+    """Calibration of the camera that the window may estimate, common to all observations.
 
     Coordinates of its error state: time offset [s], then the rotation theta (3) with `C_bc Exp(theta)`.
     """
 
     C_bc: FloatArray  # (3,3) camera in body
-    time_offset: float  # s; an observation stamped t shows what the body saw at t + time_offset
-    columns: IntArray  # (c,) those of the four coordinates that are solved for, ascending
+    time_offset: float  # s; an observation stamped t was made at t + time_offset
+    columns: IntArray  # (c,) estimated ones of the four coordinates, ascending
 
 
 class ImuCorrection(NamedTuple):
-    """By how much readings of the inertial sensors are off besides bias and noise, common to the window:
-    scale factors and misalignment (`inertial_calibration`)."""
+    """Errors of the inertial sensors besides bias and noise, common to the window: scale factors and
+    misalignment (`inertial_calibration`)."""
 
     coordinates: FloatArray  # (15,) of both sensors
-    columns: IntArray  # (s,) those that are solved for, ascending
+    columns: IntArray  # (s,) estimated ones, ascending
 
 
-#: Readings are taken as they are.
+#: Readings are not corrected.
 NO_CORRECTION = ImuCorrection(np.zeros(15), np.zeros(0, dtype=np.int64))
 
 
@@ -79,7 +92,7 @@ class Visual(NamedTuple):
 
 
 class Preintegrated(NamedTuple):
-    """Preintegrated samples of the intervals (29), computed with `bias`; no interval has any where I is 0."""
+    """Preintegrated samples of the intervals (29), computed with `bias`; I = 0 if no interval has any."""
 
     present: BoolArray  # (I,) whether the interval has them
     C: FloatArray  # (I,3,3)
@@ -90,7 +103,7 @@ class Preintegrated(NamedTuple):
     root_information: FloatArray  # (I,9,9) whitens [phi, nu, r]
 
     def first(self, intervals: int) -> Preintegrated:
-        """Those of the first intervals."""
+        """The part of the first `intervals` intervals."""
         n = intervals
         return Preintegrated(
             self.present[:n],
@@ -106,8 +119,8 @@ class Preintegrated(NamedTuple):
 class Propagated(NamedTuple):
     """Increments (29) at the times of the observations, computed with the bias of `Preintegrated`.
 
-    Empty (M = 0) where the pose at an observation is interpolated between knots. The last three say how they
-    change with time; where no time offset is estimated nobody asks, and `omega` and `d_turn` are zero.
+    Empty (M = 0) if the pose at an observation is interpolated between knots. The last three are rates in
+    time; `omega` and `d_bias_rate` are zero unless a time offset is estimated.
     """
 
     tau: FloatArray  # (M,) seconds after the knot before, time offset included
@@ -116,21 +129,21 @@ class Propagated(NamedTuple):
     d_bias: FloatArray  # (M,9,6)
     omega: FloatArray  # (M,3) rate of C in the body
     nu: FloatArray  # (M,3) rate of r
-    d_turn: FloatArray  # (M,3,6) rate of d_bias[:3]
+    d_bias_rate: FloatArray  # (M,3,6) rate of d_bias[:3]
 
     def chosen(self, index: IntArray | BoolArray) -> Propagated:
-        """Those of some observations."""
+        """The part of some observations."""
         return self if len(self.tau) == 0 else Propagated(*(a[index] for a in self))
 
 
 class ZeroVelocity(NamedTuple):
-    """Intervals in which the sensor stands still; none where I is 0."""
+    """Intervals in which the sensor is stationary; I = 0 if there are none."""
 
-    present: BoolArray  # (I,) whether it does
+    present: BoolArray  # (I,)
     root_information: FloatArray  # (I,18) 1/sigma of the rows of the residual
 
     def only_first(self, intervals: int) -> ZeroVelocity:
-        """For `intervals` intervals, of which the first alone counts."""
+        """For the first `intervals` intervals, of which only the first counts."""
         n = intervals
         return ZeroVelocity(
             self.present[:n] & (np.arange(len(self.present[:n])) == 0), self.root_information[:n]
@@ -151,15 +164,15 @@ class Landmarks(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """Square-root prior over the first m knots and the c + s coordinates of camera and IMU that are
-    estimated, and where it was linearised."""
+    """Square-root prior over the first m knots and the c + s estimated coordinates of camera and IMU, with
+    its linearisation point."""
 
     R: FloatArray  # (rank, 24 m + c + s)
     information: FloatArray  # (24 m + c + s, 24 m + c + s) R^T R, kept because every iteration adds it
     r_0: FloatArray  # (rank,) residual at the linearisation point
     linearization: States  # m knots
-    camera: Camera | None = None  # None where nothing of the camera is estimated
-    imu: ImuCorrection | None = None  # the same of the IMU
+    camera: Camera | None = None  # None if nothing of the camera is estimated
+    imu: ImuCorrection | None = None  # None if nothing of the IMU is estimated
 
     @property
     def knots(self) -> int:
@@ -167,10 +180,12 @@ class Prior(NamedTuple):
         return len(self.linearization.r)
 
 
-#: Coordinates of a knot that an observation between two knots of a GP trajectory depends on.
-KINEMATIC_COLUMNS = np.arange(18)
-#: And one whose pose is propagated from the knot before: eps, varpi, biases.
-PROPAGATED_COLUMNS = np.r_[0:12, 18:24]
+#: Coordinates of a knot on which an observation between two knots of a GP trajectory depends.
+KINEMATIC_COLUMNS = np.arange(KINEMATIC_DOF)
+#: The same for an observation whose pose is propagated from the knot before: eps, varpi, biases.
+PROPAGATED_COLUMNS = np.r_[EPS:VARPI_DOT, BIAS:DOF]
+#: Number of these coordinates, in either case.
+LANDMARK_COLUMNS = 18
 
 NOTHING_PREINTEGRATED = Preintegrated(
     np.zeros(0, dtype=np.bool_),
@@ -197,7 +212,7 @@ class Model(NamedTuple):
     """Constants of the window."""
 
     motion_model: MotionModel
-    active: IntArray  # (n,) coordinates of a knot's error state that are solved for (active.py)
+    active: IntArray  # (n,) unknown coordinates of a knot's error state (active.py)
     dt: FloatArray  # (I,) lengths of the intervals [s]
     gravity_w: FloatArray  # (3,)
     root_density: FloatArray  # (6,) sqrt of the motion prior's power spectral density
@@ -207,12 +222,12 @@ class Model(NamedTuple):
     gate: float
     landmark_dof: int  # 1 inverse depth; 3 inverse depth and bearing
     landmark_damping: FloatArray  # (3,) information added on the diagonal, no gradient
-    kinematic_prior: bool = True  # False: nothing but the inertial samples ties two knots
-    landmark_columns: IntArray = KINEMATIC_COLUMNS  # (18,) coordinates of a knot that observations depend on
+    kinematic_prior: bool = True  # False: only the inertial samples connect two knots
+    landmark_columns: IntArray = KINEMATIC_COLUMNS  # (18,) coordinates of a knot in observations
 
 
 class Problem(NamedTuple):
-    """Everything that one optimisation needs."""
+    """Input of one optimisation."""
 
     states: States
     linearization: States  # where Jacobians are taken; equals `states` except for frozen knots
@@ -232,7 +247,7 @@ class Problem(NamedTuple):
 
 def bearing_tangent(kappa: FloatArray) -> FloatArray:
     """Orthonormal bases (N,3,2) of the planes orthogonal to the unit vectors `kappa` (N,3)."""
-    # kappa x e for the axis e that it is furthest from, and kappa x that.
+    # kappa x e for the axis e that is furthest from kappa, and kappa times that vector.
     rows, axis = np.arange(len(kappa)), np.argmin(np.abs(kappa), axis=1)
     after, before = (axis + 1) % 3, (axis + 2) % 3
     out = np.zeros((len(kappa), 3, 2))

@@ -9,12 +9,12 @@
 
 GPP has no kinematic prior; the others have the motion prior (16).
 
-*ExtPreint counts samples twice.* The paper gives it no equation. The rates at a knot are fitted to the
-samples within `_END_S` of it, which the increments have used as well; so the fit's variance is doubled, and
-what the signal may bend within the fit is added (`_BEND`).
+*ExtPreint uses samples twice.* The paper gives no equation for it. The rates at a knot are fitted to the
+samples within `_END_S` of it, which the increments also use; therefore the fit's variance is doubled, and the
+possible curvature of the signal within the fit is added (`_BEND`).
 
-*Gaps.* Preintegration needs samples up to both ends. Where they are missing, the nearest is held, and every
-gap adds what the motion may have done in it to the covariance of the increments (`_GAP_SLOPE`).
+*Gaps.* Preintegration needs samples up to both ends. If they are missing, the nearest sample is held, and
+every gap adds the possible motion in it to the covariance of the increments (`_GAP_SLOPE`).
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from asyneio.inertial.preintegration import midpoint
 from asyneio.inertial.projection import project
 from asyneio.types import FloatArray, IntArray, RecordArray
 
-#: Samples so near to an end of the interval [s] tell the rates there; at least so many.
+#: The rates at an end of the interval are fitted to the samples within this time [s], at least to this many.
 _END_S = 0.015
 _END_SAMPLES = 3
-#: Second derivatives of angular velocity [rad/s^3] and of specific force [m/s^4] that a fit may meet.
+#: Assumed second derivatives of angular velocity [rad/s^3] and of specific force [m/s^4] within a fit.
 _BEND = (200.0, 1000.0)
-#: First derivatives [rad/s^2, m/s^3] that a gap may hide.
+#: Assumed first derivatives [rad/s^2, m/s^3] within a gap.
 _GAP_SLOPE = (20.0, 100.0)
-#: More than so many sample periods without a sample is a gap.
+#: More than this many sample periods without a sample are a gap.
 _GAP_PERIODS = 2.5
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """What a scheme does with the samples of an interval."""
+    """How a scheme uses the samples of an interval."""
 
     name: str
     direct: bool = False  # every sample is a factor
@@ -78,7 +78,7 @@ class DirectSamples:
 
 @dataclass(frozen=True)
 class IntervalInertial:
-    """What an interval's samples are to the window; `covariance` (9,9) is that of the increments."""
+    """Measurements from an interval's samples; `covariance` (9,9) is that of the increments."""
 
     gyroscope: DirectSamples
     accelerometer: DirectSamples
@@ -102,12 +102,12 @@ def measure(
         gyroscope, accelerometer: INERTIAL_DTYPE, those of the interval and a few before it.
         bounds_ns: start and end of the interval; a sample at its start belongs to the interval before.
         bias: (6,) [b_g, b_a], where increments are linearised.
-        noise: of the samples, as all factors weigh them.
-        inflation: `noise` over the declared noise of the sensor. The smoothness of Gaussian processes is
-            found with the declared noise.
+        noise: of the samples, by which all factors are weighted.
+        inflation: ratio of `noise` to the declared noise of the sensor, with which the smoothness of Gaussian
+            processes is found.
 
     Raises:
-        EstimationError: the scheme has nothing but increments, and there are no samples to make them of.
+        EstimationError: the scheme has increments only, and there are no samples.
         InertialError: samples are not finite, not in order, or turn too far in one interval.
     """
     streams = gyroscope, accelerometer
@@ -135,9 +135,9 @@ def measure(
 def _direct(
     scheme: Scheme, samples: RecordArray, bounds_ns: tuple[int, int], noise: SensorNoise, bend: float
 ) -> DirectSamples:
-    """What of one sensor's samples is a factor on the trajectory."""
+    """The factors on the trajectory from one sensor's samples."""
     a, b = np.searchsorted(samples["t_ns"], bounds_ns, side="right")
-    # Those with start < t <= end.
+    # Samples with start < t <= end.
     t = (samples["t_ns"][a:b] - bounds_ns[0]) * 1e-9
     value = np.asarray(samples["xyz"][a:b], dtype=np.float64)
     if scheme.direct:
@@ -158,7 +158,7 @@ def _at_ends(
         # From the end inwards.
         distance = np.abs(t[order] - (end_ns - bounds_ns[0]) * 1e-9)
         count = max(int(np.searchsorted(distance, _END_S, side="right")), min(_END_SAMPLES, len(t)))
-        # One sample alone does not tell how its rate changes until the end.
+        # A single sample cannot be extrapolated to the end.
         if count < 2 or distance[0] > _END_S:
             continue
         near = distance[:count]
@@ -174,9 +174,9 @@ def _at_ends(
 def _window(
     streams: tuple[RecordArray, RecordArray], bounds_ns: tuple[int, int]
 ) -> tuple[ImuWindow | None, tuple[float, float]]:
-    """Samples over the interval, held where an end is bare, and the seconds of each sensor's gaps.
+    """Samples over the interval, held up to an end without samples, and the seconds of each sensor's gaps.
 
-    No window where a sensor has no sample at all.
+    None instead of a window if a sensor has no samples.
     """
     duration = (bounds_ns[1] - bounds_ns[0]) * 1e-9
     parts: list[FloatArray] = []
@@ -186,7 +186,7 @@ def _window(
             return None, (0.0, 0.0)
         t = (samples["t_ns"] - bounds_ns[0]) * 1e-9
         value = samples["xyz"]
-        # A single sample tells nothing of a period: the whole interval is a gap.
+        # A single sample has no period: the whole interval is a gap.
         period = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
         if len(t) == 1 or t[-1] < duration - period * _GAP_PERIODS:
             until = duration if t[-1] < duration else t[-1] + duration
@@ -200,14 +200,14 @@ def _window(
 
 
 def _gap_covariance(gap_s: tuple[float, float], preintegration: Preintegration) -> FloatArray:
-    """Variance (9,9) of [phi, nu, r] for what happens unseen in gaps of the two sensors.
+    """Variance (9,9) of [phi, nu, r] due to unmeasured motion in gaps of the two sensors.
 
-    An unseen turn tilts the increments that follow it: all of them, where it comes first, which is assumed.
-    How its error and theirs go together nobody knows: they count as independent.
+    An unmeasured rotation tilts all increments after it; it is assumed to come first. The correlation of the
+    errors is unknown, so they are treated as independent.
     """
-    turn = _GAP_SLOPE[0] * gap_s[0] ** 2
-    push = _GAP_SLOPE[1] * gap_s[1] ** 2
+    angle = _GAP_SLOPE[0] * gap_s[0] ** 2
+    speed = _GAP_SLOPE[1] * gap_s[1] ** 2
     end = preintegration.end()
-    speed, way = np.linalg.norm(end.nu), np.linalg.norm(end.r)
-    sigmas = [turn, np.hypot(push, turn * speed), np.hypot(push * preintegration.duration, turn * way)]
+    dv, dp = np.linalg.norm(end.nu), np.linalg.norm(end.r)
+    sigmas = [angle, np.hypot(speed, angle * dv), np.hypot(speed * preintegration.duration, angle * dp)]
     return np.diag(np.repeat(sigmas, 3) ** 2)

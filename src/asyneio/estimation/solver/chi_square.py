@@ -1,8 +1,8 @@
-"""How well the observations of each landmark fit the window, whatever the robust cost says.
+"""Chi-square test of the observations of each landmark, independent of the robust cost.
 
-The robust cost only takes influence from a bad observation. A track that belongs to no static point keeps
-observing, and what little influence it has always pulls the same way; at marginalisation it would become part
-of the prior and stay. So each landmark is judged by all of its observations together.
+The robust cost only reduces the influence of a bad observation. A track of a moving point continues to have
+observations, whose small influence always has the same direction; marginalisation would make it a permanent
+part of the prior. Therefore each landmark is tested by all of its observations together.
 """
 
 from __future__ import annotations
@@ -13,17 +13,18 @@ from asyneio.estimation.solver.optimizer import Solution
 from asyneio.factors.chi_square import reduced_chi_square_gate
 from asyneio.types import BoolArray, FloatArray, IntArray
 
-#: One observation counts for no more than four standard deviations: a few wild ones do not condemn a track.
+#: Limit of one observation in standard deviations, so that a few bad ones do not reject a track.
 _CAP = 16.0
-#: Standard deviations by which an inverse depth must be negative: far points scatter about zero.
+#: Standard deviations by which an inverse depth must be negative: those of far points scatter about zero.
 _BEHIND = 4.0
 
 
 def contradicted_landmarks(solution: Solution) -> BoolArray:
-    """Landmarks (L,) whose observations contradict the motion found, or that lie behind their anchor.
+    """Landmarks (L,) that are outliers: their observations contradict the motion, or they lie behind their
+    anchor.
 
-    Where the landmarks fit worse than their noise says as a whole, noise is larger than it is said to be: the
-    test is relative to the middle one of them.
+    If all landmarks fit worse than the declared noise, the noise is larger than declared: the test is
+    relative to the median landmark.
     """
     problem = solution.problem
     rho, dof = problem.landmarks.rho, problem.model.landmark_dof
@@ -43,7 +44,7 @@ def contradicted_landmarks(solution: Solution) -> BoolArray:
 
 
 def _inverse_depth_sigma(solution: Solution, landmark: IntArray) -> FloatArray:
-    """Standard deviations (N,) of the inverse depths of some landmarks, the trajectory taken as known."""
+    """Standard deviations (N,) of the inverse depths of some landmarks, for a known trajectory."""
     dof = solution.problem.model.landmark_dof
     L = np.tril(solution.landmark_system.H_l[landmark][:, :dof, :dof])
     first = np.zeros((len(L), dof, 1))

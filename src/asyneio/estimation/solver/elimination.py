@@ -1,4 +1,4 @@
-"""Landmarks leave the normal equations by their Schur complement, and come back by substitution."""
+"""Elimination of the landmarks by their Schur complement, and their back-substitution."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from scipy.linalg.blas import dsyrk
 
 from asyneio.estimation.linearization.couplings import Couplings
 from asyneio.estimation.linearization.linear_system import LinearSystem
-from asyneio.estimation.problem.problem import Landmarks, Model
+from asyneio.estimation.problem.problem import LANDMARK_COLUMNS, Landmarks, Model
+from asyneio.state import DOF
 from asyneio.types import FloatArray, IntArray
 
 
@@ -61,7 +62,7 @@ def landmark_steps(
     W, H_l, b_l, W_camera = system.W, system.H_l, system.b_l, system.W_camera
     values, dof = W.values, W_camera.shape[1]
     for j in range(H_l.shape[0]):
-        width, at = W.width[anchor[j]], 18 * anchor[j]
+        width, at = W.width[anchor[j]], LANDMARK_COLUMNS * anchor[j]
         for d in range(dof):
             s = -b_l[j, d]
             row = W.begin[j] + d * width
@@ -83,13 +84,13 @@ def eliminate_landmarks(system: LinearSystem, landmarks: Landmarks, model: Model
     """
     W, dof = system.W, model.landmark_dof
     _whiten_landmarks(W, system.W_camera, system.H_l, system.b_l, landmarks.anchor, model.landmark_damping)
-    camera, behind = system.W_camera.shape[2], 24 * len(W.width)
+    camera, behind = system.W_camera.shape[2], DOF * len(W.width)
     for a in range(len(W.width)):
         rows = W.group(a, dof)
         if not rows.size:
             continue
         mine = W.order[W.first[a] : W.first[a + 1]]
-        # The transpose is in Fortran's order: no copy. The update has its upper triangle alone.
+        # The transpose is in Fortran order, so that nothing is copied. Only the upper triangle is computed.
         square = dsyrk(1.0, rows.T)
         gradient = rows.T @ system.b_l[mine, :dof].ravel()
         border = rows.T @ system.W_camera[mine].reshape(len(rows), camera)
@@ -111,12 +112,12 @@ def _subtract(
     H: FloatArray,
     b: FloatArray,
 ) -> None:
-    """Take the upper triangle of `square` (n,n), in Fortran's order, `gradient` (n,) and `border` (n,c) off
-    the `columns` (18,) of the knots from `anchor` on, and of the camera from `behind` on, in `H`, `b`."""
+    """Subtract the upper triangle of `square` (n,n), in Fortran order, `gradient` (n,) and `border` (n,c) in
+    the rows of the `columns` (18,) of the knots from `anchor` on and of the camera from `behind` on."""
     n = gradient.shape[0]
     at = np.empty(n, dtype=np.int64)
     for p in range(n):
-        at[p] = 24 * (anchor + p // 18) + columns[p % 18]
+        at[p] = DOF * (anchor + p // LANDMARK_COLUMNS) + columns[p % LANDMARK_COLUMNS]
     for q in range(n):
         b[at[q]] -= gradient[q]
         for p in range(q):

@@ -1,16 +1,16 @@
 """Marginalisation of the oldest knot and the landmarks anchored in it, into a square-root prior.
 
-What goes in: the old prior, the factors of the first interval, and every observation of every landmark whose
-anchor is the oldest knot, at whatever time it was made. No observation is thrown away: a track that outlives
-its anchor begins a new landmark.
+Input: the old prior, the factors of the first interval, and every observation of every landmark whose anchor
+is the oldest knot, at whatever time it was made. No observation is discarded: a track that outlives its
+anchor starts a new landmark.
 
-What comes out is linearised where the states were at that moment and stays a linear function of the distance
-from there (the prior is *shifted*, not relinearised). Whether the poses that it touches keep this
-linearisation point for all other factors too (first-estimates Jacobians) is a choice of the window. With
-poses perturbed on the right and velocities in the body, the four directions that nothing observes (position
-and yaw) depend on the poses alone, so that only these would have to be frozen. Tracks reach from the oldest
-knot to the newest, so the prior touches poses a few hundredths of a second old: freezing them there costs
-more than it protects (docs/deviations.md has the figures), and the default is not to.
+The result is linearised at the current states and stays a linear function of the distance from there: the
+prior is *shifted*, not relinearised (docs/derivations/shifted-prior.md). Whether the poses in it keep this
+linearisation point in all other factors too (first-estimates Jacobians) is an option of the window. With
+poses perturbed on the right and velocities in the body, the four unobservable directions (position and yaw)
+depend on the poses alone, so that only these would have to be frozen. Tracks reach from the oldest knot to
+the newest, so that the prior contains poses a few hundredths of a second old: freezing them does more harm
+than good (docs/deviations.md has the figures), and the default is not to freeze them.
 """
 
 from __future__ import annotations
@@ -30,18 +30,17 @@ from asyneio.estimation.problem.problem import (
     Preintegrated,
     Prior,
     Problem,
-    States,
     Visual,
 )
 from asyneio.estimation.solver.elimination import eliminate_landmarks
 from asyneio.types import BoolArray, FloatArray, IntArray
 
-#: A pivot below this, relative to the diagonal, is rounding and not information.
+#: A pivot below this, relative to the diagonal, is rounding error and not information.
 _RELATIVE_PIVOT = 1e-13
 
 
 def marginalize_oldest(problem: Problem, prior: Prior, walk: FloatArray | None = None) -> Prior:
-    """The prior on knots 1..m, and on what is estimated of camera and IMU, that replaces knot 0, its
+    """The prior on knots 1..m, and on the estimated coordinates of camera and IMU, that replaces knot 0, its
     landmarks and their factors.
 
     `walk` (c+s,): variance that the coordinates of camera [s^2, rad^2] and IMU gain over the interval.
@@ -68,10 +67,10 @@ def marginalize_oldest(problem: Problem, prior: Prior, walk: FloatArray | None =
     gradient = b[n:] - gain.T @ b[:n]
     if walk is not None:
         information, gradient = after_walk(information, gradient, walk)
-    linearization = States(*(a[1:knots].copy() for a in problem.linearization))
+    linearization = problem.linearization.chosen(slice(1, knots)).copied()
     root, y = _square_root(0.5 * (information + information.T), gradient)
     R = with_inactive_zero(root, active, camera + imu)
-    # Gradient R^T (R delta + r_0) at the present delta, which is zero for knots frozen only now.
+    # Gradient R^T (R delta + r_0) at the current delta, which is zero for knots that are frozen only now.
     shifted = Prior(
         R,
         R.T @ R,
@@ -80,14 +79,15 @@ def marginalize_oldest(problem: Problem, prior: Prior, walk: FloatArray | None =
         problem.camera if camera else None,
         problem.imu if imu else None,
     )
-    delta = difference(States(*(a[1:] for a in problem.states)), shifted, problem.camera, problem.imu)
+    remaining = problem.states.chosen(slice(1, None))
+    delta = difference(remaining, shifted, problem.camera, problem.imu)
     return shifted._replace(r_0=y - R @ delta)
 
 
 def _square_root(information: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
     """`R` with `R^T R = information` by Cholesky with pivoting, and `y` with `R^T y = gradient`.
 
-    Rows stop where only rounding is left, so a direction without information stays without.
+    Rows end where only rounding error remains, so that a direction without information gains none.
     """
     scale = np.sqrt(np.maximum(information.diagonal(), 0.0))
     scale[scale == 0.0] = 1.0
@@ -102,7 +102,7 @@ def _square_root(information: FloatArray, gradient: FloatArray) -> tuple[FloatAr
 
 
 def _factors_of_oldest(problem: Problem, prior: Prior) -> Problem:
-    """The sub-problem of interval 0 and of the landmarks anchored in knot 0, on the knots that it touches."""
+    """The sub-problem of interval 0 and of the landmarks anchored in knot 0, on the knots in it."""
     keep = problem.landmarks.anchor == 0
     visual, chosen = _of_landmarks(problem.visual, keep)
     observed = np.flatnonzero(np.diff(visual.start))
@@ -110,15 +110,15 @@ def _factors_of_oldest(problem: Problem, prior: Prior) -> Problem:
     motion = np.zeros(knots - 1, dtype=np.bool_)
     motion[0] = problem.motion[0]
     return problem._replace(
-        states=States(*(a[:knots] for a in problem.states)),
-        linearization=States(*(a[:knots] for a in problem.linearization)),
+        states=problem.states.chosen(slice(knots)),
+        linearization=problem.linearization.chosen(slice(knots)),
         frozen=min(problem.frozen, knots),
         motion=motion,
         gyroscope=_first_interval(problem.gyroscope, knots),
         accelerometer=_first_interval(problem.accelerometer, knots),
         visual=visual._replace(start=visual.start[:knots]),
         landmarks=Landmarks(*(np.ascontiguousarray(a[keep]) for a in problem.landmarks)),
-        # The others' biases are still what their observations were propagated with.
+        # Observations of the other intervals are still propagated with the biases of their increments.
         preintegrated=_only_first(problem.preintegrated, knots),
         propagated=problem.propagated.chosen(chosen),
         zero_velocity=problem.zero_velocity.only_first(knots - 1),
@@ -139,7 +139,7 @@ def _first_interval(samples: Inertial, knots: int) -> Inertial:
 
 
 def _of_landmarks(visual: Visual, keep: BoolArray) -> tuple[Visual, BoolArray]:
-    """Observations of the landmarks in `keep`, renumbered, and which those are."""
+    """Observations of the landmarks in `keep`, renumbered, and their mask."""
     chosen = keep[visual.landmark]
     interval = np.repeat(np.arange(len(visual.start) - 1), np.diff(visual.start))[chosen]
     number: IntArray = np.cumsum(keep) - 1

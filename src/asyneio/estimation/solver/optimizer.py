@@ -12,21 +12,22 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from asyneio.errors import EstimationError
 from asyneio.estimation.linearization.linear_system import LinearSystem, evaluate, linearize
 from asyneio.estimation.linearization.prior import add_prior, difference, prior_cost
-from asyneio.estimation.problem.active import KNOT_DOF, active_in_window, active_part, with_inactive_zero
+from asyneio.estimation.problem.active import active_in_window, active_part, with_inactive_zero
 from asyneio.estimation.problem.problem import Prior, Problem
 from asyneio.estimation.solver.elimination import eliminate_landmarks
 from asyneio.estimation.solver.retraction import retract
+from asyneio.state import DOF
 from asyneio.types import FloatArray, IntArray
 
 _MAX_DAMPING = 1e8
-#: A step that should lower the cost by so many times what ends the iterations is hardly ever the last: where
-#: it leads to is linearised at once, which saves evaluating the cost there.
+#: A step with a predicted decrease above this multiple of the stopping threshold is hardly ever the last: its
+#: result is linearised at once, which saves an evaluation of the cost.
 _SURELY = 10.0
 
 
 @dataclass(frozen=True)
 class OptimizerSettings:
-    """When to stop. `damping` is what the first rejected step starts from; steps begin undamped."""
+    """Stopping criteria; `damping` is that of the first step after a rejected one. Steps start undamped."""
 
     max_iterations: int
     relative_decrease: float
@@ -35,7 +36,7 @@ class OptimizerSettings:
 
 @dataclass(frozen=True)
 class OptimizerReport:
-    """What an optimisation did. Costs include the prior; `last_decrease` is relative, of the last step."""
+    """Report of an optimisation. Costs include the prior; `last_decrease` is relative, of the last step."""
 
     iterations: int
     initial_cost: float
@@ -51,10 +52,10 @@ class Solution:
     """Optimised problem, the squared norms (M,) of its observations' whitened residuals, the reduced normal
     equations it was last solved with, and the report.
 
-    `information` (24K+c+s,24K+c+s) is the Schur complement of the landmarks plus the prior, last linearised;
-    what it says of coordinates that are not active (`problem.model.active`) means nothing. `factor` is the
-    lower Cholesky factor of its active part, with anything above the diagonal; None where the last step was
-    damped.
+    `information` (24K+c+s,24K+c+s) is the Schur complement of the landmarks plus the prior at the last
+    linearisation; its rows and columns of inactive coordinates (`problem.model.active`) are meaningless.
+    `factor` is the lower Cholesky factor of its active part, with arbitrary values above the diagonal; None
+    if the last step was damped.
     """
 
     problem: Problem
@@ -66,8 +67,8 @@ class Solution:
 
 
 class _Point(NamedTuple):
-    """Where the optimisation is: the problem, its cost and the squared residuals of the observations; the
-    normal equations there where they were computed, None where the cost alone was."""
+    """A point of the optimisation: the problem, its cost and the squared residuals of the observations; its
+    normal equations, None if only the cost was computed."""
 
     problem: Problem
     cost: float
@@ -106,15 +107,15 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
         visual_cost, rejected = system.visual_cost, system.rejected
         eliminate_landmarks(system, point.problem.landmarks, point.problem.model)
         iterations += 1
-        # Nothing is solved from where the last iteration ends.
+        # No step starts from the result of the last iteration.
         last = iterations >= settings.max_iterations
         goes_on = float("inf") if last else _SURELY * settings.relative_decrease
         accepted = _damped_step(point, system, prior, damping, settings.damping, goes_on)
         if accepted is None:
             factor = None
             break
-        # What the quadratic model foretold has happened: the next step would change next to nothing. Measured
-        # by the cost that is left: a bad first guess may cost so much that all that follows seems little.
+        # The decrease agrees with the quadratic model, so that the next step would change very little. It is
+        # compared with the remaining cost, because that of a bad first guess can be arbitrarily large.
         cost, decrease = point.cost, point.cost - accepted.point.cost
         surprise = abs(decrease - accepted.predicted_decrease)
         converged = min(surprise, decrease) <= settings.relative_decrease * accepted.point.cost
@@ -148,8 +149,8 @@ def _damped_step(
 ) -> _Step | None:
     """One accepted step; None if no step lowers the cost.
 
-    Where it should lower the cost by more than the share `goes_on` there will be another, and the point that
-    it leads to is linearised at once.
+    If the predicted relative decrease of the cost exceeds `goes_on`, another step will follow, and the new
+    point is linearised at once.
     """
     problem, cost = point.problem, point.cost
     diagonal = system.H.diagonal().copy()
@@ -161,7 +162,7 @@ def _damped_step(
             candidate = retract(problem, system, step)
             again = damping == 0.0 and predicted > goes_on * cost
             reached = (_linearized if again else _evaluated)(candidate, prior)
-            # Equal costs count: at the minimum rounding decides.
+            # Equal costs are accepted: at the minimum, rounding errors decide.
             if reached.cost <= cost * (1.0 + 1e-9):
                 next_damping = damping / 10.0 if damping > first_damping else 0.0
                 return _Step(reached, next_damping, predicted, factor if damping == 0.0 else None)
@@ -186,14 +187,14 @@ def _solve(
     """Step (24K+c+s,), zero where not active, and the Cholesky factor of the active part; None where the
     matrix is not positive definite."""
     knots = len(system.W.width)
-    behind = len(diagonal) - KNOT_DOF * knots
+    behind = len(diagonal) - DOF * knots
     chosen = active_in_window(active, knots, behind)
     H = active_part(system.H, active)
     if damping > 0.0:
         H = H.copy()
         H[np.diag_indices_from(H)] += damping * diagonal[chosen]
     try:
-        # Symmetric: its transpose is in the order that LAPACK wants.
+        # The matrix is symmetric, and its transpose has the memory order of LAPACK.
         factor, _ = cho_factor(H.T, lower=True, check_finite=False)
     except LinAlgError:
         return None

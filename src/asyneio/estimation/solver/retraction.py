@@ -1,4 +1,4 @@
-"""A step of the unknowns, taken on the manifold."""
+"""A step of the unknowns on the manifold."""
 
 from __future__ import annotations
 
@@ -6,22 +6,21 @@ import numpy as np
 from numba import njit
 
 from asyneio.estimation.linearization.linear_system import LinearSystem
-from asyneio.estimation.problem.active import KNOT_DOF
 from asyneio.estimation.problem.camera_calibration import at_offset, moved_camera
 from asyneio.estimation.problem.inertial_calibration import with_moved_imu
 from asyneio.estimation.problem.problem import Landmarks, Problem, States
 from asyneio.estimation.solver.elimination import landmark_steps
 from asyneio.geometry.linalg import set_block
 from asyneio.geometry.se3 import se3_between, se3_compose, se3_exp, se3_log
+from asyneio.state import BIAS, DOF, EPS, VARPI, VARPI_DOT
 from asyneio.types import FloatArray
 
 
 def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem:
-    """The problem after a step (24K+c+s,) of knots, camera and IMU and the step of the landmarks that
-    follows."""
-    knots, camera_end = KNOT_DOF * len(problem.states.r), len(step) - len(problem.imu.columns)
+    """The problem after a step (24K+c+s,) of knots, camera and IMU and the resulting step of landmarks."""
+    knots, camera_end = DOF * len(problem.states.r), len(step) - len(problem.imu.columns)
     of_knots, of_camera, of_imu = np.split(step, [knots, camera_end])
-    knot_steps = of_knots.reshape(-1, KNOT_DOF)
+    knot_steps = of_knots.reshape(-1, DOF)
     states = problem.states.copied()
     linearization = problem.linearization.copied()
     landmarks = problem.landmarks.copied()
@@ -61,13 +60,13 @@ def _retract(
         se3_between(linearization.C[k], linearization.r[k], states.C[k], states.r[k], C_d, r_d)
         se3_log(C_d, r_d, delta)
         for c in range(6):
-            delta[c] += step[k, c]
+            delta[c] += step[k, EPS + c]
         se3_exp(delta, C_d, r_d)
         se3_compose(linearization.C[k], linearization.r[k], C_d, r_d, states.C[k], states.r[k])
         for c in range(6):
-            states.varpi[k, 0, c] += step[k, 6 + c]
-            states.varpi[k, 1, c] += step[k, 12 + c]
-            states.bias[k, c] += step[k, 18 + c]
+            states.varpi[k, 0, c] += step[k, VARPI + c]
+            states.varpi[k, 1, c] += step[k, VARPI_DOT + c]
+            states.bias[k, c] += step[k, BIAS + c]
         set_block(linearization.varpi[k], 0, 0, 1.0, states.varpi[k])
         for c in range(6):
             linearization.bias[k, c] = states.bias[k, c]

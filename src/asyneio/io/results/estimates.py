@@ -25,7 +25,8 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_file
-from asyneio.types import STATE_BLOCKS, STATE_DOF, Estimate, FloatArray, PoseTrajectory, split_segments
+from asyneio.state import DOF
+from asyneio.types import STATE_BLOCKS, Estimate, FloatArray, PoseTrajectory, split_segments
 
 _SHAPES: dict[str, tuple[int, ...]] = {
     "T_w_b": (4, 4),
@@ -34,7 +35,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "generalized_acceleration": (6,),
     "bias_gyroscope": (3,),
     "bias_accelerometer": (3,),
-    "covariance": (STATE_DOF, STATE_DOF),
+    "covariance": (DOF, DOF),
 }
 #: A day at 20 knots per second needs 9 GB; a larger unpacked size is hostile.
 _MAX_BYTES = 16 * 2**30

@@ -139,6 +139,6 @@ def with_estimate(
         inertial_ratio=inertial_ratio(solution.problem),
         speed=float(np.linalg.norm(estimate.velocity_w)),
         bias_sigmas=float(np.max(np.abs(bias) / bias_sigma)),
-        velocity_sigma=float(np.sqrt(np.linalg.eigvalsh(covariance[9:12, 9:12])[-1])),
+        velocity_sigma=float(np.sqrt(np.linalg.eigvalsh(covariance[NU : NU + 3, NU : NU + 3])[-1])),
         tilt_sigma_rad=float(np.sqrt(np.linalg.eigvalsh(tilt)[-1])),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.initialization.alignment import AlignmentData
 from asyneio.initialization.consensus import BiasEffect, find_consensus
 from asyneio.odometry.buffer import MeasurementBuffer

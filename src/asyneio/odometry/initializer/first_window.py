@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from asyneio.estimation.problem.problem import Prior, States
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.estimation.solver.optimizer import Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.settings import Settings
+from asyneio.state import BIAS, DOF, PHI, RHO
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: The first knot's position and yaw define the world frame: as small as rounding allows.
@@ -51,7 +52,7 @@ def filled_window(
     """
 
     def knot(k: int) -> States:
-        return States(*(a[k : k + 1].copy() for a in states))
+        return states.chosen(slice(k, k + 1)).copied()
 
     known = first_prior(knot(0), settings.initialization.bias_sigma) if prior is None else prior
     window = Window(settings.window, int(knots_ns[0]), knot(0), known)
@@ -65,10 +66,7 @@ def filled_window(
 
 
 def _without(seen: TrackObservations, tracks: IntArray) -> TrackObservations:
-    chosen = ~np.isin(seen.track, tracks)
-    return TrackObservations(
-        seen.t_ns[chosen], seen.track[chosen], seen.xy[chosen], seen.root_information[chosen]
-    )
+    return seen.chosen(~np.isin(seen.track, tracks))
 
 
 def first_prior(first: States, bias_sigma: FloatArray) -> Prior:
@@ -78,11 +76,11 @@ def first_prior(first: States, bias_sigma: FloatArray) -> Prior:
         first: states of the first knot, K = 1.
         bias_sigma: (6,) standard deviations of [b_g, b_a] around zero [rad/s, m/s^2].
     """
-    R = np.zeros((12, 24))
+    R = np.zeros((12, DOF))
     tilt_yaw = np.array([_TILT_SIGMA, _TILT_SIGMA, _GAUGE_SIGMA])
-    R[:3, :3] = first.C[0] / tilt_yaw[:, None]
-    R[3:6, 3:6] = np.eye(3) / _GAUGE_SIGMA
-    R[6:, 18:] = np.diag(1.0 / bias_sigma)
+    R[:3, PHI : PHI + 3] = first.C[0] / tilt_yaw[:, None]
+    R[3:6, RHO : RHO + 3] = np.eye(3) / _GAUGE_SIGMA
+    R[6:, BIAS:] = np.diag(1.0 / bias_sigma)
     r_0 = np.zeros(12)
     r_0[6:] = first.bias[0] / bias_sigma
     return Prior(R, R.T @ R, r_0, first)

@@ -9,7 +9,7 @@ import numpy as np
 
 from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.problem.problem import States
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.geometry.gravity import upright
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.buffer import MeasurementBuffer
@@ -84,10 +84,7 @@ def _knot_times(buffer: MeasurementBuffer, settings: Settings) -> IntArray | Non
 
 def _long_tracks(seen: TrackObservations, minimum: int) -> TrackObservations:
     _, inverse, counts = np.unique(seen.track, return_inverse=True, return_counts=True)
-    chosen = counts[inverse] >= minimum
-    return TrackObservations(
-        seen.t_ns[chosen], seen.track[chosen], seen.xy[chosen], seen.root_information[chosen]
-    )
+    return seen.chosen(counts[inverse] >= minimum)
 
 
 def _first_states(

@@ -10,6 +10,7 @@ from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.first_window import FirstWindow, filled_window
 from asyneio.odometry.propagation import predict_knot, rates_at
 from asyneio.odometry.settings import Settings
+from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import NS_PER_S, FloatArray, InitialState
 
 #: Largest deviation of a rotation matrix from orthonormality: that of single precision.
@@ -104,6 +105,6 @@ def _first_knot(first: InitialState, buffer: MeasurementBuffer, settings: Settin
 
 def _prior(first: States, sigma: FloatArray) -> Prior:
     """Prior on the first knot with the standard deviations (15,) of pose, velocity and biases."""
-    R = np.zeros((len(_KNOWN), 24))
+    R = np.zeros((len(_KNOWN), DOF))
     R[np.arange(len(_KNOWN)), _KNOWN] = 1.0 / sigma
     return Prior(R, R.T @ R, np.zeros(len(_KNOWN)), first)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from asyneio.estimation.problem.camera_calibration import CalibrationSettings
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.inertial.increments import ImuWindow, Increments
 from asyneio.initialization.alignment import AlignmentData, align
 from asyneio.initialization.dead_reckoned import Adjusted, BiasPrior, FirstMotion, adjust
@@ -201,5 +201,5 @@ def _fewer(seen: TrackObservations) -> tuple[TrackObservations, IntArray]:
     # Observation i of n is kept where i kept / n passes an integer: `kept` of them, evenly spaced.
     even = (rank + 1) * kept // count[track] > rank * kept // count[track]
     keep = chosen[track] & even
-    thinned = TrackObservations(seen.t_ns[keep], seen.track[keep], seen.xy[keep], seen.root_information[keep])
+    thinned = seen.chosen(keep)
     return thinned, ids[chosen]

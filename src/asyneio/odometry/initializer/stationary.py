@@ -107,7 +107,7 @@ def _first_states(
     states = _stationary_states(omega, force, settings, count)
     for from_ns, to_ns in pairwise(knots_ns[count - 1 :].tolist()):
         knot = predict_knot(states, from_ns, to_ns, streams, settings.window.gravity_w)
-        states = States(*(np.concatenate(pair) for pair in zip(states, knot, strict=True)))
+        states = states.joined(knot)
     return states
 
 
@@ -124,11 +124,13 @@ def _prior(states: States, knots_ns: IntArray, settings: Settings) -> Prior:
     rows[1][:, 6:12] = np.diag(1.0 / np.repeat(_COMMON_SIGMA, 3))
     for k, dt in enumerate(np.diff(knots_ns) * 1e-9):
         change = np.zeros((12, size))
-        before, after = change[:, 24 * k : 24 * k + 12], change[:, 24 * k + 24 : 24 * k + 36]
+        begin = DOF * k
+        before = change[:, begin : begin + VARPI_DOT]
+        after = change[:, begin + DOF : begin + DOF + VARPI_DOT]
         tremor, creep = np.sqrt(2.0) * np.repeat(TREMOR, 3), np.sqrt(dt) * np.repeat(CREEP, 3)
-        after[:6, 6:], before[:6, 6:] = np.diag(1.0 / tremor), np.diag(-1.0 / tremor)
-        after[6:, :6], before[6:, :6] = np.diag(1.0 / creep), np.diag(-1.0 / creep)
-        after[6:, 6:] = before[6:, 6:] = np.diag(-0.5 * dt / creep)
+        after[:6, VARPI:], before[:6, VARPI:] = np.diag(1.0 / tremor), np.diag(-1.0 / tremor)
+        after[6:, :VARPI], before[6:, :VARPI] = np.diag(1.0 / creep), np.diag(-1.0 / creep)
+        after[6:, VARPI:] = before[6:, VARPI:] = np.diag(-0.5 * dt / creep)
         rows.append(change)
     R = np.concatenate(rows)
     return Prior(R, R.T @ R, np.append(first.r_0, np.zeros(len(R) - len(first.r_0))), mean)

@@ -1,4 +1,4 @@
-"""Factor of standing still: its Jacobian, and what it vanishes for."""
+"""Zero-velocity update: its Jacobian, and the motions for which it is zero."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def residual_of(a: Knot, b: Knot) -> np.ndarray:
 @pytest.mark.parametrize(("dt", "scale"), [(1e-3, 0.1), (0.1, 1.0), (0.4, 2.5)])
 @pytest.mark.parametrize("seed", range(3))
 def test_jacobian(seed: int, dt: float, scale: float) -> None:
-    """Far from rest too, so that no term vanishes; rows differ in unit and size."""
+    """Also in fast motion, so that no term vanishes; rows differ in unit and size."""
     a, b = random_pair(np.random.default_rng(seed), dt, scale)
     jacobian = np.empty((18, 48))
     zero_velocity_jacobian(a.C, a.r, b.C, b.r, jacobian)
@@ -42,11 +42,11 @@ def test_vanishes_at_rest_and_nowhere_else() -> None:
         delta = np.zeros(24)
         delta[k] = 1e-3
         moved = residual_of(still, still.perturbed(delta))
-        assert np.linalg.norm(moved) == pytest.approx(1e-3, rel=1e-6), f"coordinate {k} goes unnoticed"
+        assert np.linalg.norm(moved) == pytest.approx(1e-3, rel=1e-6), f"coordinate {k} has no effect"
 
 
 def test_same_in_every_world() -> None:
-    """It says nothing of position and attitude themselves."""
+    """It does not depend on position and attitude themselves."""
     a, b = random_pair(np.random.default_rng(1), 0.1, 1.0)
     W, _ = random_pair(np.random.default_rng(2), 0.1, 1.0)
     there = (Knot(W.T @ knot.T, knot.varpi, knot.bias) for knot in (a, b))

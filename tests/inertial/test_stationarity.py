@@ -1,4 +1,4 @@
-"""Figures of a still IMU: against their definition, against white noise, and on sensors that lay still."""
+"""Statistics of a stationary IMU: against their definition, with white noise, and on stationary sensors."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_reading_may_wander() -> None:
 
 @pytest.mark.parametrize("name", ["davis346_static", "dvxplorer_static"])
 def test_sensors_that_lay_still(data_dir: Path, name: str) -> None:
-    """Believed to be no quieter than the least density, they pass by half; their own claims play no part."""
+    """With the smallest assumed density they stay below half the limit; declared noise is not used."""
     recording = open_recording(data_dir / "formats" / f"{name}.aedat4")
     assert isinstance(recording, EventRecording)
     for samples, density, scatter in zip(
