@@ -13,7 +13,7 @@ from rich.table import Table
 from asyneio.types import Health
 
 
-class RunProgress:
+class RunProgressBar:
     """Shows how far a run has come: health, share done, speed against real time, time left."""
 
     def __init__(self, bar: Progress, task: TaskID) -> None:
@@ -43,7 +43,7 @@ class RunProgress:
 
 
 @contextmanager
-def run_progress() -> Iterator[RunProgress]:
+def run_progress() -> Iterator[RunProgressBar]:
     """A progress bar on standard error; where that is no terminal, only its messages appear."""
     columns = (
         TextColumn("{task.description:12}"),
@@ -53,7 +53,7 @@ def run_progress() -> Iterator[RunProgress]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        yield RunProgress(bar, bar.add_task("starting", total=1.0, rate="", unit=""))
+        yield RunProgressBar(bar, bar.add_task("starting", total=1.0, rate="", unit=""))
 
 
 def say(text: str) -> None:

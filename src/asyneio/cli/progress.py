@@ -17,9 +17,11 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from asyneio.progress import ProgressCallback, TaskCallback
+
 
 @contextmanager
-def share_progress(what: str, amount: float = 0.0, unit: str = "") -> Iterator[Callable[[float], None]]:
+def share_progress(what: str, amount: float = 0.0, unit: str = "") -> Iterator[ProgressCallback]:
     """A bar on standard error, gone when done; call what is given with the share done, 0 to 1.
 
     Where the whole is a known `amount`, it also shows the rate, in a `unit` such as MB/s.
@@ -36,7 +38,7 @@ def share_progress(what: str, amount: float = 0.0, unit: str = "") -> Iterator[C
 
 
 @contextmanager
-def reading_progress(path: Path) -> Iterator[Callable[[float], None]]:
+def reading_progress(path: Path) -> Iterator[ProgressCallback]:
     """The same for reading a file, or the files of a folder."""
     files = [path] if path.is_file() else path.glob("*") if path.is_dir() else ()
     size = 0
@@ -48,7 +50,7 @@ def reading_progress(path: Path) -> Iterator[Callable[[float], None]]:
 
 
 @contextmanager
-def task_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
+def task_progress(what: str) -> Iterator[TaskCallback]:
     """A bar on standard error for equal tasks, with their rate and the time left.
 
     Call what is given with the numbers of tasks done, of all tasks, and of those that failed.

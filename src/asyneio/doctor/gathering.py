@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,15 +20,16 @@ from asyneio.io.open_recording import TRACKS_FILE, find_format, open_contents
 from asyneio.io.parsing.stamps import median_rate_hz
 from asyneio.io.recording.assembly import prepare_samples
 from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.progress import ProgressCallback
 from asyneio.types import RecordArray
-
-Progress = Callable[[float], None]
 
 #: Share of the work that reading is.
 _READING = 0.8
 
 
-def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -> tuple[Inspection, float]:
+def gather(
+    path: Path, options: ReadOptions, progress: ProgressCallback | None = None
+) -> tuple[Inspection, float]:
     """Look at a recording; also the seconds that reading its events took.
 
     Args:
@@ -91,7 +92,7 @@ def _attempts(
 
 
 def _look_at(
-    path: Path, options: ReadOptions, opened: _Opened, progress: Progress
+    path: Path, options: ReadOptions, opened: _Opened, progress: ProgressCallback
 ) -> tuple[Inspection, list[RecordArray]]:
     contents = opened.contents
     assert contents is not None
@@ -130,6 +131,6 @@ def _look_at(
     return evidence, read.excerpts
 
 
-def _part(progress: Progress | None, begin: float, end: float) -> Progress:
+def _part(progress: ProgressCallback | None, begin: float, end: float) -> ProgressCallback:
     """Progress of a part of the work."""
     return (lambda share: progress(begin + (end - begin) * share)) if progress else (lambda share: None)

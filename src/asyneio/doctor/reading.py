@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from asyneio.doctor.event_scan import EventFigures, EventScan
@@ -13,9 +13,8 @@ from asyneio.io.recording.checks import EventChecker, SensorSizeError, check_spa
 from asyneio.io.recording.contents import Contents, Samples, split_samples
 from asyneio.io.recording.lone_stamps import LoneStamps
 from asyneio.io.recording.source import FAR_OUTSIDE, EventSource
+from asyneio.progress import ProgressCallback
 from asyneio.types import RecordArray
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,9 @@ class EventReading:
     notes: tuple[str, ...]
 
 
-def read_events(contents: Contents, size: tuple[int, int] | None, progress: Progress | None) -> EventReading:
+def read_events(
+    contents: Contents, size: tuple[int, int] | None, progress: ProgressCallback | None
+) -> EventReading:
     """Decode all events once. What the reader or a run refuses is kept as a refusal, and what came before it
     still counts."""
     source = contents.decode()

@@ -16,8 +16,8 @@ from asyneio.io.parsing.table_hints import refuse_decimal_commas
 from asyneio.io.recording.assembly import assemble
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.recording.sidecar import SAMPLE_FILES, first_file, samples_of
-from asyneio.io.recording.source import Progress
 from asyneio.io.tracks.folder import read_tracks_folder
+from asyneio.progress import ProgressCallback
 from asyneio.types import EventRecording, Recording
 
 TRACKS_FILE = "tracks.csv"
@@ -38,7 +38,7 @@ _MAX_LISTED = 8
 def open_recording(
     path: Path | str,
     options: ReadOptions | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     max_track_seconds: float | None = None,
     cache_from: int | None = None,
 ) -> Recording | EventRecording:

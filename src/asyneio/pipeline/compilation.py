@@ -19,7 +19,7 @@ from numba.core import config as numba_config
 from numba.core import event as numba_event
 
 from asyneio.pipeline.kernels import are_compiled, compile_intervals, compile_linearization, compile_start
-from asyneio.pipeline.progress import Progress
+from asyneio.progress import ProgressCallback, RunProgress
 
 COMPILING = "Compiling numerical kernels (first run after installation, about a minute) ..."
 
@@ -29,7 +29,7 @@ _IN_CHILDREN = ("compile_visual", "compile_frontend")
 COMPILED = 375
 
 
-def compile_kernels(progress: Callable[[float], None]) -> None:
+def compile_kernels(progress: ProgressCallback) -> None:
     """Compile the kernels of the linearisation and of the front end, most of them in child processes.
 
     `progress` is called with the share done, 0 to 1, from any thread.
@@ -61,7 +61,7 @@ def in_child(compile_group: Callable[[], None]) -> None:
 class _Count(numba_event.Listener):
     """Counts compiled kernels, of this process and of others that write a line for each."""
 
-    def __init__(self, tell: Callable[[float], None]) -> None:
+    def __init__(self, tell: ProgressCallback) -> None:
         self._tell = tell
         self._done = 0
         self._lock = threading.Lock()
@@ -106,14 +106,14 @@ class Compilation(numba_event.Listener):
 
 
 @contextmanager
-def watch_compilation(progress: Progress) -> Iterator[Compilation]:
+def watch_compilation(progress: RunProgress) -> Iterator[Compilation]:
     """Measure what is compiled inside the block."""
     compilation = Compilation(lambda: progress.message(COMPILING))
     with numba_event.install_listener("numba:compile", compilation):
         yield compilation
 
 
-def compile_ahead(compilation: Compilation, progress: Progress) -> None:
+def compile_ahead(compilation: Compilation, progress: RunProgress) -> None:
     """On a cold cache, compile on two cores what the run would otherwise compile on one, bit by bit."""
     if numba_config.DISABLE_JIT or are_compiled():
         return

@@ -20,7 +20,6 @@ from asyneio.pipeline.packets import (
     packets,
     usable_span,
 )
-from asyneio.pipeline.progress import SILENT, Progress
 from asyneio.pipeline.summary import (
     Costs,
     Grid,
@@ -30,6 +29,7 @@ from asyneio.pipeline.summary import (
     imu_scale_summary,
     summarize,
 )
+from asyneio.progress import SILENT, RunProgress
 from asyneio.types import (
     NS_PER_S,
     CalibrationEstimate,
@@ -89,7 +89,7 @@ class RunInterrupted(KeyboardInterrupt):
 def run_recording(
     recording: Recording | EventRecording,
     config: Config,
-    progress: Progress = SILENT,
+    progress: RunProgress = SILENT,
     observations: RecordArray | None = None,
     initial_state: InitialState | None = None,
 ) -> RunResult:

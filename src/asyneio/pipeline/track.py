@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,6 +12,7 @@ from asyneio.config import FrontendConfig
 from asyneio.evaluation.tracks_lives import Tracks, group_tracks
 from asyneio.frontend import Frontend, FrontendStatistics, gyroscope_in_camera
 from asyneio.pipeline.packets import check_length
+from asyneio.progress import ProgressCallback
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: What the front end is given at a time: short enough for a smooth progress bar, long enough to cost nothing.
@@ -41,7 +41,7 @@ def track_recording(
     recording: EventRecording,
     config: FrontendConfig,
     use_gyroscope: bool = True,
-    advance: Callable[[float], None] | None = None,
+    advance: ProgressCallback | None = None,
 ) -> TrackRun:
     """Run the front end over all events.
 

@@ -20,11 +20,11 @@ from asyneio.io.hdf5.writer import fill_hdf5
 from asyneio.io.parsing.atomic import write_text
 from asyneio.io.prophesee import dat as prophesee_dat
 from asyneio.io.prophesee import evt2_writer
-from asyneio.io.recording.source import Progress
 from asyneio.io.ros.ros1_writer import write_rosbag
 from asyneio.io.ros.ros2_writer import files_of, write_rosbag2
 from asyneio.io.uzh.folder import EVENTS_FILE, LENS_FILE, SAMPLES_FILE, TRUTH_FILE
 from asyneio.io.uzh.writer import beside_texts, event_lines
+from asyneio.progress import ProgressCallback
 from asyneio.types import EventRecording
 
 _US = 1000
@@ -155,7 +155,7 @@ def _write_aedat2(source: Source, path: Path, key: str, advance: Advance, resume
 
 
 def _write_rosbag(
-    write: Callable[[EventRecording, Path, Progress], None],
+    write: Callable[[EventRecording, Path, ProgressCallback], None],
     source: Source,
     path: Path,
     key: str,

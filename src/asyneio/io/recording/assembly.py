@@ -20,7 +20,7 @@ from asyneio.io.recording.cache import EventTable, load_events
 from asyneio.io.recording.checks import SensorSizeError
 from asyneio.io.recording.contents import Contents, Samples, split_samples
 from asyneio.io.recording.inertial_csv import InertialStreams, check_units
-from asyneio.io.recording.source import Progress
+from asyneio.progress import ProgressCallback
 from asyneio.types import INERTIAL_DTYPE, EventRecording, RecordArray
 
 #: Sensors tried in this order where no file tells the size: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
@@ -32,7 +32,7 @@ _TICK_EVENTS = 10_000
 
 def assemble(
     contents: Contents,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     cache_from: int | None = None,
     wanted: Wanted | None = None,
     samples_needed: bool = True,
@@ -166,7 +166,7 @@ def _in_order(
 
 
 def _load(
-    contents: Contents, wanted: Wanted, progress: Progress | None, cache_from: int | None
+    contents: Contents, wanted: Wanted, progress: ProgressCallback | None, cache_from: int | None
 ) -> tuple[EventTable, tuple[int, int], tuple[str, ...]]:
     """Events, the size of the sensor, and a sentence where it was guessed."""
     size = contents.size or contents.rig.size or wanted.size

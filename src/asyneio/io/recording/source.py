@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -19,7 +19,6 @@ FAR_OUTSIDE = 65_535
 _BYTES = np.dtype((np.void, EVENT_DTYPE.itemsize))
 
 #: Is told the fraction done, 0 to 1.
-Progress = Callable[[float], None]
 
 
 class EventSource(Protocol):

@@ -11,9 +11,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores
 
 from asyneio.errors import RecordingError
-from asyneio.io.recording.source import Progress
 from asyneio.io.ros.records import TYPES, records_of, typestore
 from asyneio.io.ros.rosbag2 import METADATA_FILE
+from asyneio.progress import ProgressCallback
 from asyneio.types import NS_PER_S, EventRecording, RecordArray
 
 #: Sixteen bytes from the row of an event to the column of the next one: CDR has a gap after polarity.
@@ -56,7 +56,7 @@ def files_of(folder: Path) -> tuple[Path, Path]:
     return folder / f"{folder.name}.mcap", folder / METADATA_FILE
 
 
-def write_rosbag2(recording: EventRecording, folder: Path, progress: Progress | None = None) -> None:
+def write_rosbag2(recording: EventRecording, folder: Path, progress: ProgressCallback | None = None) -> None:
     """Write a recording as a folder of ROS 2, whole or not at all; events are read in pieces.
 
     Args:
