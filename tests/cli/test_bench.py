@@ -171,10 +171,10 @@ def test_a_sequence_that_fails_is_listed(
     status, out, err = asyneio(*command, "--preset", "", "--json")
     assert status == 1
     failures = {name: found["failure"] for name, found in json.loads(out)["sequences"].items()}
-    assert "without a whole calibration" in failures["boxes_6dof"]
+    assert "no complete calibration" in failures["boxes_6dof"]
     status, out, _ = asyneio(*command, "--sequences", "boxes_6dof", "--seconds", "2")
     assert status == 1
-    assert "the estimator never started" in out
+    assert "the estimator did not initialize" in out
 
 
 def _zipped(recording: EventRecording, path: Path) -> None:

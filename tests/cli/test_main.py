@@ -130,7 +130,7 @@ def test_a_run_that_never_starts_fails(
     status, out, err = asyneio("run", folder, "-o", tmp_path / "out")
     assert status == 1
     assert "never" in out
-    assert err.splitlines()[-1].startswith("asyneio: the estimator never started")
+    assert err.splitlines()[-1].startswith("asyneio: the estimator did not initialize")
     assert not (tmp_path / "out" / "trajectory.tum").exists()
 
 
@@ -142,7 +142,7 @@ def test_a_run_that_never_starts_has_a_report_that_says_why(
     assert asyneio("run", folder, "-o", tmp_path / "out")[0] == 1
     page = (tmp_path / "out" / "report.html").read_text()
     assert "too few feature tracks" in page
-    assert "the estimator never started" in page
+    assert "the estimator did not initialize" in page
     assert not (tmp_path / "out" / "overview.png").exists()
 
 
@@ -173,7 +173,7 @@ def test_a_run_that_fails_prints_json_too(
     monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
     status, out, _ = asyneio("run", folder, "-o", tmp_path / "out", "--json")
     assert status == 1
-    assert "never started" in json.loads(out)["failure"]
+    assert "did not initialize" in json.loads(out)["failure"]
 
 
 def test_a_run_that_loses_track_fails_but_keeps_what_it_has(
@@ -201,7 +201,7 @@ def test_a_run_in_pieces_fails_and_is_evaluated_piece_by_piece(
     assert "each segment on its own" in (results / "report.html").read_text()
     status, out, err = asyneio("evaluate", results / "estimates.npz", truth, "--json")
     assert status == 0
-    assert "2 segments, each in a world of its own" in err
+    assert "2 segments, each with its own world frame" in err
     scores = json.loads(out)["segments"]
     assert [score["segment"] for score in scores] == [0, 1]
     assert all(score["position_m"]["rmse"] < 0.01 for score in scores)

@@ -53,10 +53,10 @@ def evaluate(
     import json
 
     from asyneio.cli import console
-    from asyneio.cli.figures import segment_figures
     from asyneio.evaluation import evaluate as score
     from asyneio.evaluation import protocol_named
     from asyneio.io.trajectory_source import read_estimated, read_reference
+    from asyneio.pipeline.result_table import evaluation_rows
 
     chosen = protocol_named(protocol)
     found = _or_columns(lambda: read_estimated(estimate, columns), "--columns", columns)
@@ -78,7 +78,7 @@ def evaluate(
         plain = [{"segment": number, **result.to_dict()} for number, result in results.items()]
         typer.echo(json.dumps(plain[0] if len(plain) == 1 else {"segments": plain}, indent=2))
     else:
-        console.table(f"{estimate} against {truth}", segment_figures(results))
+        console.table(f"{estimate} against {truth}", evaluation_rows(results))
 
 
 def _or_columns(read: Callable[[], TrajectorySource], option: str, given: str) -> TrajectorySource:

@@ -11,7 +11,6 @@ from typing import Annotated
 
 import typer
 
-from asyneio import __version__
 from asyneio.cli.bench import bench
 from asyneio.cli.config import config
 from asyneio.cli.convert import convert
@@ -24,6 +23,7 @@ from asyneio.cli.study import study
 from asyneio.cli.surroundings import prepare_environment, prepare_streams
 from asyneio.cli.track import track
 from asyneio.errors import AsyneioError
+from asyneio.version import __version__
 
 EXIT_FAILURE = 1
 EXIT_INTERRUPTED = 130

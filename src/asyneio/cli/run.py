@@ -22,11 +22,6 @@ from asyneio.cli.options import (
     with_tracker,
 )
 
-_EVIDENCE = (
-    "A recording, processed causally: each estimate uses only what was measured before it; observations of "
-    "features become known up to frontend.max_delay_s after their stamp."
-)
-
 
 def run(
     recording: Annotated[
@@ -74,4 +69,4 @@ def run(
     for note in loaded.notes:
         console.say(f"note: {note}")
     folder = output or Path("results") / loaded.name
-    execute(Job(loaded, settings, folder, _EVIDENCE, png=png, as_json=as_json))
+    execute(Job(loaded, settings, folder, png=png, as_json=as_json))

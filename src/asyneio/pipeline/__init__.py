@@ -1,6 +1,6 @@
-"""From a recording to results: front end and estimator side by side, their figures, files and report.
+"""From a recording to results: front end and estimator in parallel, summary, files and report.
 
-The only room where files, clocks and progress meet the estimator.
+The only package in which files, clocks and progress meet the estimator.
 """
 
 from asyneio.pipeline.compilation import COMPILING

@@ -1,4 +1,4 @@
-"""The figures of a run: how long, how fast, how well, which segments, and whether the output is whole."""
+"""The summary of a run: duration, speed, health, segments, and whether the output is complete."""
 
 from __future__ import annotations
 
@@ -11,23 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from asyneio import __version__
+from asyneio.pipeline.packets import calibration_of
 from asyneio.types import (
     NS_PER_S,
     CalibrationEstimate,
     EventRecording,
     Health,
     ImuNoise,
+    IntArray,
     RecordArray,
     Recording,
     Run,
     StepReport,
 )
+from asyneio.version import __version__
 
 
 @dataclass(frozen=True)
 class SegmentSummary:
-    """One segment: its number, seconds from the start of the recording, knots, and why it ended."""
+    """One segment: number, begin and end [s, from the start of the recording], knots, reason of its end."""
 
     segment: int
     start_s: float
@@ -38,7 +40,7 @@ class SegmentSummary:
 
 @dataclass(frozen=True)
 class Transition:
-    """A change of health or segment; `t_s` from the start of the recording."""
+    """A change of health or segment at `t_s` [s], from the start of the recording."""
 
     t_s: float
     health: Health
@@ -48,10 +50,10 @@ class Transition:
 
 @dataclass(frozen=True)
 class CameraSummary:
-    """What the last segment made of the camera's calibration, with standard deviations.
+    """Camera calibration as estimated in the last segment, with standard deviations.
 
-    `time_offset_s` comes on top of the calibrated shift; `rotation_sigma_deg` is the largest of three axes. A
-    sigma of zero: taken as it is.
+    `time_offset_s` is added to the calibrated time shift; `rotation_sigma_deg` is the largest of three axes.
+    A standard deviation of zero: not estimated.
     """
 
     time_offset_s: float
@@ -61,8 +63,11 @@ class CameraSummary:
 
 @dataclass(frozen=True)
 class ImuScaleSummary:
-    """What the last segment made of the IMU's scale factors: by how much readings of the axes x, y, z are too
-    large [%], and standard deviations; the largest misalignment found [%]. A sigma of zero: taken as read."""
+    """IMU scale factors as estimated in the last segment.
+
+    By how much readings of the axes x, y, z are too large [%], with standard deviations, and the largest
+    misalignment [%]. A standard deviation of zero: not estimated.
+    """
 
     gyroscope_percent: tuple[float, ...]
     gyroscope_sigma_percent: tuple[float, ...]
@@ -73,9 +78,10 @@ class ImuScaleSummary:
 
 @dataclass(frozen=True)
 class SensorNoiseSummary:
-    """White noise of one inertial sensor [unit/sqrt(Hz)]: declared by the calibration, effective (learned
-    from the samples; median and largest over the run), and vibration [unit], root mean square, largest. Unit
-    rad/s or m/s^2.
+    """Noise of one inertial sensor; the unit is rad/s or m/s^2.
+
+    Densities of the white noise [unit/sqrt(Hz)]: declared in the calibration, and effective, as learned from
+    the samples (median and maximum over the run). Vibration [unit]: maximum root mean square.
     """
 
     declared_density: float
@@ -86,7 +92,7 @@ class SensorNoiseSummary:
 
 @dataclass(frozen=True)
 class ImuNoiseSummary:
-    """Both sensors."""
+    """Noise of both inertial sensors."""
 
     gyroscope: SensorNoiseSummary
     accelerometer: SensorNoiseSummary
@@ -94,14 +100,14 @@ class ImuNoiseSummary:
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures of one run; times in seconds, factors without unit.
+    """Summary of one run; times in seconds, ratios without unit.
 
-    `real_time_factor` is recorded over processing time (above one: faster than the sensors); compilation is
-    counted apart. Of events, `frontend_s` is what tracking took, in its own thread beside the rest; `events`
-    are 0 for a recording of tracks. `first_estimate_s` counts from the start of the recording. `health` is
-    the last one, `health_s` the seconds in each. `failure` says why the output is missing or incomplete,
-    empty when it is whole. `camera` and `imu_scale` are None without a segment at the end, `imu_noise`
-    without a single step.
+    `real_time_factor` is recorded time over processing time (above one: faster than the sensors); compilation
+    is counted separately. `frontend_s` is the time the front end took, in its own thread in parallel;
+    `events` is 0 for a tracks recording. `first_estimate_s` counts from the start of the recording.
+    `health` is the last state, `health_s` the seconds in each. `failure` says why the output is missing or
+    incomplete; empty if it is complete. `camera` and `imu_scale` are None unless the run ends in a segment;
+    `imu_noise` is None for a run without steps.
     """
 
     recording: str
@@ -131,13 +137,13 @@ class Summary:
     imu_scale: ImuScaleSummary | None = None
 
     def to_json(self) -> str:
-        """The summary as JSON text; what is not finite becomes null."""
+        """The summary as JSON text; numbers that are not finite become null."""
         return json.dumps(_plain(asdict(self)), indent=2) + "\n"
 
 
 @dataclass(frozen=True)
 class Costs:
-    """Seconds of a run: whole, of compilation, of the front end's thread."""
+    """Processing times of a run [s]: total without compilation, compilation, front end in its thread."""
 
     wall_s: float
     compile_s: float
@@ -146,65 +152,46 @@ class Costs:
 
 @dataclass(frozen=True)
 class Grid:
-    """Packets of a run: start and length [ns], and how many there were to be."""
+    """Packets of a run: start and length [ns], and the number of packets in the recording."""
 
     start_ns: int
     interval_ns: int
     total: int
 
     def seconds(self, t_ns: int) -> float:
-        """Time since the start."""
+        """Seconds from the start to `t_ns`."""
         return (t_ns - self.start_ns) / NS_PER_S
 
-
-def camera_summary(found: CalibrationEstimate | None) -> CameraSummary | None:
-    """What of it belongs into a summary."""
-    if found is None:
-        return None
-    sigma_deg = math.degrees(float(found.sigma[1:].max()))
-    return CameraSummary(float(found.time_offset_s), float(found.sigma[0]), sigma_deg)
+    def ends_ns(self) -> IntArray:
+        """Start of the first packet and end of every packet (total + 1,) [ns]."""
+        return self.start_ns + self.interval_ns * np.arange(self.total + 1, dtype=np.int64)
 
 
-def imu_scale_summary(found: CalibrationEstimate | None) -> ImuScaleSummary | None:
-    """What of it belongs into a summary."""
-    if found is None or found.imu is None:
-        return None
-    imu = found.imu
-    too_large = [100.0 * (matrix - np.eye(3)) for matrix in (imu.gyroscope, imu.accelerometer)]
-    sigma = [100.0 * matrix for matrix in (imu.gyroscope_sigma, imu.accelerometer_sigma)]
-    diagonals = [tuple(float(v) for v in np.diag(matrix)) for matrix in (*too_large, *sigma)]
-    aside = [np.abs(matrix - np.diag(np.diag(matrix))).max() for matrix in too_large]
-    return ImuScaleSummary(diagonals[0], diagonals[2], diagonals[1], diagonals[3], float(max(aside)))
+@dataclass(frozen=True)
+class Outcome:
+    """What a run leaves to be summarized.
+
+    `run`: estimates and reports; `calibration`: as estimated at the end; `observations`: OBSERVATION_DTYPE,
+    what the estimator received; `notes`: on the front end; `error`: what stopped the run, empty if nothing.
+    """
+
+    run: Run
+    calibration: CalibrationEstimate | None
+    observations: RecordArray
+    notes: tuple[str, ...]
+    error: str
 
 
-def imu_noise_summary(declared: ImuNoise, reports: Sequence[StepReport]) -> ImuNoiseSummary | None:
-    """How noisy the inertial sensors were beside what the calibration declares."""
-    known = [report.noise for report in reports if report.noise is not None]
-    if not known:
-        return None
-    density = np.array([noise.density for noise in known])
-    vibration = np.array([noise.vibration for noise in known])
-    sensors = (
-        SensorNoiseSummary(
-            figure, float(np.median(density[:, k])), float(density[:, k].max()), float(vibration[:, k].max())
-        )
-        for k, figure in enumerate((declared.gyroscope_density, declared.accelerometer_density))
-    )
-    return ImuNoiseSummary(*sensors)
+def summarize(recording: Recording | EventRecording, outcome: Outcome, grid: Grid, costs: Costs) -> Summary:
+    """Summarize a run.
 
-
-def summarize(
-    recording: Recording | EventRecording,
-    observations: RecordArray,
-    run: Run,
-    grid: Grid,
-    costs: Costs,
-    error: str,
-) -> Summary:
-    """Figures of a run; `error` is what stopped it, if anything."""
+    Raises:
+        RecordingError: the recording has no calibration.
+    """
+    run = outcome.run
     duration_s = len(run.reports) * grid.interval_ns / NS_PER_S
     landmarks = [report.landmarks for report in run.reports if report.knots]
-    features, life_s = _track_life(observations)
+    features, life_s = _track_life(outcome.observations)
     counts = {health: sum(report.health is health for report in run.reports) for health in Health}
     return Summary(
         recording=recording.name,
@@ -217,7 +204,7 @@ def summarize(
         slowest_step_s=max((report.seconds for report in run.reports), default=math.nan),
         knots=len(run.estimates),
         events=0 if isinstance(recording, Recording) else int(recording.events.size),
-        observations=int(observations.size),
+        observations=int(outcome.observations.size),
         features=features,
         mean_track_life_s=life_s,
         mean_landmarks=float(np.mean(landmarks)) if landmarks else 0.0,
@@ -227,9 +214,45 @@ def summarize(
         health_s={str(health): n * grid.interval_ns / NS_PER_S for health, n in counts.items()},
         segments=tuple(_segments(run, grid)),
         transitions=tuple(_transitions(run, grid)),
-        failure=_failure(run, grid, error),
-        notes=recording.notes,
+        failure=_failure(run, grid, outcome.error),
+        notes=(*recording.notes, *outcome.notes),
+        camera=_camera_summary(outcome.calibration),
+        imu_noise=_imu_noise_summary(calibration_of(recording).noise, run.reports),
+        imu_scale=_imu_scale_summary(outcome.calibration),
     )
+
+
+def _camera_summary(found: CalibrationEstimate | None) -> CameraSummary | None:
+    if found is None:
+        return None
+    sigma_deg = math.degrees(float(found.sigma[1:].max()))
+    return CameraSummary(float(found.time_offset_s), float(found.sigma[0]), sigma_deg)
+
+
+def _imu_scale_summary(found: CalibrationEstimate | None) -> ImuScaleSummary | None:
+    if found is None or found.imu is None:
+        return None
+    imu = found.imu
+    too_large = [100.0 * (matrix - np.eye(3)) for matrix in (imu.gyroscope, imu.accelerometer)]
+    sigma = [100.0 * matrix for matrix in (imu.gyroscope_sigma, imu.accelerometer_sigma)]
+    diagonals = [tuple(float(v) for v in np.diag(matrix)) for matrix in (*too_large, *sigma)]
+    misaligned = [np.abs(matrix - np.diag(np.diag(matrix))).max() for matrix in too_large]
+    return ImuScaleSummary(diagonals[0], diagonals[2], diagonals[1], diagonals[3], float(max(misaligned)))
+
+
+def _imu_noise_summary(declared: ImuNoise, reports: Sequence[StepReport]) -> ImuNoiseSummary | None:
+    known = [report.noise for report in reports if report.noise is not None]
+    if not known:
+        return None
+    density = np.array([noise.density for noise in known])
+    vibration = np.array([noise.vibration for noise in known])
+    sensors = (
+        SensorNoiseSummary(
+            figure, float(np.median(density[:, k])), float(density[:, k].max()), float(vibration[:, k].max())
+        )
+        for k, figure in enumerate((declared.gyroscope_density, declared.accelerometer_density))
+    )
+    return ImuNoiseSummary(*sensors)
 
 
 def _segments(run: Run, grid: Grid) -> Iterator[SegmentSummary]:
@@ -254,23 +277,23 @@ def _transitions(run: Run, grid: Grid) -> Iterator[Transition]:
 
 
 def _failure(run: Run, grid: Grid, error: str) -> str:
-    """Why the output is missing or incomplete, in one sentence; empty when it is whole."""
+    """Why the output is missing or incomplete, in one sentence; empty if it is complete."""
     if error:
         return f"the estimator stopped after {len(run.estimates)} estimates: {error}"
     if not run.estimates:
-        return f"the estimator never started, so there is no trajectory{_because(run)}"
+        return f"the estimator did not initialize, so there is no trajectory{_because(run)}"
     if not all(np.isfinite(estimate.T_w_b).all() for estimate in run.estimates):
-        return "the trajectory holds values that are not finite; the estimator diverged"
+        return "the trajectory contains values that are not finite: the estimator diverged"
     lost = next((report for report in reversed(run.reports) if report.health is Health.LOST), None)
     because = f": {lost.reason}" if lost else _because(run)
     segments = run.segments()
-    pieces = f"the trajectory is in {len(segments)} segments, each in a world of its own; "
+    pieces = f"the trajectory has {len(segments)} segments, each with its own world frame; "
     pieces = pieces if len(segments) > 1 else ""
     if lost and run.reports[-1].health in (Health.LOST, Health.INITIALIZING):
         return f"{pieces}the estimator lost track and did not recover{because}"
     if pieces:
         gap_s = sum(b[0].t_ns - a[-1].t_ns for a, b in pairwise(segments)) / NS_PER_S
-        return f"{pieces}{gap_s:.2f} s between them are without a pose{because}"
+        return f"{pieces}there are no poses for {gap_s:.2f} s between them{because}"
     t_ns = np.array([estimate.t_ns for estimate in run.estimates])
     end_ns = grid.start_ns + grid.total * grid.interval_ns
     gap_ns = int(max(np.diff(t_ns, append=end_ns), default=0))

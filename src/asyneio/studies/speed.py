@@ -21,13 +21,13 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from asyneio import __version__
 from asyneio.errors import StudyError
 from asyneio.progress import TaskCallback
 from asyneio.studies.speed_run import ESTIMATOR, FRONT_END, PIPELINE, Figures, SpeedRun
 from asyneio.studies.speed_stages import STAGES
 from asyneio.studies.speed_workload import Workload
 from asyneio.studies.study import code_fingerprint, fingerprint
+from asyneio.version import __version__
 
 #: Told how many measurements are done of how many; none of them fails without ending it all.
 #: Calls a measurement by its name, with its arguments.

@@ -1,4 +1,4 @@
-"""The figures of a run and of an evaluation as rows of a table: what, and the value with its unit."""
+"""Summary and evaluation of a run as table rows: a label, and a value with its unit."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ import math
 from asyneio.evaluation import Evaluation
 from asyneio.pipeline.summary import Summary
 from asyneio.types import Health
+from asyneio.viz.data import Rows
 
-Rows = tuple[tuple[str, str], ...]
 
-
-def run_figures(summary: Summary, scores: dict[int, Evaluation]) -> Rows:
-    """Rows on a run; with the most important errors of its segments where there is ground truth."""
+def run_rows(summary: Summary, scores: dict[int, Evaluation]) -> Rows:
+    """Rows for a run, followed by those of the evaluation of its segments."""
     rows = [
         ("health", str(summary.health)),
         ("recording", f"{summary.duration_s:.2f} s"),
@@ -45,22 +44,21 @@ def run_figures(summary: Summary, scores: dict[int, Evaluation]) -> Rows:
             )
             for segment in summary.segments
         ]
-    return (*rows, *segment_figures(scores))
+    return (*rows, *evaluation_rows(scores))
 
 
-def segment_figures(scores: dict[int, Evaluation]) -> Rows:
-    """Rows on the evaluation of each segment, by its number."""
+def evaluation_rows(scores: dict[int, Evaluation]) -> Rows:
+    """Rows for the evaluation of each segment, by its number."""
     if len(scores) == 1:
-        return score_figures(next(iter(scores.values())))
+        return _segment_rows(next(iter(scores.values())))
     return tuple(
         row
         for segment, score in scores.items()
-        for row in ((f"segment {segment}", "aligned on its own"), *score_figures(score))
+        for row in ((f"segment {segment}", "aligned on its own"), *_segment_rows(score))
     )
 
 
-def score_figures(score: Evaluation) -> Rows:
-    """Rows on an evaluation under one protocol."""
+def _segment_rows(score: Evaluation) -> Rows:
     position, orientation = score.position_m, score.orientation_deg
     rows = [
         ("aligned by", score.protocol.name),
