@@ -133,7 +133,7 @@ def test_it_goes_on_where_it_stopped(
     monkeypatch.setattr(uzh, "measure_sequence", watched)
     status, _, err = asyneio(*command)
     assert (status, measured) == (0, ["hdr_poster"])
-    assert "note: 1 result(s) of an earlier run were kept" in err
+    assert "note: 1 result(s) of an earlier run were reused" in err
     again = json.loads((tmp_path / "out" / "results.json").read_text())
     assert again["sequences"]["boxes_6dof"] == first["sequences"]["boxes_6dof"]
     settings = tmp_path / "settings.yaml"

@@ -68,7 +68,7 @@ def test_diff(asyneio: Asyneio, tmp_path: Path) -> None:
     }
     status, _, err = asyneio("config", "diff", "davis240c")
     assert status == 0
-    assert "davis240c and default do not differ" in err
+    assert "davis240c and default are equal" in err
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_mistakes_are_explained(asyneio: Asyneio, tmp_path: Path, text: str, mes
 def test_sources_that_are_none(asyneio: Asyneio, tmp_path: Path) -> None:
     status, _, err = asyneio("config", "diff", "DAVIS128")
     assert status == 1
-    assert "DAVIS128 is no file, no folder and no preset; presets are DAVIS240C" in err
+    assert "DAVIS128 is neither a file nor a folder nor a preset; presets: DAVIS240C" in err
     status, _, err = asyneio("config", "show", tmp_path)
     assert status == 1
     assert "cannot read the configuration" in err

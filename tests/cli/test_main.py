@@ -150,7 +150,7 @@ def test_a_run_that_never_starts_has_a_report_that_says_why(
 def test_json_and_figures(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("asyneio.cli.execute.render_report", lambda *_: "page")
+    monkeypatch.setattr("asyneio.pipeline.report.render_report", lambda *_: "page")
     stale = tmp_path / "out" / "figures" / "stale.png"
     stale.parent.mkdir(parents=True)
     stale.write_bytes(b"")
@@ -193,9 +193,9 @@ def test_a_run_in_pieces_fails_and_is_evaluated_piece_by_piece(
     monkeypatch.setattr(pipeline, "Odometry", StartsAgain)
     status, out, err = asyneio("run", folder, "-o", tmp_path / "out")
     assert status == 1
-    assert "the trajectory is in 2 segments" in err.splitlines()[-1]
+    assert "the trajectory has 2 segments" in err.splitlines()[-1]
     assert "lost after" in err
-    assert out.count("aligned on its own") == 2
+    assert out.count("aligned separately") == 2
     results, truth = tmp_path / "out", folder / "groundtruth.tum"
     assert (results / "trajectory_1.tum").exists()
     assert "each segment on its own" in (results / "report.html").read_text()
@@ -216,7 +216,7 @@ def test_a_degraded_run_is_whole(
     monkeypatch.setattr(pipeline, "Odometry", Degraded)
     status, out, _ = asyneio("run", folder, "-o", tmp_path / "out")
     assert status == 0
-    assert "0.4 s in all" in out
+    assert "0.4 s in total" in out
 
 
 def test_settings_are_read_and_checked(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
@@ -286,7 +286,7 @@ def test_unwritable_output_is_found_before_the_run(
     ("error", "status", "message"),
     [
         (KeyboardInterrupt(), 130, ""),
-        (ZeroDivisionError("oops"), 1, "unexpected ZeroDivisionError: oops. This is a defect of asyneio"),
+        (ZeroDivisionError("oops"), 1, "unexpected ZeroDivisionError: oops. This is a bug in asyneio"),
         (OSError(28, "No space left on device", "/data/out"), 1, "/data/out: No space left on device"),
     ],
 )
@@ -368,7 +368,7 @@ def test_simulate_is_reproducible_and_readable(asyneio: Asyneio, tmp_path: Path)
 
 @pytest.mark.usefixtures("_reports")
 def test_demo_names_the_report(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("asyneio.cli.execute.render_report", lambda *_: "page")
+    monkeypatch.setattr("asyneio.pipeline.report.render_report", lambda *_: "page")
     monkeypatch.setattr("asyneio.cli.execute.render_overview", lambda *_: b"picture")
     status, out, err = asyneio("demo", "-o", tmp_path / "a folder", "--duration", "2")
     assert status == 0, err

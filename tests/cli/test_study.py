@@ -51,7 +51,7 @@ def test_everything_is_written_and_a_second_run_measures_nothing(asyneio: Asynei
     before = (tmp_path / "out" / "results.jsonl").read_bytes()
     status, _, err = asyneio(*arguments)
     assert status == 0
-    assert "note: 24 results of an earlier run were kept" in err
+    assert "note: 24 results of an earlier run were reused" in err
     assert (tmp_path / "out" / "results.jsonl").read_bytes() == before
     assert (tmp_path / "out" / "README.md").read_text() == index
 

@@ -112,7 +112,7 @@ def test_nothing_to_follow_is_an_error_and_leaves_no_tracks(
     status, out, err = asyneio("track", tmp_path / "noise", "-o", tmp_path / "out")
     assert status == 1
     assert "0 observations" in out
-    assert err.splitlines()[-1].startswith("asyneio: no feature could be followed in the 500 events")
+    assert err.splitlines()[-1].startswith("asyneio: no features were tracked in the 500 events")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["tracks_summary.json"]
 
 
@@ -162,4 +162,4 @@ def test_an_empty_recording(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytes
     status, _, err = asyneio("track", "events", "-o", tmp_path / "out")
     assert status == 1
     assert "note: since" in err
-    assert err.splitlines()[-1] == "asyneio: events holds no event"
+    assert err.splitlines()[-1] == "asyneio: events contains no events"

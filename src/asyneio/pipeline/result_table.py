@@ -27,15 +27,15 @@ def run_rows(summary: Summary, scores: dict[int, Evaluation]) -> Rows:
         ("knots", f"{summary.knots}"),
         ("feature tracks", f"{summary.features}, mean life {summary.mean_track_life_s:.2f} s"),
         ("landmarks in the window", f"{summary.mean_landmarks:.0f} on average"),
-        ("observations", f"{summary.observations}, {summary.rejected} times rejected"),
+        ("observations", f"{summary.observations}, {summary.rejected} rejections"),
     ]
     camera = summary.camera
     if camera is not None and camera.time_offset_sigma_s > 0.0:
         offset = f"{1e3 * camera.time_offset_s:+.2f} ms, sigma {1e3 * camera.time_offset_sigma_s:.2f} ms"
-        rows.append(("time offset of the camera", f"{offset}, on top of the calibrated shift"))
+        rows.append(("time offset of the camera", f"{offset}, added to the calibrated shift"))
     degraded_s = summary.health_s[Health.DEGRADED]
     if degraded_s > 0.0:
-        rows.append(("degraded", f"{degraded_s:.1f} s in all"))
+        rows.append(("degraded", f"{degraded_s:.1f} s in total"))
     if len(summary.segments) > 1:
         rows += [
             (
@@ -54,7 +54,7 @@ def evaluation_rows(scores: dict[int, Evaluation]) -> Rows:
     return tuple(
         row
         for segment, score in scores.items()
-        for row in ((f"segment {segment}", "aligned on its own"), *_segment_rows(score))
+        for row in ((f"segment {segment}", "aligned separately"), *_segment_rows(score))
     )
 
 
@@ -67,12 +67,12 @@ def _segment_rows(score: Evaluation) -> Rows:
         ("position error, max", f"{100.0 * position.max:.3f} cm"),
         ("orientation error, RMSE", f"{orientation.rmse:.3f} deg"),
         ("yaw error, RMSE", f"{score.yaw_deg.rmse:.3f} deg"),
-        ("mean position error of path (MPE)", _unless_nan(score.mpe_percent, "{:.3f} %")),
-        ("yaw error of path", _unless_nan(score.yaw_error_deg_per_m, "{:.4f} deg/m")),
+        ("mean position error per path length (MPE)", _unless_nan(score.mpe_percent, "{:.3f} %")),
+        ("yaw error per path length", _unless_nan(score.yaw_error_deg_per_m, "{:.4f} deg/m")),
         ("scale error", _unless_nan(score.scale_error_percent, "{:+.2f} %")),
     ]
     if score.unassociated:
-        rows.insert(2, ("poses without truth nearby", f"{score.unassociated}"))
+        rows.insert(2, ("poses without ground truth", f"{score.unassociated}"))
     for relative in score.relative:
         name = f"relative error over {relative.delta:g} {relative.unit}"
         rows.append(

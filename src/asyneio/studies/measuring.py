@@ -12,8 +12,6 @@ from asyneio.studies.execution import run_tasks
 from asyneio.studies.records import Record, append, appending, latest, read_records
 from asyneio.studies.study import Task, code_fingerprint, task_key, task_values
 
-#: Told how many tasks are done of how many, and how many of those failed.
-
 
 @dataclass(frozen=True)
 class Measured:

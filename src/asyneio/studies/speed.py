@@ -29,7 +29,6 @@ from asyneio.studies.speed_workload import Workload
 from asyneio.studies.study import code_fingerprint, fingerprint
 from asyneio.version import __version__
 
-#: Told how many measurements are done of how many; none of them fails without ending it all.
 #: Calls a measurement by its name, with its arguments.
 Measure = Callable[..., Figures]
 
