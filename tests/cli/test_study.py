@@ -38,7 +38,7 @@ def test_everything_is_written_and_a_second_run_measures_nothing(asyneio: Asynei
     printed = json.loads(out)
     assert (printed["study"], printed["tasks"], printed["failures"]) == ("schemes", 24, [])
     assert str(tmp_path / "out" / "README.md") in printed["files"]
-    assert "schemes: 24 tasks, 1 at a time" in err
+    assert "schemes: 24 tasks, 1 in parallel" in err
     index = (tmp_path / "out" / "README.md").read_text()
     assert "    asyneio study schemes --seeds 4\n" in index
     assert "24 of 24 tasks measured, 0 failed" in index

@@ -52,13 +52,13 @@ def evaluate(
 
     \b
     Protocols:
-      posyaw  position and yaw over the whole run, as usual for VIO
+      posyaw  position and yaw over the whole run, as for any VIO
       se3     position and rotation over the whole run, as evo_ape -a
       sim3    position, rotation and scale over the whole run, as evo_ape -as
       hku     position and rotation over the first 5 s (PL-EVIO)
       uslam   position and rotation over 3 to 8 s (Ultimate SLAM)
-      origin  the first pose only
-      none    no alignment: both are in the same frame
+      origin  the first pose alone
+      none    nothing: both are in one world already
     """
     from asyneio.cli import console
     from asyneio.evaluation import evaluate as score

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +32,7 @@ _NOT_READ = {
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
 }
 _SNIFF_BYTES = 4096
+_LOG = logging.getLogger("asyneio.io")
 _AnyRecording = TypeVar("_AnyRecording", Recording, EventRecording)
 _MAX_LISTED = 8
 
@@ -58,11 +60,19 @@ def open_recording(
     """
     path, options = Path(path), options or ReadOptions()
     if (path / TRACKS_FILE).is_file():
-        return _with_text(read_tracks_folder(path, options, max_track_seconds))
+        return _logged(_with_text(read_tracks_folder(path, options, max_track_seconds)))
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} holds events, not tracks; a longest track cannot be set for it")
     contents = open_contents(path, options)
-    return _with_text(assemble(contents, progress, cache_from, options.wanted, options.samples_needed))
+    return _logged(
+        _with_text(assemble(contents, progress, cache_from, options.wanted, options.samples_needed))
+    )
+
+
+def _logged(recording: _AnyRecording) -> _AnyRecording:
+    for note in recording.notes:
+        _LOG.warning("%s: %s", recording.name, note)
+    return recording
 
 
 def _with_text(recording: _AnyRecording) -> _AnyRecording:

@@ -27,6 +27,7 @@ from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.odometry.stationary import StationaryDetector
+from asyneio.odometry.transitions import TransitionLog
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import (
     NS_PER_S,
@@ -76,6 +77,7 @@ class Odometry:
         self._begin_segment()
         self._attitude = AttitudeFilter(config.inertial, calibration.noise.gyroscope_walk)
         self._upright: Attitude | None = None
+        self._log = TransitionLog()
 
     def _begin_segment(self) -> None:
         """Forget everything but how noisy the sensors are: nothing from before may enter the next start."""
@@ -100,7 +102,9 @@ class Odometry:
         States of a step that turns out LOST are not given out. BLAS uses one thread meanwhile.
         """
         with one_blas_thread():
-            return self._process(packet)
+            estimates, report = self._process(packet)
+        self._log.update(report)
+        return estimates, report
 
     def _process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         packet = self._renewed.passed(packet)

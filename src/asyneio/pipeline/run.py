@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -27,6 +28,8 @@ from asyneio.types import (
     Run,
     StepReport,
 )
+
+_LOG = logging.getLogger("asyneio.pipeline")
 
 
 class Estimator(Protocol):
@@ -113,10 +116,22 @@ def run_recording(
     outcome = Outcome(loop.done, estimator.calibration(), source.observations(), source.notes(), loop.error)
     costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
     summary = summarize(recording, outcome, grid, costs)
+    _log_summary(summary, source)
     result = RunResult(loop.done, summary, outcome.observations, tuple(loop.origins.values()), config)
     if loop.interrupted:
         raise RunInterrupted(result)
     return result
+
+
+def _log_summary(summary: Summary, source: TrackSource) -> None:
+    for note in source.notes():
+        _LOG.warning("%s: %s", summary.recording, note)
+    _LOG.info(
+        "%s: %d knots in %d segment(s), %.2f s processed in %.2f s",
+        *(summary.recording, summary.knots, len(summary.segments), summary.duration_s, summary.processing_s),
+    )
+    if summary.failure:
+        _LOG.warning("%s: %s", summary.recording, summary.failure)
 
 
 def _grid(recording: Recording | EventRecording, interval_s: float) -> Grid:
