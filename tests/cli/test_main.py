@@ -369,7 +369,7 @@ def test_simulate_is_reproducible_and_readable(asyneio: Asyneio, tmp_path: Path)
 @pytest.mark.usefixtures("_reports")
 def test_demo_names_the_report(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("asyneio.pipeline.report.render_report", lambda *_: "page")
-    monkeypatch.setattr("asyneio.cli.execute.render_overview", lambda *_: b"picture")
+    monkeypatch.setattr("asyneio.pipeline.report.render_overview", lambda *_: b"picture")
     status, out, err = asyneio("demo", "-o", tmp_path / "a folder", "--duration", "2")
     assert status == 0, err
     assert "event_room, seed 0" in err

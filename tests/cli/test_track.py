@@ -48,7 +48,7 @@ def test_simulated_events_in_hdf5(asyneio: Asyneio, tmp_path: Path) -> None:
     arguments = ("--duration", "0.1", "--seed", "3", "--format", "hdf5")
     status, out, err = asyneio("simulate", "event_fast", "-o", tmp_path / "room", *arguments)
     assert (status, out) == (0, "")
-    assert "Mev/s of the camera" in err
+    assert "Mev (camera: " in err
     found = open_recording(tmp_path / "room")
     wanted = simulate_events(replace(EVENT_SCENARIOS["event_fast"], duration_s=0.1, seed=3)).recording
     assert isinstance(found, EventRecording)
