@@ -40,6 +40,7 @@ ConfigOption = Annotated[
     Path | None, typer.Option(help="YAML file with settings that differ from the defaults.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+TablesJsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
 class TrackerName(StrEnum):

@@ -1,8 +1,9 @@
-"""Summary and evaluation of a run as table rows: a label, and a value with its unit."""
+"""Summaries and evaluations as table rows: a label, and a value with its unit."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from asyneio.evaluation import Evaluation
 from asyneio.pipeline.summary import Summary
@@ -78,6 +79,60 @@ def _segment_rows(score: Evaluation) -> Rows:
         rows.append(
             (name, f"{100.0 * relative.translation_m.rmse:.2f} cm, {relative.rotation_deg.rmse:.2f} deg RMSE")
         )
+    return tuple(rows)
+
+
+def track_rows(summary: dict[str, Any]) -> Rows:
+    """Table rows for a run of the front end: a label, and a value with its unit."""
+    alive = summary["alive"]
+    rows = [
+        ("tracker", f"{summary['tracker']}, {'with' if summary['gyroscope_used'] else 'without'} gyroscope"),
+        (
+            "recording",
+            f"{summary['duration_s']:.2f} s, {summary['events']} events, "
+            f"{summary['event_rate_mev_s']:.2f} Mev/s",
+        ),
+        (
+            "processing",
+            f"{summary['processing_s']:.2f} s, {summary['speed_mev_s']:.2f} Mev/s, "
+            f"{summary['ns_per_event']:.0f} ns per event, {summary['real_time_factor']:.1f} times real time",
+        ),
+        (
+            "features alive",
+            f"{alive['median']:.0f} (median), {alive['tenth_percentile']:.0f} (10th percentile)",
+        ),
+        ("feature tracks", f"{summary['tracks']}, {summary['observations']} observations"),
+    ]
+    return (*rows, *_track_end_rows(summary))
+
+
+def _track_end_rows(summary: dict[str, Any]) -> Rows:
+    life, counts = summary["life_s"], summary["statistics"]
+    rows: list[tuple[str, str]] = []
+    if summary["tracks"]:
+        rows.append(
+            (
+                "life",
+                f"{life['median']:.2f} s (median), {life['quartile']:.2f}-{life['upper_quartile']:.2f} s "
+                f"(quartiles), {life['longest']:.2f} s (longest)",
+            )
+        )
+    rows.append(
+        (
+            "ended",
+            f"{counts['ended_untrusted']} unreliable, {counts['ended_border']} at the border, "
+            f"{counts['ended_silent']} without events",
+        )
+    )
+    if counts["hot_pixels"]:
+        rows.append(
+            ("defective pixels", f"{counts['hot_pixels']}, {counts['hot_events']} of their events dropped")
+        )
+    left_out = counts["shed_events"] + counts["shed_feature_events"]
+    if left_out:
+        rows.append(("dropped (frontend.max_load)", f"{left_out} events, {counts['shed_features']} features"))
+    if summary["compile_s"] > 1.0:
+        rows.append(("compilation (first run only)", f"{summary['compile_s']:.1f} s"))
     return tuple(rows)
 
 

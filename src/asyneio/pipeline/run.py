@@ -13,7 +13,8 @@ from asyneio.odometry import Odometry
 from asyneio.pipeline.compilation import Compilation, compile_ahead, watch_compilation
 from asyneio.pipeline.frontend_thread import ObservationStream, ReplayedStream, TrackSource
 from asyneio.pipeline.packets import calibration_of, check_inertial_scales, packets, usable_span
-from asyneio.pipeline.summary import Costs, Grid, Outcome, Summary, summarize
+from asyneio.pipeline.summarize import Costs, Grid, Outcome, summarize
+from asyneio.pipeline.summary import Summary
 from asyneio.progress import SILENT, RunProgress
 from asyneio.types import (
     NS_PER_S,
