@@ -1,4 +1,4 @@
-"""What holds for every command: help with an example that parses, errors of one paragraph, completion."""
+"""Every command: help with an example that parses, errors of one paragraph, completion."""
 
 from __future__ import annotations
 
@@ -34,6 +34,13 @@ def test_help_has_an_example_that_parses(asyneio: Asyneio, name: tuple[str, ...]
     assert status == 0
     assert "Example" in out
     assert COMMANDS[name].help
+
+
+def test_help_texts_have_no_brackets() -> None:
+    """`[s]` would be taken for markup and not be shown."""
+    for name, command in COMMANDS.items():
+        texts = [getattr(parameter, "help", "") or "" for parameter in command.params]
+        assert not [text for text in texts if "[" in text.replace("[required]", "")], name
 
 
 def test_what_does_not_parse_is_noticed() -> None:

@@ -38,7 +38,7 @@ _Sequences = Annotated[
     typer.Option(help="Names, separated by commas.", show_default="all available with translation"),
 ]
 _FirstSeconds = Annotated[
-    float | None, typer.Option(help="Use the first seconds only [s].", min=1.0, show_default="all")
+    float | None, typer.Option(help="Use only this many seconds from the start.", min=1.0, show_default="all")
 ]
 _Workers = Annotated[int, typer.Option(help="Sequences processed in parallel.", min=1, max=16)]
 _UzhPreset = Annotated[

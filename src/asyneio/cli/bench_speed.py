@@ -36,7 +36,7 @@ _Recording = Annotated[
 ]
 _Seconds = Annotated[
     float | None,
-    typer.Option(help="Length to use [s].", min=1.0, show_default="10, or all of a recording"),
+    typer.Option(help="Seconds to use.", min=1.0, show_default="10, or all of a recording"),
 ]
 _Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="Write the figures as JSON; usable as a baseline.")

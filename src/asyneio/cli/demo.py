@@ -22,7 +22,7 @@ def demo(
         "results/demo"
     ),
     seed: Annotated[int, typer.Option(help="Random seed of the simulation.", min=0)] = 0,
-    duration: Annotated[float, typer.Option(help="Length of the simulation [s].")] = 15.0,
+    duration: Annotated[float, typer.Option(help="Length of the simulation in seconds.")] = 15.0,
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a recording, run it, compare with ground truth and write a report."""

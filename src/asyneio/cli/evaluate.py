@@ -35,7 +35,7 @@ _TruthColumns = Annotated[
 ]
 _MaxGap = Annotated[
     float,
-    typer.Option("--max-gap", help="Do not interpolate ground truth across longer gaps [s].", min=0.0),
+    typer.Option("--max-gap", help="Do not interpolate ground truth across longer gaps (seconds).", min=0.0),
 ]
 
 

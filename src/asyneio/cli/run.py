@@ -31,7 +31,7 @@ _Output = Annotated[
 ]
 _MaxTrackSeconds = Annotated[
     float | None,
-    typer.Option(help="Tracks folder only: cut tracks into pieces shorter than this [s], with new ids."),
+    typer.Option(help="Tracks folder only: cut tracks into pieces of fewer seconds, with new ids."),
 ]
 _Png = Annotated[bool, typer.Option("--png", help="Also write each figure of the report as a PNG file.")]
 

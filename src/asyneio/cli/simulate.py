@@ -31,7 +31,9 @@ _Output = Annotated[Path, typer.Option("--output", "-o", help="Folder for the re
 _Seed = Annotated[
     int | None, typer.Option(help="Random seed.", min=0, show_default="that of the scenario, mostly 0")
 ]
-_Duration = Annotated[float | None, typer.Option(help="Length [s].", show_default="that of the scenario")]
+_Duration = Annotated[
+    float | None, typer.Option(help="Length in seconds.", show_default="that of the scenario")
+]
 _Format = Annotated[
     EventFormat, typer.Option("--format", help="File format of events: UZH text folder, or HDF5.")
 ]
@@ -52,7 +54,7 @@ _Samples = Annotated[
 ]
 _From = Annotated[
     float,
-    typer.Option("--from", help="Start after the first common time [s].", min=0.0, rich_help_panel=_REAL),
+    typer.Option("--from", help="Seconds after the first common time.", min=0.0, rich_help_panel=_REAL),
 ]
 _Imu = Annotated[
     Path | None,
