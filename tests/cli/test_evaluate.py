@@ -1,4 +1,4 @@
-"""`asyneio evaluate` from the command line: what peers write, hints, and cures that work."""
+"""`asyneio evaluate` from the command line: formats of other tools, hints, and fixes that work."""
 
 from __future__ import annotations
 

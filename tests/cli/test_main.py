@@ -1,4 +1,4 @@
-"""Commands as typed: what they write, print and return; errors are one paragraph, never a traceback."""
+"""Commands: files, output and exit status; errors are one paragraph, never a traceback."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from tests.io.recordings import make_recording, straight_path
 
 @pytest.fixture
 def asyneio(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> Asyneio:
-    """With an estimator that knows the answer, and without plots."""
+    """Use the fake estimator, and no plots."""
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
     monkeypatch.setattr(compilation, "are_compiled", lambda: True)
-    # Plots take seconds; tests that look at the report ask for it.
+    # Plots take seconds; tests of the report enable them.
     monkeypatch.setattr("asyneio.cli.execute.available", lambda: False)
     return asyneio
 
@@ -38,7 +38,7 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
 
 @pytest.fixture
 def paths(tmp_path: Path) -> tuple[Path, Path]:
-    """An estimate that is the truth turned by a right angle about z and shifted, and the truth."""
+    """An estimate, which is the ground truth rotated about z and shifted, and the ground truth."""
     s = np.linspace(0.0, 6.0, 121)
     zeros = np.zeros_like(s)
     truth = PoseTrajectory(
@@ -123,7 +123,7 @@ def test_truth_of_another_time_is_a_note(asyneio: Asyneio, folder: Path, tmp_pat
     assert "note: segment 0 is not compared with the ground truth" in err
 
 
-def test_a_run_that_never_starts_fails(
+def test_a_run_that_never_initializes_fails(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
@@ -135,7 +135,7 @@ def test_a_run_that_never_starts_fails(
 
 
 @pytest.mark.usefixtures("_reports")
-def test_a_run_that_never_starts_has_a_report_that_says_why(
+def test_a_run_that_never_initializes_has_a_report_with_the_reason(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
@@ -187,7 +187,7 @@ def test_a_run_that_loses_track_fails_but_keeps_what_it_has(
 
 
 @pytest.mark.usefixtures("_reports")
-def test_a_run_in_pieces_fails_and_is_evaluated_piece_by_piece(
+def test_a_run_in_segments_fails_and_is_evaluated_by_segment(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", StartsAgain)
@@ -210,7 +210,7 @@ def test_a_run_in_pieces_fails_and_is_evaluated_piece_by_piece(
     assert "trajectory_1.tum" in err
 
 
-def test_a_degraded_run_is_whole(
+def test_a_degraded_run_is_complete(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", Degraded)

@@ -1,4 +1,4 @@
-"""What the README tells people to type works as written."""
+"""The commands and the code in the README work as written."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _SECONDS = 0.8
 
 @pytest.fixture(scope="module")
 def recording() -> EventRecording:
-    """Events of a moment in a room."""
+    """A short recording of events in a room."""
     return simulate_events(replace(EVENT_SCENARIOS["event_room"], duration_s=_SECONDS)).recording
 
 
 @pytest.fixture(autouse=True)
 def _workplace(recording: EventRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder with a recording where the examples expect it, short simulations, and a fast estimator."""
+    """A folder with the recordings of the examples, short simulations, and the fake estimator."""
     write_uzh_folder(recording, tmp_path / "recordings" / "desk")
     assert recording.ground_truth is not None
     write_tum(tmp_path / "groundtruth.tum", recording.ground_truth)

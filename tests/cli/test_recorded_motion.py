@@ -1,4 +1,4 @@
-"""`asyneio simulate` along recorded poses, with the real samples of the IMU that went along."""
+"""`asyneio simulate` along recorded poses, with the samples of the same IMU."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ update_rate: 200
 
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Poses and samples in EuRoC's layout, of one motion of 4 s; the working folder."""
+    """The working folder, with poses and samples of one motion of 4 s in the layout of EuRoC."""
     rng = np.random.default_rng(4)
     motion = draw_motion("moderate", rng, np.eye(3), 1.0)
     t_s = np.arange(0.0, 4.0, 0.005)

@@ -1,4 +1,4 @@
-"""`asyneio study` as typed: tables, figures, index; failures are told; a second run measures nothing."""
+"""`asyneio study`: tables, figures, index; failures are reported; a second run measures nothing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.studies import stub
 
 @pytest.fixture
 def _stub(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The study that takes no time in place of one that takes minutes."""
+    """Replace a study of minutes by one that takes no time."""
 
     def study(quick: bool, seeds: int | None) -> Study:
         return stub.stub_study(seeds or (2 if quick else 3), stub.measure_or_raise)

@@ -1,4 +1,4 @@
-"""`asyneio track` and the simulation of events as typed."""
+"""`asyneio track`, and the simulation of events."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.io.recordings import START_NS
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Half a second in a room, written by the command itself."""
+    """Half a second of events in a room, written by `asyneio simulate`."""
     folder = tmp_path_factory.mktemp("simulated") / "room"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
@@ -76,7 +76,7 @@ def test_tracks_are_a_tracks_folder(
     assert summary["observations"] == tracks.observations.size > 100
     assert summary["tracks"] == np.unique(tracks.observations["id"]).size
     np.testing.assert_array_equal(tracks.gyroscope, events.gyroscope)
-    # A tracks folder read back is in the clock of the IMU, as the gyroscope is.
+    # A tracks folder is read in the IMU clock, like the gyroscope.
     assert tracks.observations["t_ns"][0] >= events.events["t_ns"][0] + tracks.calibration.timeshift_ns
     header, row = (tmp_path / "out" / "tracks.csv").read_text().splitlines()[:2]
     assert header == "t_ns,id,u,v"

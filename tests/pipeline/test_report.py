@@ -50,7 +50,7 @@ def curve(s: np.ndarray) -> tuple[np.ndarray, Rotation]:
 
 
 def run_along(s: np.ndarray, yaw: float, covariance: np.ndarray) -> tuple[list[Estimate], PoseTrajectory]:
-    """Estimates in a world turned by `yaw`, and the truth."""
+    """Estimates in a world rotated by `yaw`, and the ground truth."""
     position, attitude = curve(s)
     t_ns = START_NS + np.rint(s * NS_PER_S).astype(np.int64)
     world = Rotation.from_euler("z", yaw)
@@ -87,7 +87,7 @@ def test_a_perfect_estimate_has_no_error(recording: Recording, covariance: np.nd
     assert data.states is not None
     np.testing.assert_allclose(data.comparison.position_error.value, 0.0, atol=1e-9)
     np.testing.assert_allclose(data.comparison.orientation_error.value, 0.0, atol=1e-6)
-    # The velocity is shown in the truth's world.
+    # The velocity is in the world of the ground truth.
     s = data.states.velocity.t_s + 3_000_001 / NS_PER_S
     np.testing.assert_allclose(
         data.states.velocity.value, np.stack([-np.sin(s), np.cos(s), 0.2 + 0 * s], axis=1), atol=1e-9
@@ -137,7 +137,7 @@ def test_bounds_match_samples(recording: Recording, covariance: np.ndarray, rng:
 
 
 def test_segments_are_never_joined(recording: Recording, covariance: np.ndarray) -> None:
-    """Two segments in worlds of their own: each has no error, and a gap parts them in every series."""
+    """Two segments, each with its own world frame: no errors, and a gap between them in every series."""
     s = np.arange(0.2, 4.0, 0.05)
     first, truth = run_along(s, 0.7, covariance)
     second, _ = run_along(s, -1.1, covariance)
