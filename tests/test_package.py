@@ -96,3 +96,9 @@ def test_nothing_is_shown_without_a_handler(capsys: pytest.CaptureFixture[str]) 
     logger.warning("not shown")
     captured = capsys.readouterr()
     assert (captured.out, captured.err) == ("", "")
+
+
+def test_the_command_line_runs_as_a_module() -> None:
+    command = [sys.executable, "-m", "asyneio", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == f"asyneio {asyneio.__version__}\n"

@@ -111,4 +111,4 @@ def _block(covariance: FloatArray, rows: str, columns: str) -> FloatArray:
 
 def _sigma(covariance: FloatArray) -> FloatArray:
     """Standard deviations (N,3) of covariances (N,3,3); rounding may make a variance negative."""
-    return np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))
+    return np.asarray(np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0)))

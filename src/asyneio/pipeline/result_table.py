@@ -68,7 +68,7 @@ def _segment_rows(score: Evaluation) -> Rows:
         ("position error, max", f"{100.0 * position.max:.3f} cm"),
         ("orientation error, RMSE", f"{orientation.rmse:.3f} deg"),
         ("yaw error, RMSE", f"{score.yaw_deg.rmse:.3f} deg"),
-        ("mean position error per path length (MPE)", _unless_nan(score.mpe_percent, "{:.3f} %")),
+        ("error per path length (MPE)", _unless_nan(score.mpe_percent, "{:.3f} %")),
         ("yaw error per path length", _unless_nan(score.yaw_error_deg_per_m, "{:.4f} deg/m")),
         ("scale error", _unless_nan(score.scale_error_percent, "{:+.2f} %")),
     ]

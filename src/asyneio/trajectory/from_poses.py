@@ -176,7 +176,7 @@ def _solve(factorization: _Factorization, right: FloatArray) -> FloatArray:
     x = np.einsum("kij,kj->ki", inverse, x)
     for k in reversed(range(len(gain))):
         x[k] -= gain[k] @ x[k + 1]
-    return x
+    return np.asarray(x)
 
 
 def _joint_covariances(factorization: _Factorization, scale: FloatArray) -> FloatArray:
