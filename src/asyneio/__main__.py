@@ -1,4 +1,4 @@
-"""`python -m asyneio`: the command, also where its script is not on the path."""
+"""`python -m asyneio`: the command line."""
 
 from asyneio.cli.main import main
 

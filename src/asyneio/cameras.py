@@ -1,9 +1,9 @@
-"""Cameras by name: what their makers and users have published of them, each figure with its source.
+"""Camera models by name, with published values and their sources.
 
-A preset fills in what no file tells: sensor size, noise of the built-in IMU, and, for the one camera of which
-they are published, lens, extrinsics and time shift. What nobody has published is None. iniVation's page on
-its IMUs (docs.inivation.com, hardware, advanced usage, IMU) says that their axes are those of the image
-sensor, but describes a left-handed frame; that is no ground for an extrinsic rotation, so there is none.
+A preset provides values that no file contains: sensor size, noise of the built-in IMU and, for the one camera
+with published values, intrinsics, extrinsics and time shift. Unpublished values are None. iniVation cameras
+have no extrinsic rotation here: the documentation (docs.inivation.com, hardware, advanced usage, IMU) says
+that the IMU has the axes of the image sensor, but describes a left-handed frame.
 """
 
 from __future__ import annotations
@@ -20,16 +20,17 @@ from asyneio.types import CameraIntrinsics, Distortion, FloatArray, ImuNoise
 
 @dataclass(frozen=True)
 class Preset:
-    """What is known of a model of camera.
+    """Published values of a camera model; None where there are none.
 
     Attributes:
-        name, title: to choose it by, and for people.
+        name: key of the preset.
+        title: name for people.
         size: width and height of the sensor [px].
         noise: of the built-in IMU.
-        lens: of one specimen, with the extrinsics `T_b_c` (4,4), camera to body, and `timeshift_ns`.
-        sources: where each of them comes from.
+        lens: intrinsics of one unit, with its extrinsics `T_b_c` (4,4), camera to body, and `timeshift_ns`.
+        sources: source of each value.
         missing: why there are no extrinsics, and what to do.
-        settings: sections of the configuration that this camera needs, with values other than the defaults.
+        settings: settings that this camera needs, by section of the configuration.
     """
 
     name: str
@@ -44,8 +45,8 @@ class Preset:
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-#: Noise of the IMU in a DAVIS240C, an MPU-6150. Densities of its data sheet, 0.005 deg/s/sqrt(Hz) and 400
-#: ug/sqrt(Hz); walks, of which that says nothing, as a published system for this camera has them (PA-EVIO).
+#: Noise of the MPU-6150, the IMU of the DAVIS240C. Densities from its data sheet, 0.005 deg/s/sqrt(Hz) and
+#: 400 ug/sqrt(Hz); random walks, which the data sheet lacks, from PA-EVIO, a system for this camera.
 MPU6150_NOISE = ImuNoise(
     gyroscope_density=8.7e-5,
     accelerometer_density=3.9e-3,
@@ -53,7 +54,7 @@ MPU6150_NOISE = ImuNoise(
     accelerometer_walk=8e-4,
 )
 
-#: MPU-6500, data sheet PS-MPU-6500A-01: 0.01 deg/s/sqrt(Hz) and 300 ug/sqrt(Hz); walks of the MPU-6150.
+#: MPU-6500, data sheet PS-MPU-6500A-01 (unverified): 0.01 deg/s/sqrt(Hz), 300 ug/sqrt(Hz); walks as MPU-6150.
 _MPU6500_NOISE = ImuNoise(
     gyroscope_density=1.75e-4,
     accelerometer_density=2.94e-3,
@@ -70,8 +71,8 @@ _BMI160_NOISE = ImuNoise(
 _BMI160_SOURCE = "BMI160 of a DVXplorer, README of iniVation's dv-imu-cam-calibration"
 
 _ULTIMATE_SLAM = "calibration/DAVIS-IJRR17.yaml of Ultimate SLAM (T_B_C of the data set's camera)"
-_CALIBRATE = "calibrate camera and IMU together (Kalibr) and give the file with --calibration"
-_NOT_PUBLISHED = f"no extrinsics are published that hold for every specimen: {_CALIBRATE}"
+_CALIBRATE = "calibrate camera and IMU together (Kalibr) and pass the file with --calibration"
+_NOT_PUBLISHED = f"extrinsics differ between units and are not published: {_CALIBRATE}"
 
 PRESETS: dict[str, Preset] = {
     preset.name: preset
@@ -95,7 +96,7 @@ PRESETS: dict[str, Preset] = {
             ),
             2_400_000,
             {
-                "noise": "data sheet of the MPU-6150 (densities), PA-EVIO (walks)",
+                "noise": "data sheet of the MPU-6150 (densities), PA-EVIO (random walks)",
                 "lens": "calib.txt of the data set",
                 "extrinsics": _ULTIMATE_SLAM,
                 "time shift": "ijrr17.launch of Ultimate SLAM (delay of the IMU's low-pass filter)",
@@ -107,8 +108,8 @@ PRESETS: dict[str, Preset] = {
             (346, 260),
             _MPU6500_NOISE,
             sources={
-                "noise": "data sheet of the MPU-6500 (densities, as remembered: check them); "
-                "walks of the MPU-6150 (PA-EVIO)"
+                "noise": "data sheet of the MPU-6500 (densities, unverified: check them); "
+                "random walks of the MPU-6150 (PA-EVIO)"
             },
             missing=_NOT_PUBLISHED,
         ),
@@ -132,17 +133,17 @@ PRESETS: dict[str, Preset] = {
             "EVK4",
             "Prophesee EVK4 (IMX636)",
             (1280, 720),
-            missing=f"it has no IMU, so that noise and extrinsics are those of your own: {_CALIBRATE}",
+            missing=f"it has no IMU, so noise and extrinsics depend on yours: {_CALIBRATE}",
         ),
     )
 }  # fmt: skip
 
 
 def preset_named(name: str) -> Preset:
-    """Look a preset up, whatever the case of its letters.
+    """The preset with this name, in upper or lower case.
 
     Raises:
-        ConfigError: there is no such preset.
+        ConfigError: the preset is unknown.
     """
     found = {key.lower(): preset for key, preset in PRESETS.items()}.get(name.lower())
     if found is None:

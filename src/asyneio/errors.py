@@ -1,15 +1,15 @@
-"""Every exception that asyneio raises on purpose. One root, one subclass a room.
+"""The exceptions of asyneio: one root, one subclass per subject.
 
-A message says what was found, what was expected and what to do about it.
+A message states what was found, what was expected and what to do.
 """
 
 
 class AsyneioError(Exception):
-    """Root of all errors raised on purpose."""
+    """Root of all exceptions that asyneio raises deliberately."""
 
 
 class ConfigError(AsyneioError):
-    """A configuration value or key is wrong."""
+    """A setting is unknown or has a wrong value."""
 
 
 class CalibrationError(AsyneioError):
@@ -25,7 +25,7 @@ class GeometryError(AsyneioError):
 
 
 class TrajectoryError(AsyneioError):
-    """A trajectory was asked for something it does not hold."""
+    """A trajectory cannot answer a query: a time outside its knots, or no covariance."""
 
 
 class InertialError(AsyneioError):
@@ -37,12 +37,12 @@ class EstimationError(AsyneioError):
 
 
 class EvaluationError(AsyneioError):
-    """An estimate cannot be compared with the given ground truth."""
+    """An estimate cannot be compared with the ground truth."""
 
 
 class SimulationError(AsyneioError):
-    """A simulation was asked for something impossible."""
+    """A simulation is unknown or impossible."""
 
 
 class StudyError(AsyneioError):
-    """A study is incomplete, or its folder cannot be used."""
+    """A study or benchmark is incomplete, or its folder cannot be used."""

@@ -1,4 +1,4 @@
-"""The command line as its users type it."""
+"""A fixture that calls the command line."""
 
 from __future__ import annotations
 

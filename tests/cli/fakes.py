@@ -1,4 +1,4 @@
-"""An estimator that knows the answer: fast, and able to fail in every way a real one may."""
+"""A fake estimator on a straight path: fast, and able to fail in the same ways as the real one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.io.recordings import make_estimate
 
 
 class FakeOdometry:
-    """Starts after the third packet, then one estimate on the straight path for each."""
+    """Initializes after the third packet, then returns one estimate per packet."""
 
     start_after = 3
 
@@ -65,7 +65,7 @@ class SkipsAWhile(FakeOdometry):
 
 
 class StartsAgain(FakeOdometry):
-    """Lost at the 20th packet, a second segment from the 26th on, in a world of its own."""
+    """Lost at the 20th packet; a second segment from the 26th on, with its own world frame."""
 
     def track(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         if self.seen < 20:
@@ -83,7 +83,7 @@ class StartsAgain(FakeOdometry):
 
 
 class Degraded(FakeOdometry):
-    """Whole, but in doubt for four packets."""
+    """Complete, but degraded for four packets."""
 
     def track(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         estimates, report = super().track(packet)

@@ -1,4 +1,4 @@
-"""`asyneio bench uzh` on a small set in the data set's layout: whole, resumed, failing in part; and
+"""`asyneio bench uzh` on a small data set of the same layout: complete, resumed, failing in part; and
 `asyneio bench speed` with an estimator that takes no time."""
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _SECONDS = 4.0
 
 @pytest.fixture
 def asyneio(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> Asyneio:
-    """With an estimator that knows where the IMU is, to a millimetre."""
+    """Use an estimator with an error of a millimetre."""
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
     monkeypatch.setattr(compilation, "are_compiled", lambda: True)
     return asyneio
@@ -53,7 +53,7 @@ def asyneio(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> Asyneio:
 
 @pytest.fixture(scope="module")
 def recording() -> EventRecording:
-    """Four seconds with the camera's pose, in its clock, as the truth; no extrinsics and no noise."""
+    """Four seconds; ground truth is the camera pose in the camera clock; no extrinsics and no IMU noise."""
     rng = np.random.default_rng(7)
     preset, body = PRESETS["DAVIS240C"], straight_path(_SECONDS)
     assert preset.T_b_c is not None
@@ -75,7 +75,7 @@ def recording() -> EventRecording:
 
 
 def write_sequence(recording: EventRecording, folder: Path) -> Path:
-    """As the data set has it: events.txt, imu.txt, groundtruth.txt, calib.txt."""
+    """The layout of the data set: events.txt, imu.txt, groundtruth.txt, calib.txt."""
     write_uzh_folder(recording, folder)
     (folder / "camchain-imucam.yaml").unlink()
     return folder
@@ -83,7 +83,7 @@ def write_sequence(recording: EventRecording, folder: Path) -> Path:
 
 @pytest.fixture
 def data(tmp_path: Path, recording: EventRecording) -> Path:
-    """One sequence at the top, another one folder down."""
+    """One sequence at the top level, another in a subfolder."""
     write_sequence(recording, tmp_path / "data" / "boxes_6dof")
     write_sequence(recording, tmp_path / "data" / "hdr" / "hdr_poster")
     return tmp_path / "data"
@@ -99,7 +99,7 @@ def test_end_to_end(asyneio: Asyneio, data: Path, tmp_path: Path) -> None:
     found = json.loads((tmp_path / "out" / "results.json").read_text())
     assert set(found["sequences"]) == {"boxes_6dof", "hdr_poster"}
     for measured in found["sequences"].values():
-        # The estimator is off by a millimetre on a way of two metres.
+        # An error of a millimetre on a path of two metres.
         assert 0.02 < measured["mpe_percent_posyaw"] < 0.2
         assert measured["path_m"] == pytest.approx(1.8, abs=0.2)
         assert None not in measured.values()
@@ -114,7 +114,7 @@ def test_estimates_are_moved_into_the_camera() -> None:
         np.testing.assert_allclose(found.position[k], T_w_c[:3, 3], atol=1e-15)
         R = Rotation.from_quat(found.quaternion[k]).as_matrix()
         np.testing.assert_allclose(R, T_w_c[:3, :3], atol=1e-12)
-    # t_imu = t_cam + timeshift: the camera's stamp of the same instant.
+    # t_imu = t_cam + timeshift.
     assert found.t_ns[0] == START_NS - calibration.timeshift_ns
 
 
@@ -133,7 +133,7 @@ def test_it_goes_on_where_it_stopped(
     monkeypatch.setattr(uzh, "measure_sequence", watched)
     status, _, err = asyneio(*command)
     assert (status, measured) == (0, ["hdr_poster"])
-    assert "note: 1 result(s) of an earlier run were kept" in err
+    assert "note: 1 result(s) of an earlier run were reused" in err
     again = json.loads((tmp_path / "out" / "results.json").read_text())
     assert again["sequences"]["boxes_6dof"] == first["sequences"]["boxes_6dof"]
     settings = tmp_path / "settings.yaml"
@@ -150,7 +150,7 @@ def test_a_short_part_does_not_pass_for_the_whole(asyneio: Asyneio, data: Path, 
     assert "Ours are of the first 2 s of each sequence, theirs of all: they do not compare." in out
     found = json.loads((tmp_path / "out" / "results.json").read_text())["sequences"]["boxes_6dof"]
     assert found["duration_s"] == pytest.approx(1.9, abs=0.15)
-    # Two seconds reach no pose that SE(3) on seconds 3-8 could be fitted on.
+    # Two seconds contain no pose of the seconds 3-8, to which SE(3) is fitted.
     assert found["mpe_percent_uslam"] is None
     assert found["mpe_percent_hku"] is not None
 
@@ -171,10 +171,10 @@ def test_a_sequence_that_fails_is_listed(
     status, out, err = asyneio(*command, "--preset", "", "--json")
     assert status == 1
     failures = {name: found["failure"] for name, found in json.loads(out)["sequences"].items()}
-    assert "without a whole calibration" in failures["boxes_6dof"]
+    assert "no complete calibration" in failures["boxes_6dof"]
     status, out, _ = asyneio(*command, "--sequences", "boxes_6dof", "--seconds", "2")
     assert status == 1
-    assert "the estimator never started" in out
+    assert "the estimator did not initialize" in out
 
 
 def _zipped(recording: EventRecording, path: Path) -> None:
@@ -265,7 +265,7 @@ def test_settings_are_told_apart(tmp_path: Path) -> None:
 
 
 def test_published_means() -> None:
-    """The means that the methods' comparisons print, as a check of the figures."""
+    """Published means, as a check of the published figures."""
     means = (2.58, 0.69, 0.47, 0.81, 1.45, 0.54, 1.58, 0.39, 0.35, 0.24, 0.21, 0.21, 0.06)
     for method, mean in zip(PUBLISHED, means, strict=True):
         assert len(method.mpe_percent) == len(COMPARED) == 8
@@ -274,7 +274,7 @@ def test_published_means() -> None:
 
 @contextmanager
 def _here(workload: Workload, **_: str) -> Iterator[speed.Measure]:
-    """Measures in this process, whose estimator is not the real one."""
+    """Measure in this process, with the fake estimator."""
     run = SpeedRun(workload)
     yield lambda name, *arguments: getattr(run, name)(*arguments)
 

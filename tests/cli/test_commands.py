@@ -1,4 +1,4 @@
-"""What holds for every command: help with an example that parses, errors of one paragraph, completion."""
+"""Every command: help with an example that parses, errors of one paragraph, completion."""
 
 from __future__ import annotations
 
@@ -36,7 +36,14 @@ def test_help_has_an_example_that_parses(asyneio: Asyneio, name: tuple[str, ...]
     assert COMMANDS[name].help
 
 
-def test_what_does_not_parse_is_noticed() -> None:
+def test_help_texts_have_no_brackets() -> None:
+    """`[s]` would be taken for markup and not be shown."""
+    for name, command in COMMANDS.items():
+        texts = [getattr(parameter, "help", "") or "" for parameter in command.params]
+        assert not [text for text in texts if "[" in text.replace("[required]", "")], name
+
+
+def test_a_wrong_command_line_does_not_parse() -> None:
     for wrong in ("asyneio runn x", "asyneio run", "asyneio run x --speed 3", "asyneio simulate moderate"):
         with pytest.raises(UsageError):
             parse(wrong)
@@ -44,7 +51,7 @@ def test_what_does_not_parse_is_noticed() -> None:
 
 @pytest.fixture
 def _workplace(tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files that are wrong each in its own way, and two recordings that are right."""
+    """Invalid files of several kinds, and two valid recordings."""
     monkeypatch.chdir(tmp_path)
     Path("empty.bin").write_bytes(b"")
     Path("noise.bin").write_bytes(rng.bytes(4096))
@@ -153,7 +160,7 @@ _WRONG = {
     "arguments", [(name, *rest) for name, cases in _WRONG.items() for rest in cases], ids=" ".join
 )
 @pytest.mark.usefixtures("_workplace")
-def test_errors_are_one_paragraph_with_a_cure(asyneio: Asyneio, arguments: tuple[str, ...]) -> None:
+def test_errors_are_one_paragraph_with_a_fix(asyneio: Asyneio, arguments: tuple[str, ...]) -> None:
     status, out, err = asyneio(*arguments)
     assert (status, out) == (1, "")
     lines = [line for line in err.splitlines() if line.strip() and not line.startswith("note: ")]
@@ -161,13 +168,13 @@ def test_errors_are_one_paragraph_with_a_cure(asyneio: Asyneio, arguments: tuple
     assert message == lines[-1]
     assert "unexpected" not in message
     assert len(message) > 40
-    # What was expected, or what to do.
+    # States what was expected, or what to do.
     assert re.search(r"expect|check|use|name |known|give|needs|;", message), message
 
 
 def test_commands_with_wrong_inputs_are_all() -> None:
     groups = {name[0] for name in COMMANDS if name}
-    # The doctor makes a diagnosis of whatever is wrong, in place of an error.
+    # The doctor reports problems instead of failing.
     assert set(_WRONG) | {"doctor"} == groups
 
 

@@ -1,4 +1,4 @@
-"""`asyneio config`: what is printed can be given back, differences are complete, mistakes are explained."""
+"""`asyneio config`: the output is valid input, differences are complete, errors are explained."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from asyneio.config import Config, load_config
 from tests.cli.conftest import Asyneio
 
 
-def test_show_can_be_given_back(asyneio: Asyneio, tmp_path: Path) -> None:
+def test_the_output_of_show_is_valid_input(asyneio: Asyneio, tmp_path: Path) -> None:
     changed = tmp_path / "changed.yaml"
     changed.write_text("window: {knot_interval_s: 0.05}\nfrontend: {tracker: haste}\n")
     status, out, _ = asyneio("config", "show", changed)
@@ -23,7 +23,7 @@ def test_show_can_be_given_back(asyneio: Asyneio, tmp_path: Path) -> None:
     assert load_config(again) == load_config(changed) != Config()
     assert "# time between knots [default: 0.1]\n  knot_interval_s: 0.05" in out
     assert "# Sliding window." in out
-    # Nothing goes unexplained but the few whose names say all.
+    # Every setting has a description, except the few with self-explanatory names.
     unexplained = out.count("\n  ") - 2 * out.count("\n  #")
     assert unexplained <= 3
 
@@ -68,7 +68,7 @@ def test_diff(asyneio: Asyneio, tmp_path: Path) -> None:
     }
     status, _, err = asyneio("config", "diff", "davis240c")
     assert status == 0
-    assert "davis240c and default do not differ" in err
+    assert "davis240c and default are equal" in err
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_mistakes_are_explained(asyneio: Asyneio, tmp_path: Path, text: str, mes
 def test_sources_that_are_none(asyneio: Asyneio, tmp_path: Path) -> None:
     status, _, err = asyneio("config", "diff", "DAVIS128")
     assert status == 1
-    assert "DAVIS128 is no file, no folder and no preset; presets are DAVIS240C" in err
+    assert "DAVIS128 is neither a file nor a folder nor a preset; presets: DAVIS240C" in err
     status, _, err = asyneio("config", "show", tmp_path)
     assert status == 1
     assert "cannot read the configuration" in err

@@ -1,4 +1,4 @@
-"""The demonstration with the real estimator, as a user starts it: one process, a report, a small error."""
+"""The demonstration with the real estimator in a process of its own: a report, a small error."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_its_outputs_agree(demo: tuple[Path, subprocess.CompletedProcess[str]]) 
     assert summary["events"] == recording.events.size > 100_000
     assert recording.ground_truth is not None
     score = evaluate(to_trajectory(estimates), recording.ground_truth, protocol_named("posyaw"))
-    # Two and a half seconds from a cold start: centimetres, where a wrong frame or clock makes decimetres.
+    # Two and a half seconds: centimetres, where a wrong frame or clock would cause decimetres.
     assert score.position_m.rmse < 0.05
     assert score.orientation_deg.rmse < 2.0
 
@@ -89,7 +89,7 @@ def test_its_report_in_a_browser(
     assert {request.partition(":")[0] for request in page.requests} <= {"file", "data"}
     assert page.run("innerWidth") == width
     assert page.run("document.documentElement.scrollWidth") <= width
-    # Nothing sticks out of its card, and no letter of a figure is too small to read.
+    # Nothing overflows its card, and no text in a figure is too small to read.
     assert page.run(
         "[...document.querySelectorAll('main *')].filter(e => !e.closest('svg') || e.tagName == 'svg')"
         ".every(e => e.getBoundingClientRect().right <= innerWidth)"

@@ -135,7 +135,7 @@ def test_results_do_not_go_among_a_recording_of_events(asyneio: Asyneio, tmp_pat
     for recording in (place, place / "events.txt"):
         status, _, said = asyneio("track", recording, "-o", place)
         assert status == 1
-        assert "holds the recording itself" in said
+        assert "contains the recording itself" in said
     assert sorted(file.name for file in place.iterdir()) == ["events.txt"]
 
 

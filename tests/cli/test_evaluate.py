@@ -1,4 +1,4 @@
-"""`asyneio evaluate` from the command line: what peers write, hints, and cures that work."""
+"""`asyneio evaluate` from the command line: formats of other tools, hints, and fixes that work."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_kitti_row_by_row(asyneio: Asyneio, estimate: Path) -> None:
     np.savetxt(kitti, M[:-1])
     status, _, err = asyneio("evaluate", kitti, estimate)
     assert status == 1
-    assert "999 of the estimate and 1000 of the truth" in err
+    assert "999 in the estimate and 1000 in the ground truth" in err
 
 
 def test_what_is_no_trajectory_is_told_how_to_be_read(asyneio: Asyneio, estimate: Path) -> None:

@@ -1,4 +1,4 @@
-"""Commands as typed: what they write, print and return; errors are one paragraph, never a traceback."""
+"""Commands: files, output and exit status; errors are one paragraph, never a traceback."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from tests.io.recordings import make_recording, straight_path
 
 @pytest.fixture
 def asyneio(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> Asyneio:
-    """With an estimator that knows the answer, and without plots."""
+    """Use the fake estimator, and no plots."""
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
     monkeypatch.setattr(compilation, "are_compiled", lambda: True)
-    # Plots take seconds; tests that look at the report ask for it.
+    # Plots take seconds; tests of the report enable them.
     monkeypatch.setattr("asyneio.cli.execute.available", lambda: False)
     return asyneio
 
@@ -38,7 +38,7 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
 
 @pytest.fixture
 def paths(tmp_path: Path) -> tuple[Path, Path]:
-    """An estimate that is the truth turned by a right angle about z and shifted, and the truth."""
+    """An estimate, which is the ground truth rotated about z and shifted, and the ground truth."""
     s = np.linspace(0.0, 6.0, 121)
     zeros = np.zeros_like(s)
     truth = PoseTrajectory(
@@ -123,26 +123,26 @@ def test_truth_of_another_time_is_a_note(asyneio: Asyneio, folder: Path, tmp_pat
     assert "note: segment 0 is not compared with the ground truth" in err
 
 
-def test_a_run_that_never_starts_fails(
+def test_a_run_that_never_initializes_fails(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
     status, out, err = asyneio("run", folder, "-o", tmp_path / "out")
     assert status == 1
     assert "never" in out
-    assert err.splitlines()[-1].startswith("asyneio: the estimator never started")
+    assert err.splitlines()[-1].startswith("asyneio: the estimator did not initialize")
     assert not (tmp_path / "out" / "trajectory.tum").exists()
 
 
 @pytest.mark.usefixtures("_reports")
-def test_a_run_that_never_starts_has_a_report_that_says_why(
+def test_a_run_that_never_initializes_has_a_report_with_the_reason(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
     assert asyneio("run", folder, "-o", tmp_path / "out")[0] == 1
     page = (tmp_path / "out" / "report.html").read_text()
     assert "too few feature tracks" in page
-    assert "the estimator never started" in page
+    assert "the estimator did not initialize" in page
     assert not (tmp_path / "out" / "overview.png").exists()
 
 
@@ -150,7 +150,7 @@ def test_a_run_that_never_starts_has_a_report_that_says_why(
 def test_json_and_figures(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("asyneio.cli.execute.render_report", lambda *_: "page")
+    monkeypatch.setattr("asyneio.pipeline.report.render_report", lambda *_: "page")
     stale = tmp_path / "out" / "figures" / "stale.png"
     stale.parent.mkdir(parents=True)
     stale.write_bytes(b"")
@@ -173,7 +173,7 @@ def test_a_run_that_fails_prints_json_too(
     monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
     status, out, _ = asyneio("run", folder, "-o", tmp_path / "out", "--json")
     assert status == 1
-    assert "never started" in json.loads(out)["failure"]
+    assert "did not initialize" in json.loads(out)["failure"]
 
 
 def test_a_run_that_loses_track_fails_but_keeps_what_it_has(
@@ -187,21 +187,21 @@ def test_a_run_that_loses_track_fails_but_keeps_what_it_has(
 
 
 @pytest.mark.usefixtures("_reports")
-def test_a_run_in_pieces_fails_and_is_evaluated_piece_by_piece(
+def test_a_run_in_segments_fails_and_is_evaluated_by_segment(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", StartsAgain)
     status, out, err = asyneio("run", folder, "-o", tmp_path / "out")
     assert status == 1
-    assert "the trajectory is in 2 segments" in err.splitlines()[-1]
+    assert "the trajectory has 2 segments" in err.splitlines()[-1]
     assert "lost after" in err
-    assert out.count("aligned on its own") == 2
+    assert out.count("aligned separately") == 2
     results, truth = tmp_path / "out", folder / "groundtruth.tum"
     assert (results / "trajectory_1.tum").exists()
     assert "each segment on its own" in (results / "report.html").read_text()
     status, out, err = asyneio("evaluate", results / "estimates.npz", truth, "--json")
     assert status == 0
-    assert "2 segments, each in a world of its own" in err
+    assert "2 segments, each with its own world frame" in err
     scores = json.loads(out)["segments"]
     assert [score["segment"] for score in scores] == [0, 1]
     assert all(score["position_m"]["rmse"] < 0.01 for score in scores)
@@ -210,13 +210,13 @@ def test_a_run_in_pieces_fails_and_is_evaluated_piece_by_piece(
     assert "trajectory_1.tum" in err
 
 
-def test_a_degraded_run_is_whole(
+def test_a_degraded_run_is_complete(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "Odometry", Degraded)
     status, out, _ = asyneio("run", folder, "-o", tmp_path / "out")
     assert status == 0
-    assert "0.4 s in all" in out
+    assert "0.4 s in total" in out
 
 
 def test_settings_are_read_and_checked(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
@@ -286,7 +286,7 @@ def test_unwritable_output_is_found_before_the_run(
     ("error", "status", "message"),
     [
         (KeyboardInterrupt(), 130, ""),
-        (ZeroDivisionError("oops"), 1, "unexpected ZeroDivisionError: oops. This is a defect of asyneio"),
+        (ZeroDivisionError("oops"), 1, "unexpected ZeroDivisionError: oops. This is a bug in asyneio"),
         (OSError(28, "No space left on device", "/data/out"), 1, "/data/out: No space left on device"),
     ],
 )
@@ -368,8 +368,8 @@ def test_simulate_is_reproducible_and_readable(asyneio: Asyneio, tmp_path: Path)
 
 @pytest.mark.usefixtures("_reports")
 def test_demo_names_the_report(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("asyneio.cli.execute.render_report", lambda *_: "page")
-    monkeypatch.setattr("asyneio.cli.execute.render_overview", lambda *_: b"picture")
+    monkeypatch.setattr("asyneio.pipeline.report.render_report", lambda *_: "page")
+    monkeypatch.setattr("asyneio.pipeline.report.render_overview", lambda *_: b"picture")
     status, out, err = asyneio("demo", "-o", tmp_path / "a folder", "--duration", "2")
     assert status == 0, err
     assert "event_room, seed 0" in err

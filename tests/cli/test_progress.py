@@ -1,4 +1,4 @@
-"""Bars on a terminal: rate and time left; nothing where there is none."""
+"""Progress bars: rate and time left on a terminal, nothing elsewhere."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from asyneio.cli import progress
 
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
-    """What a terminal of standard error would be sent; half a second passes between any two looks."""
+    """Record what a terminal would receive; the clock advances by half a second at every reading."""
     sent = io.StringIO()
     now = iter(0.7 * n for n in range(10_000))
 

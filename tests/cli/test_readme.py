@@ -1,4 +1,4 @@
-"""What the README tells people to type works as written."""
+"""The commands and the code in the README work as written."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from asyneio.cli import simulate
 from asyneio.cli.main import main
 from asyneio.io import write_tum, write_uzh_folder
 from asyneio.pipeline import compilation
 from asyneio.pipeline import run as pipeline
-from asyneio.simulation import EVENT_SCENARIOS, EventScenario, simulate_events
+from asyneio.simulation import EVENT_SCENARIOS, EventScenario, scenarios, simulate_events
 from asyneio.types import EventRecording
 from tests.cli.fakes import FakeOdometry
 
@@ -26,24 +25,23 @@ _SECONDS = 0.8
 
 @pytest.fixture(scope="module")
 def recording() -> EventRecording:
-    """Events of a moment in a room."""
+    """A short recording of events in a room."""
     return simulate_events(replace(EVENT_SCENARIOS["event_room"], duration_s=_SECONDS)).recording
 
 
 @pytest.fixture(autouse=True)
 def _workplace(recording: EventRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder with a recording where the examples expect it, short simulations, and a fast estimator."""
+    """A folder with the recordings of the examples, short simulations, and the fake estimator."""
     write_uzh_folder(recording, tmp_path / "recordings" / "desk")
     assert recording.ground_truth is not None
     write_tum(tmp_path / "groundtruth.tum", recording.ground_truth)
     (tmp_path / "RECORDING").symlink_to(tmp_path / "recordings" / "desk")
-    whole = simulate.named_event_scenario
 
-    def short(name: str, seed: int, duration_s: float | None) -> EventScenario:
-        return replace(whole(name, seed, duration_s), duration_s=_SECONDS)
+    def short(scenario: EventScenario, seed: int | None, duration_s: float | None) -> EventScenario:
+        return replace(scenario, duration_s=_SECONDS)
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(simulate, "named_event_scenario", short)
+    monkeypatch.setattr(scenarios, "with_seed_and_duration", short)
     monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
     monkeypatch.setattr(compilation, "are_compiled", lambda: True)
     for module in ("asyneio.cli.execute", "asyneio.viz"):

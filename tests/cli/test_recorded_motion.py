@@ -1,4 +1,4 @@
-"""`asyneio simulate` along recorded poses, with the real samples of the IMU that went along."""
+"""`asyneio simulate` along recorded poses, with the samples of the same IMU."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ update_rate: 200
 
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Poses and samples in EuRoC's layout, of one motion of 4 s; the working folder."""
+    """The working folder, with poses and samples of one motion of 4 s in the layout of EuRoC."""
     rng = np.random.default_rng(4)
     motion = draw_motion("moderate", rng, np.eye(3), 1.0)
     t_s = np.arange(0.0, 4.0, 0.005)
@@ -68,7 +68,7 @@ def test_real_samples_are_kept_as_they_are(asyneio: Asyneio, files: Path) -> Non
     assert left["gyroscope"] == pytest.approx(0.003, rel=0.2)
     assert left["accelerometer"] == pytest.approx(0.03, rel=0.2)
     assert left["position"] < 1e-3
-    assert "left over (RMS)" in err
+    assert "residuals (RMS)" in err
     recording = open_recording(files / "out")
     assert isinstance(recording, EventRecording)
     assert recording.events.size == found["events"] > 1000
@@ -96,7 +96,7 @@ def test_poses_alone_get_a_simulated_imu(asyneio: Asyneio, files: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--samples", "imu.csv"), "go with --poses FILE"),
+        (("--samples", "imu.csv"), "require --poses FILE"),
         (("--poses", "absent.csv"), "absent.csv"),
         (("--poses", "places.csv", "--samples", "imu.csv"), "unit quaternion"),
         (("--poses", "fixed.csv", "--samples", "imu.csv"), "orientation of the poses never changes"),
@@ -116,10 +116,10 @@ def test_what_does_not_fit_together(
     assert not (files / "out").exists()
 
 
-def test_a_scenario_of_tracks_is_refused(asyneio: Asyneio, files: Path) -> None:
+def test_a_scenario_of_tracks_is_rejected(asyneio: Asyneio, files: Path) -> None:
     status, _, err = asyneio("simulate", "moderate", "--poses", "poses.csv", "-o", "out")
     assert status == 1
-    assert "is one of feature tracks; expected one of events" in err
+    assert "--poses requires a scenario of events" in err
 
 
 def test_degrees_are_converted_and_said(asyneio: Asyneio, files: Path) -> None:

@@ -1,4 +1,4 @@
-"""`asyneio study` as typed: tables, figures, index; failures are told; a second run measures nothing."""
+"""`asyneio study`: tables, figures, index; failures are reported; a second run measures nothing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.studies import stub
 
 @pytest.fixture
 def _stub(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The study that takes no time in place of one that takes minutes."""
+    """Replace a study of minutes by one that takes no time."""
 
     def study(quick: bool, seeds: int | None) -> Study:
         return stub.stub_study(seeds or (2 if quick else 3), stub.measure_or_raise)
@@ -38,7 +38,7 @@ def test_everything_is_written_and_a_second_run_measures_nothing(asyneio: Asynei
     printed = json.loads(out)
     assert (printed["study"], printed["tasks"], printed["failures"]) == ("schemes", 24, [])
     assert str(tmp_path / "out" / "README.md") in printed["files"]
-    assert "schemes: 24 tasks, 1 at a time" in err
+    assert "schemes: 24 tasks, 1 in parallel" in err
     index = (tmp_path / "out" / "README.md").read_text()
     assert "    asyneio study schemes --seeds 4\n" in index
     assert "24 of 24 tasks measured, 0 failed" in index
@@ -51,7 +51,7 @@ def test_everything_is_written_and_a_second_run_measures_nothing(asyneio: Asynei
     before = (tmp_path / "out" / "results.jsonl").read_bytes()
     status, _, err = asyneio(*arguments)
     assert status == 0
-    assert "note: 24 results of an earlier run were kept" in err
+    assert "note: 24 results of an earlier run were reused" in err
     assert (tmp_path / "out" / "results.jsonl").read_bytes() == before
     assert (tmp_path / "out" / "README.md").read_text() == index
 

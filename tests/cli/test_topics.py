@@ -27,8 +27,8 @@ def test_the_error_names_the_option_and_the_option_helps(
     status, _, error = asyneio(command, path, *output, "--events", "/right/events")
     assert "--samples TOPIC" in " ".join(error.split())
     _, out, error = asyneio(command, path, *output, "--events", "/right/events", "--samples", "/right/imu")
-    # Noise is no recording to estimate from, but it was read.
+    # Random data cannot be estimated, but they were read.
     told = " ".join((out + error).split())
     assert "events from /right/events" in told
-    # Both halves have their poses in one topic, one after the other; events can do without them.
-    assert "not used as ground truth: /optitrack/davis: time runs backwards" in told
+    # Both parts have their poses in one topic, one after the other; events do not need them.
+    assert "not taken as truth: /optitrack/davis: time runs backwards" in told

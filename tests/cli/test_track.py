@@ -1,4 +1,4 @@
-"""`asyneio track` and the simulation of events as typed."""
+"""`asyneio track`, and the simulation of events."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.io.recordings import START_NS
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Half a second in a room, written by the command itself."""
+    """Half a second of events in a room, written by `asyneio simulate`."""
     folder = tmp_path_factory.mktemp("simulated") / "room"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
@@ -48,7 +48,7 @@ def test_simulated_events_in_hdf5(asyneio: Asyneio, tmp_path: Path) -> None:
     arguments = ("--duration", "0.1", "--seed", "3", "--format", "hdf5")
     status, out, err = asyneio("simulate", "event_fast", "-o", tmp_path / "room", *arguments)
     assert (status, out) == (0, "")
-    assert "Mev/s of the camera" in err
+    assert "Mev (camera: " in err
     found = open_recording(tmp_path / "room")
     wanted = simulate_events(replace(EVENT_SCENARIOS["event_fast"], duration_s=0.1, seed=3)).recording
     assert isinstance(found, EventRecording)
@@ -76,7 +76,7 @@ def test_tracks_are_a_tracks_folder(
     assert summary["observations"] == tracks.observations.size > 100
     assert summary["tracks"] == np.unique(tracks.observations["id"]).size
     np.testing.assert_array_equal(tracks.gyroscope, events.gyroscope)
-    # A tracks folder read back is in the clock of the IMU, as the gyroscope is.
+    # A tracks folder is read in the IMU clock, like the gyroscope.
     assert tracks.observations["t_ns"][0] >= events.events["t_ns"][0] + tracks.calibration.timeshift_ns
     header, row = (tmp_path / "out" / "tracks.csv").read_text().splitlines()[:2]
     assert header == "t_ns,id,u,v"
@@ -112,7 +112,7 @@ def test_nothing_to_follow_is_an_error_and_leaves_no_tracks(
     status, out, err = asyneio("track", tmp_path / "noise", "-o", tmp_path / "out")
     assert status == 1
     assert "0 observations" in out
-    assert err.splitlines()[-1].startswith("asyneio: no feature could be followed in the 500 events")
+    assert err.splitlines()[-1].startswith("asyneio: no features were tracked in the 500 events")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["tracks_summary.json"]
 
 
@@ -162,4 +162,4 @@ def test_an_empty_recording(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytes
     status, _, err = asyneio("track", "events", "-o", tmp_path / "out")
     assert status == 1
     assert "note: since" in err
-    assert err.splitlines()[-1] == "asyneio: events holds no event"
+    assert err.splitlines()[-1] == "asyneio: events contains no events"

@@ -16,7 +16,7 @@ UsageError = typer.BadParameter.__mro__[1]
 
 
 def commands(command: Any = None, name: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Every command by the words that call it, groups and their commands alike."""
+    """Every command and group, by the words that call it."""
     command = command or get_command(app)
     yield name, command
     for word, below in getattr(command, "commands", {}).items():
@@ -27,7 +27,7 @@ COMMANDS = dict(commands())
 
 
 def find(words: list[str]) -> tuple[Any, list[str]]:
-    """The command that the first words name, and the words after them. Raises UsageError: there is none."""
+    """The command named by the first words, and the remaining words. Raises UsageError: there is none."""
     command, rest = COMMANDS[()], list(words)
     while getattr(command, "commands", None) and rest and not rest[0].startswith("-"):
         if rest[0] not in command.commands:
@@ -37,7 +37,7 @@ def find(words: list[str]) -> tuple[Any, list[str]]:
 
 
 def parse(line: str) -> None:
-    """Parse a command line as it would be run, without running it. Raises UsageError."""
+    """Parse a command line without running it. Raises UsageError."""
     program, *arguments = shlex.split(line)
     assert program == "asyneio"
     command, rest = find(arguments)

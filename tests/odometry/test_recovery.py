@@ -131,7 +131,7 @@ def test_kidnapping(stamped_anew: bool) -> None:
     assert errors(simulation, shifted(second, missing_ns)).position < 0.1
     np.testing.assert_allclose(result.origins[1].T_w_b[:3, 3], 0.0, atol=1e-6)
     assert [origin.segment for origin in result.origins] == [0, 1]
-    assert "2 segments, each in a world of its own" in result.summary.failure
+    assert "2 segments, each with its own world frame" in result.summary.failure
     assert [s.ended for s in result.summary.segments] == [lost[0].reason, "end of the recording"]
 
 

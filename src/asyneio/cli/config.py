@@ -1,4 +1,4 @@
-"""`asyneio config`: the settings in force, what they mean, and what differs."""
+"""`asyneio config`: show settings with their meaning, and compare them."""
 
 from __future__ import annotations
 
@@ -12,23 +12,21 @@ from asyneio.cli.options import PresetOption, settings_of
 if TYPE_CHECKING:
     from asyneio.config import Config
 
-config = typer.Typer(help="Show settings, or what differs between two sets of them.", no_args_is_help=True)
+config = typer.Typer(help="Show settings, or compare two sets of settings.", no_args_is_help=True)
 
-_SOURCE_HELP = "A YAML file of settings, a folder of results, or a preset."
+_SOURCE_HELP = "YAML file of settings, results folder, or preset."
 _WIDTH = 100
 
 
 @config.command(epilog="Example: asyneio config show --preset DAVIS240C")
 def show(
-    file: Annotated[
-        Path | None, typer.Argument(help="A YAML file of settings, or a folder of results.")
-    ] = None,
+    file: Annotated[Path | None, typer.Argument(help="YAML file of settings, or results folder.")] = None,
     preset: PresetOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, without explanations.")] = False,
 ) -> None:
-    """Print every setting as it would be used, with its meaning.
+    """Print all resolved settings with their meaning.
 
-    What is printed can be saved, changed and given back with --config.
+    Save the output, edit it, and pass it with --config.
     """
     import json
 
@@ -42,7 +40,7 @@ def diff(
     second: Annotated[str | None, typer.Argument(help=_SOURCE_HELP, show_default="the defaults")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Print the settings that differ from the defaults, or between two sets."""
+    """Print the settings that differ between two sets, or from the defaults."""
     import json
 
     from asyneio.cli import console
@@ -53,14 +51,14 @@ def diff(
     if as_json:
         typer.echo(json.dumps({key: {first: a, name: b} for key, (a, b) in found.items()}, indent=2))
     elif not found:
-        console.say(f"{first} and {name} do not differ")
+        console.say(f"{first} and {name} are equal")
     else:
         rows = [(key, f"{_text(a)}  ({name}: {_text(b)})") for key, (a, b) in found.items()]
         console.table(first, rows)
 
 
 def annotated(settings: Config) -> str:
-    """All settings as YAML; above each its meaning, and the default where it has another value."""
+    """All settings as YAML, each below its meaning; with the default if the value differs from it."""
     import textwrap
 
     from asyneio.config import Config
@@ -73,16 +71,16 @@ def annotated(settings: Config) -> str:
         for key, field in type(section).model_fields.items():
             value, default = getattr(section, key), getattr(getattr(defaults, name), key)
             changed = f" [default: {_text(default)}]" if value != default else ""
-            said = f"{field.description or ''}{changed}".strip()
-            if said:
-                lines.append(textwrap.fill(said, _WIDTH, initial_indent="  # ", subsequent_indent="  # "))
+            text = f"{field.description or ''}{changed}".strip()
+            if text:
+                lines.append(textwrap.fill(text, _WIDTH, initial_indent="  # ", subsequent_indent="  # "))
             lines.append(f"  {key}: {_text(value)}")
         lines.append("")
     return "\n".join(lines)
 
 
 def _named(source: str) -> Config:
-    """The settings of a file, of a folder of results, or of a preset."""
+    """The settings of a file, of a results folder, or of a preset."""
     from asyneio.cameras import PRESETS
     from asyneio.errors import ConfigError
 
@@ -90,7 +88,7 @@ def _named(source: str) -> Config:
         return settings_of(_settings_file(Path(source)), None)
     if source.lower() in {name.lower() for name in PRESETS}:
         return settings_of(None, source)
-    raise ConfigError(f"{source} is no file, no folder and no preset; presets are {', '.join(PRESETS)}")
+    raise ConfigError(f"{source} is neither a file nor a folder nor a preset; presets: {', '.join(PRESETS)}")
 
 
 def _settings_file(path: Path) -> Path:
@@ -100,7 +98,7 @@ def _settings_file(path: Path) -> Path:
 
 
 def _text(value: Any) -> str:
-    """A value as YAML has it on one line."""
+    """A value as YAML on one line."""
     import yaml
 
     text: str = yaml.safe_dump(value, default_flow_style=True, width=10**6)

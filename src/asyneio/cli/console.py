@@ -1,4 +1,4 @@
-"""What commands show: notes and a progress bar on standard error, tables on standard output."""
+"""Output of the commands: notes and a progress bar on standard error, tables on standard output."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from rich.table import Table
 from asyneio.types import Health
 
 
-class RunProgress:
-    """Shows how far a run has come: health, share done, speed against real time, time left."""
+class RunProgressBar:
+    """Progress bar of a run: health, position, speed relative to real time, time left."""
 
     def __init__(self, bar: Progress, task: TaskID) -> None:
         self._bar = bar
@@ -26,14 +26,14 @@ class RunProgress:
         self._bar.console.print(escape(text), highlight=False, soft_wrap=True)
 
     def compiling(self, share: float) -> None:
-        """Move the bar to this share of the compilation."""
+        """Show the share of the compilation."""
         self._compiling = True
         self._bar.update(self._task, completed=share, total=1.0, description="compiling", rate="")
 
     def advance(self, done_s: float, total_s: float, health: Health) -> None:
-        """Move the bar to so many seconds of the recording."""
+        """Show the position in the recording [s]."""
         if self._compiling:
-            # The rate is that of the run alone.
+            # The rate excludes compilation.
             self._bar.reset(self._task)
             self._compiling = False
         elapsed_s = self._bar.tasks[self._task].elapsed or 0.0
@@ -43,8 +43,8 @@ class RunProgress:
 
 
 @contextmanager
-def run_progress() -> Iterator[RunProgress]:
-    """A progress bar on standard error; where that is no terminal, only its messages appear."""
+def run_progress() -> Iterator[RunProgressBar]:
+    """A progress bar on standard error; without a terminal, only its messages appear."""
     columns = (
         TextColumn("{task.description:12}"),
         BarColumn(),
@@ -53,16 +53,16 @@ def run_progress() -> Iterator[RunProgress]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        yield RunProgress(bar, bar.add_task("starting", total=1.0, rate="", unit=""))
+        yield RunProgressBar(bar, bar.add_task("starting", total=1.0, rate="", unit=""))
 
 
 def say(text: str) -> None:
-    """One line on standard error."""
+    """Print one line on standard error."""
     Console(stderr=True).print(escape(text), highlight=False, soft_wrap=True)
 
 
 def table(title: str, rows: Iterable[tuple[str, str]]) -> None:
-    """Two columns, what and value, on standard output."""
+    """Print a table of labels and values on standard output."""
     grid = Table(title=escape(title), title_justify="left", show_header=False, title_style="bold")
     grid.add_column(style="dim")
     grid.add_column(justify="right", overflow="fold")

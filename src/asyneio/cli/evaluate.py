@@ -1,4 +1,4 @@
-"""`asyneio evaluate`: an estimate against ground truth, under a protocol of the literature."""
+"""`asyneio evaluate`: compare an estimate with ground truth under a protocol from the literature."""
 
 from __future__ import annotations
 
@@ -8,37 +8,47 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from asyneio.cli.options import JsonOption
+
 if TYPE_CHECKING:
     from asyneio.evaluation import Evaluation
     from asyneio.io.trajectory_source import TrajectorySource
 
-_COLUMNS_HELP = "Columns of the {}, where the file has no header: t_ns,px,py,pz,qw,qx,qy,qz (- to skip one)."
+_COLUMNS_HELP = "Columns of the {}, if the file has no header: t_ns,px,py,pz,qw,qx,qy,qz (- to skip one)."
+
+_Estimate = Annotated[
+    Path,
+    typer.Argument(help="Trajectory (TUM, EuRoC, KITTI, VINS, ORB-SLAM3, ...) or results folder."),
+]
+_Truth = Annotated[
+    Path,
+    typer.Argument(help="Ground truth: trajectory, recording with ground truth, or results folder."),
+]
+_Protocol = Annotated[
+    str, typer.Option("--protocol", "-p", help="What is aligned, and on which part: see above.")
+]
+_Columns = Annotated[
+    str, typer.Option("--columns", help=_COLUMNS_HELP.format("estimate"), show_default=False)
+]
+_TruthColumns = Annotated[
+    str, typer.Option("--truth-columns", help=_COLUMNS_HELP.format("ground truth"), show_default=False)
+]
+_MaxGap = Annotated[
+    float,
+    typer.Option("--max-gap", help="Do not interpolate ground truth across longer gaps (seconds).", min=0.0),
+]
 
 
 def evaluate(
-    estimate: Annotated[
-        Path,
-        typer.Argument(help="Trajectory (TUM, EuRoC, KITTI, VINS, ORB-SLAM3 ...) or a folder of results."),
-    ],
-    truth: Annotated[
-        Path, typer.Argument(help="Ground truth of these kinds, a recording with it, or a folder of results.")
-    ],
-    protocol: Annotated[
-        str, typer.Option("--protocol", "-p", help="What is aligned, and where: see above.")
-    ] = "posyaw",
-    columns: Annotated[
-        str, typer.Option("--columns", help=_COLUMNS_HELP.format("estimate"), show_default=False)
-    ] = "",
-    truth_columns: Annotated[
-        str, typer.Option("--truth-columns", help=_COLUMNS_HELP.format("truth"), show_default=False)
-    ] = "",
-    max_gap: Annotated[
-        float,
-        typer.Option("--max-gap", help="Truth is not interpolated across gaps of more seconds.", min=0.0),
-    ] = 0.05,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    estimate: _Estimate,
+    truth: _Truth,
+    protocol: _Protocol = "posyaw",
+    columns: _Columns = "",
+    truth_columns: _TruthColumns = "",
+    max_gap: _MaxGap = 0.05,
+    as_json: JsonOption = False,
 ) -> None:
-    """Compare an estimated trajectory with ground truth; each segment is aligned on its own.
+    """Compare an estimated trajectory with ground truth; each segment is aligned separately.
 
     \b
     Protocols:
@@ -50,39 +60,49 @@ def evaluate(
       origin  the first pose alone
       none    nothing: both are in one world already
     """
-    import json
-
     from asyneio.cli import console
-    from asyneio.cli.figures import segment_figures
     from asyneio.evaluation import evaluate as score
     from asyneio.evaluation import protocol_named
     from asyneio.io.trajectory_source import read_estimated, read_reference
 
-    chosen = protocol_named(protocol)
+    rules = protocol_named(protocol)
     found = _or_columns(lambda: read_estimated(estimate, columns), "--columns", columns)
     reference = _or_columns(lambda: read_reference(truth, truth_columns), "--truth-columns", truth_columns)
     found, reference = _with_times(found, reference, estimate, truth)
-    notes = found.notes
-    if len(found.segments) > 1:
-        notes += (f"{len(found.segments)} segments, each in a world of its own: each is aligned on its own",)
-    notes += reference.notes
-    if len(reference.segments) > 1:
-        notes += (f"{truth} holds {len(reference.segments)} segments: compared with the longest",)
     results = {
-        number: score(segment, reference.longest, chosen, max_gap)
+        number: score(segment, reference.longest, rules, max_gap)
         for number, segment in found.segments.items()
     }
-    for note in (*notes, *_hints(found, reference, results, max_gap)):
+    for note in (*_notes(found, reference, truth), *_hints(found, reference, results, max_gap)):
         console.say(f"note: {note}")
+    _show(f"{estimate} against {truth}", results, as_json)
+
+
+def _notes(found: TrajectorySource, reference: TrajectorySource, truth: Path) -> tuple[str, ...]:
+    notes = found.notes
+    if len(found.segments) > 1:
+        notes += (f"{len(found.segments)} segments, each with its own world frame and aligned separately",)
+    notes += reference.notes
+    if len(reference.segments) > 1:
+        notes += (f"{truth} contains {len(reference.segments)} segments: the longest is used",)
+    return notes
+
+
+def _show(title: str, results: dict[int, Evaluation], as_json: bool) -> None:
+    import json
+
+    from asyneio.cli import console
+    from asyneio.pipeline.result_table import evaluation_rows
+
     if as_json:
         plain = [{"segment": number, **result.to_dict()} for number, result in results.items()]
         typer.echo(json.dumps(plain[0] if len(plain) == 1 else {"segments": plain}, indent=2))
     else:
-        console.table(f"{estimate} against {truth}", segment_figures(results))
+        console.table(title, evaluation_rows(results))
 
 
 def _or_columns(read: Callable[[], TrajectorySource], option: str, given: str) -> TrajectorySource:
-    """What `read` gives; its refusal also says how to name columns."""
+    """The result of `read`; an error about unknown columns also says how to name them."""
     from asyneio.errors import RecordingError
 
     try:
@@ -96,7 +116,7 @@ def _or_columns(read: Callable[[], TrajectorySource], option: str, given: str) -
 def _with_times(
     estimate: TrajectorySource, truth: TrajectorySource, estimate_path: Path, truth_path: Path
 ) -> tuple[TrajectorySource, TrajectorySource]:
-    """Both with the stamps of the one that has them, where the other has as many poses and none.
+    """Both with timestamps: if only one has them, the other takes them over, pose by pose.
 
     Raises:
         RecordingError: the numbers of poses differ.
@@ -111,9 +131,8 @@ def _with_times(
     if counts[0] != counts[1] or len(estimate.segments) > 1:
         path = truth_path if estimate.timed else estimate_path
         raise RecordingError(
-            f"{path} has poses without times, {counts[0]} of the estimate and {counts[1]} of the truth; "
-            "expected as "
-            "many of both, row by row, or times.txt (seconds, one a line) beside it"
+            f"{path} has poses without timestamps, {counts[0]} in the estimate and {counts[1]} in the ground "
+            "truth; expected equal numbers, row by row, or times.txt (seconds, one per line) next to it"
         )
     if estimate.timed:
         poses = replace(truth.longest, t_ns=estimate.longest.t_ns)
@@ -125,13 +144,13 @@ def _with_times(
 def _hints(
     estimate: TrajectorySource, truth: TrajectorySource, results: dict[int, Evaluation], max_gap: float
 ) -> tuple[str, ...]:
-    """What would explain large errors, said once."""
+    """Likely causes of large errors, each once."""
     from asyneio.evaluation import associate
     from asyneio.evaluation.hints import explain
 
-    told = estimate.order_known and truth.order_known
+    order_known = estimate.order_told and truth.order_told
     found = (
-        explain(associate(segment, truth.longest, max_gap), results[number].alignment, told)
+        explain(associate(segment, truth.longest, max_gap), results[number].alignment, order_known)
         for number, segment in estimate.segments.items()
     )
     return tuple(dict.fromkeys(note for notes in found for note in notes))

@@ -1,4 +1,4 @@
-"""What `run` and `demo` share: run a recording, write everything, show the figures, never hide a failure."""
+"""Shared by `run` and `demo`: run a recording, write the results, show the figures, report every failure."""
 
 from __future__ import annotations
 
@@ -6,19 +6,17 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from asyneio import __version__
 from asyneio.cli import console
-from asyneio.cli.figures import run_figures
 from asyneio.cli.progress import share_progress
 from asyneio.config import Config
-from asyneio.errors import EstimationError, EvaluationError
-from asyneio.evaluation import Evaluation, evaluate, protocol_named
-from asyneio.io import to_trajectory
-from asyneio.io.parsing.atomic import atomic_file, make_folder, remove_empty, write_text
+from asyneio.errors import EstimationError
+from asyneio.evaluation import Evaluation
+from asyneio.io.parsing.atomic import make_folder, remove_empty
 from asyneio.pipeline import RunInterrupted, RunResult, run_recording, write_outputs
-from asyneio.pipeline.report import KnownStates, report_data
+from asyneio.pipeline.report import RECORDED, RunReport
+from asyneio.pipeline.report_data import KnownStates
 from asyneio.types import EventRecording, Recording
-from asyneio.viz import available, render_overview, render_pictures, render_report
+from asyneio.viz import available
 
 REPORT_FILE = "report.html"
 OVERVIEW_FILE = "overview.png"
@@ -27,33 +25,51 @@ FIGURES_FOLDER = "figures"
 
 @dataclass(frozen=True)
 class Job:
-    """What to run and where the results go.
+    """What to run, and where to write the results.
 
-    `evidence` tells the reader of the report where the data come from; `known` gives true velocity and biases
-    at chosen times, where a simulation knows them; `png`: also every figure as a file; `as_json`: figures on
-    standard output as JSON instead of a table.
+    `description`: where the data come from, for the report; `known`: true velocity and biases at given times,
+    from a simulation; `png`: also write each figure as a file; `as_json`: print JSON instead of a table.
     """
 
     recording: Recording | EventRecording
     config: Config
     folder: Path
-    evidence: str
+    description: str = RECORDED
     known: KnownStates | None = None
     png: bool = False
     as_json: bool = False
 
 
 def execute(job: Job) -> RunResult:
-    """Run a recording and write its results, with a report where matplotlib is installed.
+    """Run a recording and write its results, with a report if matplotlib is installed.
 
     Raises:
-        EstimationError: the trajectory is missing or incomplete (what there is has been written).
+        EstimationError: the trajectory is missing or incomplete (everything estimated has been written).
         RecordingError: the recording is too short, or a file cannot be written.
     """
+    result = _run(job)
+    written = write_outputs(result, job.folder)
+    report = RunReport(result, job.recording, description=job.description, known=job.known)
+    for note in report.notes:
+        console.say(f"note: {note}")
+    if not job.as_json:
+        console.table(job.recording.name, report.table)
+    written += _write_report(job, report)
+    if job.as_json:
+        print(_json(result, report.scores, written))
+    for path in written:
+        console.say(f"wrote {path}")
+    if result.summary.failure:
+        raise EstimationError(f"{result.summary.failure}. {_advice(result)}")
+    return result
+
+
+def _run(job: Job) -> RunResult:
+    """Run with a progress bar; on Ctrl-C, write what was estimated until then and raise again."""
     make_folder(job.folder)
     try:
         with console.run_progress() as progress:
-            result = run_recording(job.recording, job.config, progress)
+            return run_recording(job.recording, job.config, progress)
     except RunInterrupted as interrupted:
         _write_interrupted(job, interrupted.result)
         raise
@@ -62,77 +78,38 @@ def execute(job: Job) -> RunResult:
         raise
     finally:
         remove_empty(job.folder)
-    written = write_outputs(result, job.config, job.folder)
-    scores = _scores(result, job.recording)
-    figures = run_figures(result.summary, scores)
-    if not job.as_json:
-        console.table(job.recording.name, figures)
-    written += _write_report(job, result, scores, figures)
-    if job.as_json:
-        print(_json(result, scores, written))
-    for path in written:
-        console.say(f"wrote {path}")
-    if result.summary.failure:
-        raise EstimationError(f"{result.summary.failure}. {_advice(result)}")
-    return result
 
 
 def _write_interrupted(job: Job, result: RunResult) -> None:
-    """Write what was estimated until Ctrl-C, without a report, if anything was."""
+    """Write the results until Ctrl-C, without a report; nothing if there are no estimates."""
     if not result.run.estimates:
-        console.say(f"{result.summary.failure}: nothing was estimated yet, nothing is written")
+        console.say(f"{result.summary.failure}: no estimates yet, nothing is written")
         return
-    written = write_outputs(result, job.config, job.folder)
+    written = write_outputs(result, job.folder)
     console.say(f"{result.summary.failure}: {len(result.run.estimates)} knots are kept")
     for path in written:
         console.say(f"wrote {path}")
 
 
-def _scores(result: RunResult, recording: Recording | EventRecording) -> dict[int, Evaluation]:
-    """Each segment, aligned on its own, against the recording's ground truth, where there is one."""
-    scores: dict[int, Evaluation] = {}
-    if recording.ground_truth is None:
-        return scores
-    protocol = protocol_named("posyaw")
-    for segment in result.run.segments():
-        number = segment[0].segment
-        try:
-            scores[number] = evaluate(to_trajectory(segment), recording.ground_truth, protocol)
-        except EvaluationError as error:
-            console.say(f"note: segment {number} is not compared with the ground truth: {error}")
-    return scores
-
-
-def _write_report(
-    job: Job, result: RunResult, scores: dict[int, Evaluation], figures: tuple[tuple[str, str], ...]
-) -> list[Path]:
-    report, overview = job.folder / REPORT_FILE, job.folder / OVERVIEW_FILE
-    figures_folder = job.folder / FIGURES_FOLDER
-    for stale in (report, overview, *figures_folder.glob("*.png")):
+def _write_report(job: Job, report: RunReport) -> list[Path]:
+    page, overview = job.folder / REPORT_FILE, job.folder / OVERVIEW_FILE
+    figures = job.folder / FIGURES_FOLDER
+    for stale in (page, overview, *figures.glob("*.png")):
         stale.unlink(missing_ok=True)
     if not available():
         console.say("note: no report without matplotlib: pip install 'asyneio[report]'")
         return []
-    data = report_data(result, job.recording, job.config, scores, job.known)
     with share_progress("drawing") as advance:
-        name = job.recording.name
-        write_text(report, render_report(name, job.evidence, figures, data, __version__, advance))
-    pictures = [(overview, render_overview(data))]
+        written = [report.write(page, advance)]
+    written += report.write_overview(overview)
     if job.png:
         with share_progress("drawing") as advance:
-            named = render_pictures(data, advance)
-            pictures += [(figures_folder / f"{name}.png", picture) for name, picture in named]
-    written = [report]
-    for path, picture in pictures:
-        if picture is not None:
-            with atomic_file(path) as stream:
-                stream.write(picture)
-            written.append(path)
+            written += report.write_figures(figures, advance)
     return written
 
 
 def _json(result: RunResult, scores: dict[int, Evaluation], written: list[Path]) -> str:
-    """The summary, the evaluation of each segment that the truth covers, and the files."""
+    """Summary, evaluation of the segments, and files."""
     more = {
         "evaluation": [{"segment": number, **score.to_dict()} for number, score in scores.items()],
         "files": [str(path) for path in written],
@@ -142,5 +119,5 @@ def _json(result: RunResult, scores: dict[int, Evaluation], written: list[Path])
 
 def _advice(result: RunResult) -> str:
     if result.run.estimates:
-        return f"What was estimated ({len(result.run.estimates)} knots) is written, but not whole"
-    return "Check the calibration and the units first, then whether the sensor moves enough at the start"
+        return f"The {len(result.run.estimates)} estimated knots are written, but the output is incomplete"
+    return "Check calibration and units first, then whether the sensor moves enough at the beginning"

@@ -1,6 +1,6 @@
-"""The command line: commands by name, errors as one paragraph.
+"""The command line: all commands; errors as one line.
 
-Commands import the estimator only when they run, so that `asyneio --help` answers at once.
+Commands import the estimator when they run, so that `asyneio --help` is fast.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from typing import Annotated
 
 import typer
 
-from asyneio import __version__
 from asyneio.cli.bench import bench
 from asyneio.cli.config import config
 from asyneio.cli.convert import convert
@@ -24,11 +23,12 @@ from asyneio.cli.simulate import simulate
 from asyneio.cli.study import study
 from asyneio.cli.track import track
 from asyneio.errors import AsyneioError
+from asyneio.version import __version__
 
 EXIT_FAILURE = 1
 EXIT_INTERRUPTED = 130
 
-#: Set it to see where an unexpected error comes from.
+#: Environment variable that enables the traceback of unexpected errors.
 TRACEBACK_VARIABLE = "ASYNEIO_TRACEBACK"
 
 app = typer.Typer(
@@ -70,7 +70,7 @@ def _options(
 
 
 def main() -> None:
-    """Entry point. Exit status: 0 whole output, 1 missing or incomplete, 2 wrong usage, 130 interrupted."""
+    """Entry point. Exit status: 0 complete output, 1 incomplete output, 2 wrong usage, 130 interrupted."""
     prepare_environment()
     prepare_streams()
     try:
@@ -90,8 +90,8 @@ def main() -> None:
         if os.environ.get(TRACEBACK_VARIABLE):
             raise
         _fail(
-            f"unexpected {type(error).__name__}: {error}. This is a defect of asyneio: please report it "
-            f"with what the command prints when {TRACEBACK_VARIABLE}=1 is set"
+            f"unexpected {type(error).__name__}: {error}. This is a bug in asyneio: please report it with "
+            f"the output of the command when {TRACEBACK_VARIABLE}=1 is set"
         )
 
 

@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options shared by several commands."""
 
 from __future__ import annotations
 
@@ -14,43 +14,44 @@ if TYPE_CHECKING:
 
 CalibrationOption = Annotated[
     Path | None,
-    typer.Option(help="Calibration of the camera, any usual kind.", show_default="beside the data"),
+    typer.Option(help="Camera calibration file (any supported format).", show_default="next to the data"),
 ]
 ImuOption = Annotated[
-    Path | None, typer.Option(help="Noise of the IMU, any usual kind.", show_default="beside the data")
+    Path | None,
+    typer.Option(help="IMU noise file (any supported format).", show_default="next to the data"),
 ]
 CameraOption = Annotated[
     str | None,
-    typer.Option(help="Camera of the calibration, by name or topic.", show_default="the one that fits"),
+    typer.Option(help="Camera in the calibration file, by name or topic.", show_default="the matching one"),
 ]
 PresetOption = Annotated[
     str | None,
-    typer.Option(
-        help="Model of the camera: its published figures fill in what no file tells (DAVIS240C ...)."
-    ),
+    typer.Option(help="Camera model (DAVIS240C, ...); its published values are used where no file has any."),
 ]
 EventsOption = Annotated[
     str | None,
-    typer.Option("--events", help="Which events, where there are several: a topic, a stream, a file."),
+    typer.Option("--events", help="Event source, if there are several: a topic, a stream or a file."),
 ]
 SamplesOption = Annotated[
     str | None,
-    typer.Option("--samples", help="Which inertial samples: a topic, a stream, or the file with them."),
+    typer.Option("--samples", help="Source of the inertial samples: a topic, a stream or a file."),
 ]
 ConfigOption = Annotated[
-    Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")
+    Path | None, typer.Option(help="YAML file with settings that differ from the defaults.")
 ]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+TablesJsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
 
 
 class TrackerName(StrEnum):
-    """How features are followed."""
+    """Feature trackers."""
 
     GRADIENT = "gradient"
     HASTE = "haste"
 
 
 class SchemeName(StrEnum):
-    """How inertial samples enter the window."""
+    """Inertial schemes."""
 
     GPIF = "gpif"
     GPP = "gpp"
@@ -60,19 +61,19 @@ class SchemeName(StrEnum):
 
 TrackerOption = Annotated[
     TrackerName | None,
-    typer.Option(help="How features are followed in events.", show_default="the configuration's"),
+    typer.Option(help="Feature tracker.", show_default="as configured"),
 ]
 SchemeOption = Annotated[
     SchemeName | None,
-    typer.Option(help="How inertial samples are used.", show_default="the configuration's"),
+    typer.Option(help="Inertial scheme of the estimator.", show_default="as configured"),
 ]
 
 
 def settings_of(config: Path | None, preset: str | None) -> Config:
-    """The settings of a file, above those that a preset brings along.
+    """The settings of a file; where it has none, those of a preset; else the defaults.
 
     Raises:
-        ConfigError: the file is missing or wrong, or there is no such preset.
+        ConfigError: the file is missing or invalid, or the preset is unknown.
     """
     from asyneio.cameras import preset_named
     from asyneio.config import load_config
@@ -81,7 +82,7 @@ def settings_of(config: Path | None, preset: str | None) -> Config:
 
 
 def with_scheme(config: Config, scheme: SchemeName | None) -> Config:
-    """The configuration with another inertial scheme, if one was asked for."""
+    """The configuration with another inertial scheme; None keeps it."""
     if scheme is None:
         return config
     inertial = config.inertial.model_copy(update={"scheme": scheme.value})
@@ -89,7 +90,7 @@ def with_scheme(config: Config, scheme: SchemeName | None) -> Config:
 
 
 def with_tracker(config: Config, tracker: TrackerName | None) -> Config:
-    """The configuration with another tracker, if one was asked for."""
+    """The configuration with another tracker; None keeps it."""
     if tracker is None:
         return config
     frontend = config.frontend.model_copy(update={"tracker": tracker.value})

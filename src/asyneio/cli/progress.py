@@ -1,4 +1,4 @@
-"""Progress bars on standard error: the share done, the rate, the time left."""
+"""Progress bars on standard error: share done, rate, time left."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from asyneio.progress import ProgressCallback, TaskCallback
+
 
 @contextmanager
-def share_progress(what: str, amount: float = 0.0, unit: str = "") -> Iterator[Callable[[float], None]]:
-    """A bar on standard error, gone when done; call what is given with the share done, 0 to 1.
+def share_progress(what: str, amount: float = 0.0, unit: str = "") -> Iterator[ProgressCallback]:
+    """A progress bar on standard error, removed at the end; yields its callback.
 
-    Where the whole is a known `amount`, it also shows the rate, in a `unit` such as MB/s.
+    With a total `amount` of work, it also shows the rate, in a `unit` such as MB/s.
     """
     with _bar(TaskProgressColumn()) as bar:
         task = bar.add_task(what, total=1.0, rate="")
@@ -36,8 +38,8 @@ def share_progress(what: str, amount: float = 0.0, unit: str = "") -> Iterator[C
 
 
 @contextmanager
-def reading_progress(path: Path) -> Iterator[Callable[[float], None]]:
-    """The same for reading a file, or the files of a folder."""
+def reading_progress(path: Path) -> Iterator[ProgressCallback]:
+    """A progress bar for reading a file, or the files of a folder; yields its callback."""
     files = [path] if path.is_file() else path.glob("*") if path.is_dir() else ()
     size = 0
     for file in files:
@@ -48,11 +50,8 @@ def reading_progress(path: Path) -> Iterator[Callable[[float], None]]:
 
 
 @contextmanager
-def task_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
-    """A bar on standard error for equal tasks, with their rate and the time left.
-
-    Call what is given with the numbers of tasks done, of all tasks, and of those that failed.
-    """
+def task_progress(what: str) -> Iterator[TaskCallback]:
+    """A progress bar for tasks of equal size, with their rate and the time left; yields its callback."""
     with _bar(MofNCompleteColumn()) as bar, _counting(bar, what) as count:
 
         def advance(done: int, total: int, failed: int) -> None:
@@ -65,9 +64,9 @@ def task_progress(what: str) -> Iterator[Callable[[int, int, int], None]]:
 
 @contextmanager
 def event_progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A bar on standard error for a count of events, with their rate and the time left.
+    """A progress bar for a number of events, with their rate and the time left.
 
-    Call what is given with the number done; what the first call says took no time.
+    Yields a callback that takes the number of events done. Events of the first call have no rate.
     """
     with _bar(TaskProgressColumn()) as bar, _counting(bar, what) as count:
 
@@ -80,7 +79,7 @@ def event_progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
 
 @contextmanager
 def _bar(share: ProgressColumn) -> Iterator[Progress]:
-    """A bar whose tasks have a `rate`, with a column for the share done."""
+    """A progress bar whose tasks have a `rate`, with a column for the share done."""
     columns = (
         TextColumn("{task.description:10}"),
         BarColumn(),
@@ -89,16 +88,16 @@ def _bar(share: ProgressColumn) -> Iterator[Progress]:
         TimeRemainingColumn(),
     )
     console = Console(stderr=True)
-    # Where there is no terminal, even a bar that is gone when done leaves an empty line.
+    # Without a terminal, even a removed bar would leave an empty line.
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         yield bar
 
 
 @contextmanager
 def _counting(bar: Progress, what: str) -> Iterator[Callable[[int, int], float]]:
-    """Call what is given with how many are done of how many: the rate [1/s], 0 in the first second.
+    """Yields a function of (done, total) that updates the bar and returns the rate [1/s], at first 0.
 
-    What was done before the first call took no time and has no rate.
+    The first call sets the start: what was done before does not count for the rate.
     """
     task = bar.add_task(what, total=None, rate="")
     reused: list[int] = []

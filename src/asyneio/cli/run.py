@@ -13,6 +13,7 @@ from asyneio.cli.options import (
     ConfigOption,
     EventsOption,
     ImuOption,
+    JsonOption,
     PresetOption,
     SamplesOption,
     SchemeOption,
@@ -22,21 +23,22 @@ from asyneio.cli.options import (
     with_tracker,
 )
 
-_EVIDENCE = (
-    "A recording, processed causally: each estimate uses only what was measured before it; observations of "
-    "features become known up to frontend.max_delay_s after their stamp."
-)
+_Recording = Annotated[
+    Path, typer.Argument(help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT, ...), or a tracks folder.")
+]
+_Output = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Folder for the results.", show_default="results/NAME")
+]
+_MaxTrackSeconds = Annotated[
+    float | None,
+    typer.Option(help="Tracks folder only: cut tracks into pieces of fewer seconds, with new ids."),
+]
+_Png = Annotated[bool, typer.Option("--png", help="Also write each figure of the report as a PNG file.")]
 
 
 def run(
-    recording: Annotated[
-        Path,
-        typer.Argument(help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT), or a tracks folder."),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for the results.", show_default="results/NAME"),
-    ] = None,
+    recording: _Recording,
+    output: _Output = None,
     calibration: CalibrationOption = None,
     imu: ImuOption = None,
     camera: CameraOption = None,
@@ -46,21 +48,18 @@ def run(
     config: ConfigOption = None,
     tracker: TrackerOption = None,
     scheme: SchemeOption = None,
-    max_track_seconds: Annotated[
-        float | None,
-        typer.Option(help="Of a tracks folder: cut tracks into pieces shorter than this, with new ids."),
-    ] = None,
-    png: Annotated[
-        bool, typer.Option("--png", help="Also every figure of the report as a file, in figures.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    max_track_seconds: _MaxTrackSeconds = None,
+    png: _Png = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Estimate the trajectory of a recording.
 
-    Writes trajectory.tum, estimates.npz (velocity, biases, covariance), health.csv, config.yaml, summary.json
-    and, with matplotlib, report.html and overview.png. Where the estimator lost track and began again,
-    trajectory_1.tum, ... follow, each in a world of its own; where attitude was known but no pose,
-    attitude.csv. The exit status is not 0 when the trajectory is missing or incomplete.
+    Writes trajectory.tum, estimates.npz (velocity, biases, covariance),
+    health.csv, config.yaml, summary.json and, with matplotlib, report.html
+    and overview.png. If the estimator loses track and initializes again,
+    further segments follow as trajectory_1.tum, ..., each with its own world
+    frame. attitude.csv contains the attitude while there is no pose. The exit
+    status is not 0 if the trajectory is missing or incomplete.
     """
     from asyneio.cli import console
     from asyneio.cli.execute import Job, execute
@@ -74,4 +73,4 @@ def run(
     for note in loaded.notes:
         console.say(f"note: {note}")
     folder = output or Path("results") / loaded.name
-    execute(Job(loaded, settings, folder, _EVIDENCE, png=png, as_json=as_json))
+    execute(Job(loaded, settings, folder, png=png, as_json=as_json))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,186 +9,177 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from asyneio.simulation import EventScenario, EventSimulation, Scenario
-    from asyneio.types import EventRecording, RecordArray, Recording
-
-#: File of a simulated recording of events in HDF5; by its content `asyneio` finds it in the folder.
-HDF5_FILE = "recording.h5"
-_REAL = "Along a recorded motion"
+    from asyneio.pipeline.recorded_motion import RecordedFiles
+    from asyneio.simulation import EventScenario, Scenario
+    from asyneio.simulation.path_fit import PathFit
+    from asyneio.types import EventRecording, Recording
 
 
 class EventFormat(StrEnum):
-    """How events are written."""
+    """File formats of simulated events."""
 
     UZH = "uzh"
     HDF5 = "hdf5"
 
 
+_REAL = "Along a recorded motion"
+_Scenario = Annotated[
+    str,
+    typer.Argument(help="Scenario (of events: event_..., suite_...); an unknown name lists all."),
+]
+_Output = Annotated[Path, typer.Option("--output", "-o", help="Folder for the recording.")]
+_Seed = Annotated[
+    int | None, typer.Option(help="Random seed.", min=0, show_default="that of the scenario, mostly 0")
+]
+_Duration = Annotated[
+    float | None, typer.Option(help="Length in seconds.", show_default="that of the scenario")
+]
+_Format = Annotated[
+    EventFormat, typer.Option("--format", help="File format of events: UZH text folder, or HDF5.")
+]
+_ImuModel = Annotated[
+    str | None,
+    typer.Option(
+        help="IMU model to simulate, such as MPU-6150, or ideal; an unknown name lists all.",
+        show_default="that of the scenario",
+    ),
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")]
+_Poses = Annotated[
+    Path | None,
+    typer.Option(help="Recorded trajectory of an IMU to follow (EuRoC, TUM, ...).", rich_help_panel=_REAL),
+]
+_Samples = Annotated[
+    Path | None, typer.Option(help="Recorded samples of that IMU, kept unchanged.", rich_help_panel=_REAL)
+]
+_From = Annotated[
+    float,
+    typer.Option("--from", help="Seconds after the first common time.", min=0.0, rich_help_panel=_REAL),
+]
+_Imu = Annotated[
+    Path | None,
+    typer.Option(help="Noise file of that IMU (any supported format).", rich_help_panel=_REAL),
+]
+_Calibration = Annotated[
+    Path | None,
+    typer.Option(
+        help="Calibration of the camera to simulate (any supported format).",
+        show_default="that of the scenario",
+        rich_help_panel=_REAL,
+    ),
+]
+
+
 def simulate(
-    scenario: Annotated[
-        str,
-        typer.Argument(help="Name of a scenario (of events: event_..., suite_...); a wrong one lists all."),
-    ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the recording.")],
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            help="Everything random follows from it.", min=0, show_default="the scenario's own, mostly 0"
-        ),
-    ] = None,
-    duration: Annotated[
-        float | None, typer.Option(help="Seconds.", show_default="the scenario's own")
-    ] = None,
-    event_format: Annotated[
-        EventFormat, typer.Option("--format", help="Of a recording of events: text as of UZH, or HDF5.")
-    ] = EventFormat.UZH,
-    imu_model: Annotated[
-        str | None,
-        typer.Option(
-            help="Model of IMU to simulate, such as MPU-6150, or ideal; a wrong one lists all.",
-            show_default="the scenario's own",
-        ),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
-    poses: Annotated[
-        Path | None,
-        typer.Option(help="Recorded poses of an IMU to go along (EuRoC, TUM ...).", rich_help_panel=_REAL),
-    ] = None,
-    samples: Annotated[
-        Path | None,
-        typer.Option(help="Real samples of that IMU: kept as they are.", rich_help_panel=_REAL),
-    ] = None,
-    begin: Annotated[
-        float, typer.Option("--from", help="Seconds after both begin.", min=0.0, rich_help_panel=_REAL)
-    ] = 0.0,
-    imu: Annotated[
-        Path | None, typer.Option(help="Noise of that IMU, any usual kind.", rich_help_panel=_REAL)
-    ] = None,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(
-            help="Camera to simulate, any usual kind.", show_default="the scenario's", rich_help_panel=_REAL
-        ),
-    ] = None,
+    scenario: _Scenario,
+    output: _Output,
+    seed: _Seed = None,
+    duration: _Duration = None,
+    event_format: _Format = EventFormat.UZH,
+    imu_model: _ImuModel = None,
+    as_json: _Json = False,
+    poses: _Poses = None,
+    samples: _Samples = None,
+    begin: _From = 0.0,
+    imu: _Imu = None,
+    calibration: _Calibration = None,
 ) -> None:
     """Simulate feature tracks or events, inertial samples and ground truth.
 
-    Tracks are written as a tracks folder, events as a folder of the UZH layout or as one file of HDF5.
+    Feature tracks are written as a tracks folder, events as a UZH text folder
+    or as one HDF5 file.
 
-    A hybrid of real motion, real inertial samples and simulated events:
+    Hybrid recording of real motion, real inertial samples, simulated events:
 
-        asyneio simulate event_slow --poses state_groundtruth_estimate0/data.csv --samples imu0/data.csv
-        --imu imu0/sensor.yaml -o recordings/hybrid
+        asyneio simulate event_slow -o recordings/hybrid --imu imu0/sensor.yaml
+        --poses state_groundtruth_estimate0/data.csv --samples imu0/data.csv
     """
     import json
 
-    from asyneio.cli.recorded_motion import RecordedFiles, recorded_scenario
     from asyneio.io.parsing.atomic import make_folder
-    from asyneio.simulation import EVENT_SCENARIOS, imu_named, with_imu
+    from asyneio.pipeline.recorded_motion import RecordedFiles
+    from asyneio.simulation import EventScenario
 
-    sensor = None if imu_model is None else imu_named(imu_model)
     _check_recorded(scenario, poses, [samples, imu, calibration], begin)
-    if scenario in EVENT_SCENARIOS:
-        chosen = named_event_scenario(scenario, seed, duration)
-        chosen = chosen if sensor is None else with_imu(chosen, sensor)
+    chosen = _scenario(scenario, seed, duration, imu_model)
+    if isinstance(chosen, EventScenario):
         fitted: dict[str, Any] = {}
         if poses is not None:
             files = RecordedFiles(poses, samples, imu, calibration, begin, duration)
-            chosen, figures = recorded_scenario(chosen, files)
-            fitted = {"path": figures}
+            chosen, fitted = _along(chosen, files)
         make_folder(output)
         written = _simulate_events(chosen, output, event_format) | fitted
     else:
-        chosen_tracks = named_scenario(scenario, seed, duration)
-        chosen_tracks = chosen_tracks if sensor is None else with_imu(chosen_tracks, sensor)
         make_folder(output)
-        written = _simulate_tracks(chosen_tracks, output)
+        written = _simulate_tracks(chosen, output)
     if as_json:
         typer.echo(json.dumps({"folder": str(output), **written}, indent=2))
 
 
 def _check_recorded(scenario: str, poses: Path | None, others: list[Path | None], begin_s: float) -> None:
-    """Options of recorded motions belong together. Raises SimulationError."""
+    """Check the options of a recorded motion. Raises SimulationError."""
     from asyneio.errors import SimulationError
     from asyneio.simulation import SCENARIOS
 
     if poses is None and (any(others) or begin_s):
-        raise SimulationError(
-            "--samples, --from, --imu and --calibration go with --poses FILE; it is missing"
-        )
+        raise SimulationError("--samples, --from, --imu and --calibration require --poses FILE")
     if poses is not None and scenario in SCENARIOS:
         raise SimulationError(
-            f"scenario {scenario!r} is one of feature tracks; expected one of events (event_slow ...) to go "
-            "along recorded poses"
+            f"scenario {scenario!r} simulates feature tracks; --poses requires a scenario of events "
+            "(event_slow, ...)"
         )
 
 
-def named_scenario(name: str, seed: int | None, duration_s: float | None) -> Scenario:
-    """A ready-made scenario, if given with another seed and another length.
+def _scenario(
+    name: str, seed: int | None, duration_s: float | None, imu_model: str | None
+) -> Scenario | EventScenario:
+    from asyneio.simulation import imu_named, with_imu
+    from asyneio.simulation.scenarios import scenario_named, with_seed_and_duration
 
-    Raises:
-        SimulationError: there is no such scenario, or the length is impossible.
-    """
-    from dataclasses import replace
-
-    from asyneio.errors import SimulationError
-    from asyneio.simulation import EVENT_SCENARIOS, SCENARIOS
-
-    if name not in SCENARIOS:
-        raise SimulationError(
-            f"scenario {name!r} is unknown; expected one of {', '.join([*SCENARIOS, *EVENT_SCENARIOS])}"
-        )
-    scenario = SCENARIOS[name]
-    scenario = scenario if seed is None else replace(scenario, seed=seed)
-    return scenario if duration_s is None else replace(scenario, duration_s=duration_s)
+    sensor = None if imu_model is None else imu_named(imu_model)
+    scenario = with_seed_and_duration(scenario_named(name), seed, duration_s)
+    return scenario if sensor is None else with_imu(scenario, sensor)
 
 
-def named_event_scenario(name: str, seed: int | None, duration_s: float | None) -> EventScenario:
-    """As `named_scenario`, of events; there must be one of that name."""
-    from dataclasses import replace
+def _along(scenario: EventScenario, files: RecordedFiles) -> tuple[EventScenario, dict[str, Any]]:
+    """The scenario along a recorded motion, and the figures of the fit."""
+    from asyneio.cli import console
+    from asyneio.pipeline.recorded_motion import recorded_scenario
 
-    from asyneio.simulation import EVENT_SCENARIOS
+    console.say(f"fitting a path to {files.poses} ...")
+    recorded = recorded_scenario(scenario, files)
+    for note in recorded.notes:
+        console.say(f"note: {note}")
+    console.say(_fit_sentence(recorded.fit))
+    return recorded.scenario, {"path": _fit_figures(recorded.fit)}
 
-    scenario = EVENT_SCENARIOS[name]
-    scenario = scenario if seed is None else replace(scenario, seed=seed)
-    return scenario if duration_s is None else replace(scenario, duration_s=duration_s)
 
+def _fit_figures(fit: PathFit) -> dict[str, Any]:
+    from dataclasses import asdict
 
-def write_simulated_events(
-    scenario: EventScenario, folder: Path, event_format: EventFormat
-) -> tuple[EventSimulation, int]:
-    """Simulate events piece by piece into a folder, whatever their number; the rest of the simulation
-    (without events), and how many there were.
-
-    Raises:
-        SimulationError: the scenario is impossible.
-        RecordingError: a file cannot be written.
-    """
     import numpy as np
 
-    from asyneio.cli.progress import share_progress
-    from asyneio.io import write_events_hdf5, write_uzh_folder
-    from asyneio.simulation import simulate_events, stream_events
-    from asyneio.types import EVENT_DTYPE, NS_PER_S
+    known = {name: value for name, value in asdict(fit.residuals).items() if np.isfinite(value)}
+    return {
+        "left_over_rms": known,
+        "gravity": float(np.linalg.norm(fit.gravity)),
+        "clock_offset_s": fit.clock_offset_s,
+    }
 
-    simulation = simulate_events(scenario, np.empty(0, dtype=EVENT_DTYPE))
-    count = 0
-    with share_progress("simulating", scenario.duration_s, "x real time") as advance:
 
-        def pieces() -> Iterator[RecordArray]:
-            nonlocal count
-            for piece in stream_events(scenario):
-                count += int(piece.size)
-                if piece.size:
-                    since_ns = int(piece["t_ns"][-1]) + scenario.timeshift_ns - scenario.start_ns
-                    advance(since_ns / NS_PER_S / scenario.duration_s)
-                yield piece
+def _fit_sentence(fit: PathFit) -> str:
+    import numpy as np
 
-        if event_format is EventFormat.UZH:
-            write_uzh_folder(simulation.recording, folder, pieces())
-        else:
-            write_events_hdf5(simulation.recording, folder / HDF5_FILE, pieces())
-    return simulation, count
+    r = fit.residuals
+    text = f"path of {fit.duration_s:.1f} s; residuals (RMS): {1e3 * r.position:.2f} mm, "
+    text += f"{np.degrees(r.orientation):.3f} deg"
+    if np.isfinite(r.gyroscope):
+        text += (
+            f", gyroscope {r.gyroscope:.4f} rad/s ({r.gyroscope_sigmas:.1f} x the given noise), "
+            f"accelerometer {r.accelerometer:.3f} m/s^2 ({r.accelerometer_sigmas:.1f} x); gravity "
+            f"{np.linalg.norm(fit.gravity):.3f} m/s^2, t_imu - t_pose {1e3 * fit.clock_offset_s:+.2f} ms"
+        )
+    return text
 
 
 def _simulate_tracks(scenario: Scenario, folder: Path) -> dict[str, Any]:
@@ -210,15 +200,20 @@ def _simulate_events(scenario: EventScenario, folder: Path, event_format: EventF
     import time
 
     from asyneio.cli import console
+    from asyneio.cli.progress import share_progress
+    from asyneio.pipeline.simulated import write_simulated_events
 
     console.say(f"simulating {scenario.name}, seed {scenario.seed}, {scenario.duration_s:g} s ...")
     started = time.perf_counter()
-    simulation, count = write_simulated_events(scenario, folder, event_format)
+    with share_progress("simulating", scenario.duration_s, "x real time") as advance:
+        simulation, count = write_simulated_events(
+            scenario, folder, event_format is EventFormat.HDF5, advance
+        )
     seconds, recording = time.perf_counter() - started, simulation.recording
     mega = count / 1e6
     console.say(
         f"wrote {folder}: {scenario.duration_s:g} s, {mega:.2f} Mev "
-        f"({mega / scenario.duration_s:.2f} Mev/s of the camera, made at {mega / seconds:.2f} Mev/s), "
+        f"(camera: {mega / scenario.duration_s:.2f} Mev/s, simulation: {mega / seconds:.2f} Mev/s), "
         f"{recording.gyroscope.size} gyroscope and "
         f"{recording.accelerometer.size} accelerometer samples"
     )

@@ -1,4 +1,4 @@
-"""`asyneio study`: a comparison over many conditions and seeds, as tables and figures."""
+"""`asyneio study`: comparisons over many conditions and seeds, as tables and figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from asyneio.studies.runner import StudyResult
 
-#: How many reasons of failure are shown; all of them stand in the index.
+#: Number of failures in the error message; the index lists all.
 _SHOWN = 3
 
 
@@ -24,35 +24,40 @@ class StudyName(StrEnum):
     SCHEMES = "schemes"
 
 
+_Name = Annotated[StudyName, typer.Argument(help="What to compare.")]
+_Output = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", help="Folder for the results.", show_default="results/study-NAME"),
+]
+_Seeds = Annotated[
+    int | None,
+    typer.Option(help="Random seeds per condition.", min=1, show_default="10, with --quick 2"),
+]
+_Jobs = Annotated[
+    int | None, typer.Option(help="Number of parallel processes.", min=1, show_default="number of cores")
+]
+_Quick = Annotated[bool, typer.Option("--quick", help="Few conditions and seeds; takes about a minute.")]
+_Json = Annotated[bool, typer.Option("--json", help="Print what was measured and written as JSON.")]
+
+
 def study(
-    name: Annotated[StudyName, typer.Argument(help="Which comparison.")],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for the results.", show_default="results/study-NAME"),
-    ] = None,
-    seeds: Annotated[
-        int | None,
-        typer.Option(help="Seeds of each condition.", min=1, show_default="10, with --quick 2"),
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(help="Processes at a time.", min=1, show_default="number of cores")
-    ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Few conditions and seeds, in a minute.")] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print what was measured and written as JSON.")
-    ] = False,
+    name: _Name,
+    output: _Output = None,
+    seeds: _Seeds = None,
+    jobs: _Jobs = None,
+    quick: _Quick = False,
+    as_json: _Json = False,
 ) -> None:
     """Compare priors, preintegration rules or inertial schemes over many conditions and seeds.
 
-    Writes README.md (the index), tables/ and, with matplotlib, figures/. Every result is kept in
-    results.jsonl as it comes: the same command goes on where it was stopped, and measures only what is
-    missing. The exit status is not 0 when a measurement failed.
+    Writes README.md (the index), tables/ and, with matplotlib, figures/. Each
+    result is saved to results.jsonl at once: the same command continues an
+    interrupted study. The exit status is not 0 if a measurement failed.
     """
     import json
 
     from asyneio.cli import console
     from asyneio.cli.progress import task_progress
-    from asyneio.errors import StudyError
     from asyneio.io.parsing.atomic import make_folder
     from asyneio.studies.catalogue import STUDIES
     from asyneio.studies.runner import run_study
@@ -63,16 +68,23 @@ def study(
     workers = jobs or os.cpu_count() or 1
     count = seeds or len({task.seed for task in chosen.tasks})
     command = f"asyneio study {name} --seeds {count}{' --quick' if quick else ''}"
-    console.say(f"{name}: {len(chosen.tasks)} tasks, {workers} at a time ...")
+    console.say(f"{name}: {len(chosen.tasks)} tasks, {workers} in parallel ...")
     with task_progress(name) as progress:
         result = run_study(chosen, folder, workers, command, progress)
     _show(result)
     if as_json:
         typer.echo(json.dumps(_index(name, result), indent=2))
+    _check(result, len(chosen.tasks))
+
+
+def _check(result: StudyResult, total: int) -> None:
+    """Check that no task failed. Raises StudyError."""
+    from asyneio.errors import StudyError
+
     if result.failures:
         reasons = "; ".join(f"{record.task}: {record.failure}" for record in result.failures[:_SHOWN])
         raise StudyError(
-            f"{len(result.failures)} of {len(chosen.tasks)} tasks failed, so tables and figures lack them: "
+            f"{len(result.failures)} of {total} tasks failed and are missing from tables and figures: "
             f"{reasons}. The same command tries them again"
         )
 
@@ -92,11 +104,11 @@ def _show(result: StudyResult) -> None:
     from asyneio.viz import available
 
     if result.reused:
-        console.say(f"note: {result.reused} results of an earlier run were kept")
+        console.say(f"note: {result.reused} results of an earlier run were reused")
     if result.other_code:
         console.say(
-            f"note: some of them are of other code ({', '.join(result.other_code)}); "
-            f"remove {result.written[0]} to measure them anew"
+            f"note: some of them are from other versions of the code ({', '.join(result.other_code)}); "
+            f"remove {result.written[0]} to measure them again"
         )
     if not available():
         console.say("note: no figures without matplotlib: pip install 'asyneio[report]'")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -24,9 +23,8 @@ from asyneio.inertial.gravity_witness import SAME_SCALE
 from asyneio.inertial.stationarity import possible
 from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
 from asyneio.io.recording.assembly import USUAL_SIZES
+from asyneio.progress import ProgressCallback
 from asyneio.types import CameraIntrinsics, FloatArray, RecordArray
-
-Progress = Callable[[float], None]
 
 #: Without a lens a view of about 60 degrees is taken: the rates about x and y are then off by its error.
 _GUESSED_FOCAL = 0.87
@@ -34,7 +32,7 @@ _FOUND = tuple[CameraRates, Alignment | None, Gains | None]
 
 
 def with_alignment(
-    evidence: Inspection, excerpts: list[RecordArray], progress: Progress | None
+    evidence: Inspection, excerpts: list[RecordArray], progress: ProgressCallback | None
 ) -> Inspection:
     """Inspection with the comparison, where there is enough for it.
 
@@ -74,7 +72,7 @@ def _far_off(scale: float) -> bool:
 
 
 def _compared(
-    evidence: Inspection, excerpts: list[RecordArray], scale: float, progress: Progress | None
+    evidence: Inspection, excerpts: list[RecordArray], scale: float, progress: ProgressCallback | None
 ) -> _FOUND:
     """Rates, alignment and gains with the gyroscope's readings divided by `scale`."""
     streams, calibration, camera = evidence.streams, evidence.calibration, evidence.camera

@@ -48,6 +48,7 @@ from asyneio.doctor.inspection import Inspection, fail, ok
 from asyneio.doctor.other_kinds import MATLAB, PICTURES, POSES
 from asyneio.doctor.result import CheckResult, Diagnosis, Severity
 from asyneio.io.recording.contents import ReadOptions
+from asyneio.progress import ProgressCallback
 
 #: One after the other; None: there is nothing that this check could look at.
 CHECKS: tuple[Callable[[Inspection], CheckResult | None], ...] = (
@@ -100,7 +101,7 @@ CURES = {
 
 
 def examine(
-    path: Path | str, options: ReadOptions | None = None, progress: Callable[[float], None] | None = None
+    path: Path | str, options: ReadOptions | None = None, progress: ProgressCallback | None = None
 ) -> Diagnosis:
     """Whether a recording is usable, and if not, what is to be done.
 

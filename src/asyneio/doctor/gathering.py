@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,13 +22,13 @@ from asyneio.io.recording.assembly import prepare_samples
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.types import Calibration, RecordArray
 
-Progress = Callable[[float], None]
-
 #: Share of the work that reading is.
 _READING = 0.8
 
 
-def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -> tuple[Inspection, float]:
+def gather(
+    path: Path, options: ReadOptions, progress: ProgressCallback | None = None
+) -> tuple[Inspection, float]:
     """Look at a recording; also the seconds that reading its events took.
 
     Args:
@@ -91,7 +91,7 @@ def _attempts(
 
 
 def _look_at(
-    path: Path, options: ReadOptions, opened: _Opened, progress: Progress
+    path: Path, options: ReadOptions, opened: _Opened, progress: ProgressCallback
 ) -> tuple[Inspection, list[RecordArray]]:
     contents = opened.contents
     assert contents is not None
@@ -133,6 +133,6 @@ def _look_at(
     return evidence, read.excerpts
 
 
-def _part(progress: Progress | None, begin: float, end: float) -> Progress:
+def _part(progress: ProgressCallback | None, begin: float, end: float) -> ProgressCallback:
     """Progress of a part of the work."""
     return (lambda share: progress(begin + (end - begin) * share)) if progress else (lambda share: None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from asyneio.doctor.event_scan import EventFigures, EventScan
@@ -14,8 +14,6 @@ from asyneio.io.recording.event_checks import EventChecker, SensorSizeError, che
 from asyneio.io.recording.event_source import FAR_OUTSIDE, EventSource
 from asyneio.io.recording.isolated_events import IsolatedEventFilter
 from asyneio.types import RecordArray
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,9 @@ class EventReading:
     notes: tuple[str, ...]
 
 
-def read_events(contents: Contents, size: tuple[int, int] | None, progress: Progress | None) -> EventReading:
+def read_events(
+    contents: Contents, size: tuple[int, int] | None, progress: ProgressCallback | None
+) -> EventReading:
     """Decode all events once. What the reader or a run refuses is kept as a refusal, and what came before it
     still counts."""
     source = contents.decode()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -31,6 +32,7 @@ _NOT_READ = {
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
 }
 _SNIFF_BYTES = 4096
+_LOG = logging.getLogger("asyneio.io")
 _AnyRecording = TypeVar("_AnyRecording", Recording, EventRecording)
 _MAX_LISTED = 8
 
@@ -38,7 +40,7 @@ _MAX_LISTED = 8
 def open_recording(
     path: Path | str,
     options: ReadOptions | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     max_track_seconds: float | None = None,
     cache_from: int | None = None,
 ) -> Recording | EventRecording:
@@ -58,7 +60,7 @@ def open_recording(
     """
     path, options = Path(path), options or ReadOptions()
     if (path / TRACKS_FILE).is_file():
-        return _with_text(read_tracks_folder(path, options, max_track_seconds))
+        return _logged(_with_text(read_tracks_folder(path, options, max_track_seconds)))
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} contains events, not tracks; a maximum track length does not apply")
     contents = open_contents(path, options)

@@ -1,6 +1,6 @@
-"""From a recording to results: front end and estimator side by side, their figures, files and report.
+"""From a recording to results: front end and estimator in parallel, summary, files and report.
 
-The only room where files, clocks and progress meet the estimator.
+The only package in which files, clocks and progress meet the estimator.
 """
 
 from asyneio.pipeline.compilation import COMPILING
@@ -14,7 +14,6 @@ from asyneio.pipeline.outputs import (
     trajectory_file,
     write_outputs,
 )
-from asyneio.pipeline.progress import SILENT, Progress, Silent
 from asyneio.pipeline.run import Estimator, RunInterrupted, RunResult, run_recording
 
 __all__ = [
@@ -23,14 +22,11 @@ __all__ = [
     "CONFIG_FILE",
     "ESTIMATES_FILE",
     "HEALTH_FILE",
-    "SILENT",
     "SUMMARY_FILE",
     "TRAJECTORY",
     "Estimator",
-    "Progress",
     "RunInterrupted",
     "RunResult",
-    "Silent",
     "run_recording",
     "trajectory_file",
     "write_outputs",

@@ -1,8 +1,8 @@
-"""The front end over a whole recording: event packets in, packets of observations and inertial samples out.
+"""The front end in its own thread: events of a whole recording in, batches of observations out.
 
-Runs in a thread of its own (its kernel releases the interpreter), so that on two cores tracking and
-estimation go on at the same time. The result does not depend on how the two are scheduled: what the estimator
-tells of a packet's tracks takes effect a fixed number of packets later, and the front end waits for it.
+Its kernels release the GIL, so on two cores tracking and estimation run in parallel. The result does not
+depend on thread scheduling: the outlier share that the estimator reports for a batch takes effect a fixed
+number of batches later, and the front end waits for it.
 """
 
 from __future__ import annotations
@@ -11,29 +11,50 @@ import queue
 import threading
 import time
 from collections.abc import Iterator
-from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend import Frontend, gyroscope_in_camera
+from asyneio.pipeline.packets import batches
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
-#: Packets that the front end may be ahead; what it is told of one concerns the one so many later.
+#: Batches that the front end runs ahead; feedback on one batch applies to the batch this many later.
 _AHEAD = 5
 
 
-class ObservationStream:
-    """Observations of an event recording, cut at given times.
+class TrackSource(Protocol):
+    """Observations in batches, one for each packet of a run."""
 
-    An observation is known only some time after its stamp: the window of events that it is taken from lies
-    around it. So a packet is given out `max_delay_s` after its end; what comes later still is dropped and
-    counted.
+    @property
+    def busy_s(self) -> float:
+        """Processing time of the front end so far [s]."""
+
+    def __iter__(self) -> Iterator[RecordArray]:
+        """Yield one batch of observations (OBSERVATION_DTYPE, IMU clock, ascending) for each packet."""
+
+    def set_outlier_share(self, share: float) -> None:
+        """Report the share (0 to 1) of outlier tracks in the newest batch, before requesting the next."""
+
+    def observations(self) -> RecordArray:
+        """All observations of the run so far (OBSERVATION_DTYPE)."""
+
+    def notes(self) -> tuple[str, ...]:
+        """Notes for the user on observations and events that were dropped."""
+
+
+class ObservationStream:
+    """Observations of an event recording, tracked while they are read, cut at given times.
+
+    An observation becomes available some time after its timestamp, because the events it is computed from
+    surround that time. A batch is therefore released `max_delay_s` after its end; observations that arrive
+    even later are dropped and counted (`late`).
 
     Args:
-        recording: what to track.
+        recording: the events to track.
         config: the section `frontend`.
-        ends_ns: (N+1,) start of the first packet and end of every packet, IMU clock.
+        ends_ns: (N+1,) start of the first batch and end of every batch [ns, IMU clock].
     """
 
     def __init__(self, recording: EventRecording, config: FrontendConfig, ends_ns: IntArray) -> None:
@@ -43,15 +64,18 @@ class ObservationStream:
         self._ends_ns = ends_ns
         self._delay_ns = round(config.max_delay_s * NS_PER_S)
         self._queue: queue.SimpleQueue[RecordArray | BaseException] = queue.SimpleQueue()
-        self._told: queue.SimpleQueue[float] = queue.SimpleQueue()
-        self._unused = 0.0
+        self._feedback: queue.SimpleQueue[float] = queue.SimpleQueue()
+        self._outlier_share = 0.0
         self._stop = threading.Event()
-        self._given: list[RecordArray] = []
+        self._released: list[RecordArray] = []
         self.late = 0
         self.busy_s = 0.0
 
     def __iter__(self) -> Iterator[RecordArray]:
-        """One batch of observations (OBSERVATION_DTYPE, IMU clock, ascending) a packet."""
+        """Yield one batch of observations (OBSERVATION_DTYPE, IMU clock, ascending) for each interval.
+
+        Closing the iterator ends the thread. An error of the front end is raised here.
+        """
         worker = threading.Thread(target=self._work, name="front end", daemon=True)
         worker.start()
         try:
@@ -59,38 +83,40 @@ class ObservationStream:
                 batch = self._queue.get()
                 if isinstance(batch, BaseException):
                     raise batch
-                self._given.append(batch)
-                self._unused = 0.0
+                self._released.append(batch)
+                self._outlier_share = 0.0
                 yield batch
-                self._told.put(self._unused)
+                self._feedback.put(self._outlier_share)
         finally:
             self._stop.set()
             worker.join()
 
     def set_outlier_share(self, share: float) -> None:
-        """Say what share (0 to 1) of the tracks in the batch last given out is of no use; before the next
-        batch is asked for. Who says nothing uses all."""
-        self._unused = share
+        """Report the share (0 to 1) of outlier tracks in the newest batch, before requesting the next.
+
+        Without a report the share is zero.
+        """
+        self._outlier_share = share
 
     def observations(self) -> RecordArray:
-        """All that was given out so far."""
-        return np.concatenate([np.empty(0, dtype=OBSERVATION_DTYPE), *self._given])
+        """All observations released so far."""
+        return np.concatenate([np.empty(0, dtype=OBSERVATION_DTYPE), *self._released])
 
     def notes(self) -> tuple[str, ...]:
-        """What the user should know of what was left out."""
+        """Notes for the user on observations and events that were dropped."""
         notes = []
         if self.late:
             notes.append(
-                f"{self.late} observations came more than frontend.max_delay_s = "
-                f"{self._delay_ns / NS_PER_S:g} s after their stamp and were dropped"
+                f"{self.late} observations became available more than frontend.max_delay_s = "
+                f"{self._delay_ns / NS_PER_S:g} s after their timestamp and were dropped"
             )
         counts = self._frontend.statistics()
         left_out = counts.shed_events + counts.shed_feature_events
         if left_out:
             notes.append(
-                f"events came faster than frontend.max_load allows: {left_out} of {counts.events} events "
+                f"the event rate exceeded frontend.max_load: {left_out} of {counts.events} events "
                 f"({counts.shed_feature_events} of them near features) and {counts.shed_features} features "
-                "were shed"
+                "were dropped"
             )
         return tuple(notes)
 
@@ -99,19 +125,19 @@ class ObservationStream:
             batches = self._batches()
             for _ in range(min(_AHEAD, self._ends_ns.size - 1)):
                 self._queue.put(next(batches))
-            while (unused := self._wait_for_word()) is not None:
-                self._frontend.set_outlier_share(unused)
+            while (share := self._wait_for_feedback()) is not None:
+                self._frontend.set_outlier_share(share)
                 self._queue.put(next(batches))
         except StopIteration:
             return
-        except BaseException as error:  # for the thread that waits
+        except BaseException as error:  # raised again in the reading thread
             self._queue.put(error)
 
-    def _wait_for_word(self) -> float | None:
-        """The share of unused tracks in the next packet to be told of; None where nobody reads on."""
+    def _wait_for_feedback(self) -> float | None:
+        """The outlier share of the next batch to be reported; None when reading has stopped."""
         while not self._stop.is_set():
             try:
-                return self._told.get(timeout=0.1)
+                return self._feedback.get(timeout=0.1)
             except queue.Empty:
                 continue
         return None
@@ -119,7 +145,7 @@ class ObservationStream:
     def _batches(self) -> Iterator[RecordArray]:
         shift_ns = self._recording.calibration.timeshift_ns if self._recording.calibration else 0
         events = self._recording.events
-        # A few probes a packet: of a memory map, only what is tracked is ever read.
+        # Binary search for each batch: of a memory map, only the tracked events are read.
         begin = np.searchsorted(events["t_ns"], int(self._ends_ns[0]) - shift_ns)
         waiting = np.empty(0, dtype=OBSERVATION_DTYPE)
         from_ns = int(self._ends_ns[0])
@@ -127,7 +153,7 @@ class ObservationStream:
             until_ns = end_ns + self._delay_ns - shift_ns
             end = np.searchsorted(events["t_ns"], until_ns, side="right")
             started = time.perf_counter()
-            new = self._frontend.process(np.asarray(events[begin:end]), self._turning(until_ns))
+            new = self._frontend.process(np.asarray(events[begin:end]), self._gyroscope_before(until_ns))
             self.busy_s += time.perf_counter() - started
             begin = end
             new["t_ns"] += shift_ns
@@ -139,8 +165,8 @@ class ObservationStream:
             waiting = waiting[due:]
             from_ns = end_ns
 
-    def _turning(self, until_ns: int) -> RecordArray | None:
-        """Gyroscope samples that may concern the next packet; None where there are none at all."""
+    def _gyroscope_before(self, until_ns: int) -> RecordArray | None:
+        """Gyroscope samples that the next batch of events may need; None without a gyroscope."""
         if self._gyroscope.size == 0:
             return None
         span_ns = int(np.diff(self._ends_ns).max()) + self._delay_ns
@@ -149,14 +175,14 @@ class ObservationStream:
 
 
 class ReplayedStream:
-    """What an `ObservationStream` gave out once, given out again without tracking anew.
+    """Known observations, cut at given times: those of a tracks recording, or of an earlier run.
 
     Args:
-        observations: all of them, OBSERVATION_DTYPE, IMU clock, ascending.
-        ends_ns: as there; of the same grid, the batches are the same.
+        observations: OBSERVATION_DTYPE, IMU clock, ascending.
+        ends_ns: as in `ObservationStream`; with the same times the batches of that run are repeated.
     """
 
-    #: Nothing is tracked, so nothing takes time.
+    #: Nothing is tracked.
     busy_s = 0.0
 
     def __init__(self, observations: RecordArray, ends_ns: IntArray) -> None:
@@ -164,18 +190,16 @@ class ReplayedStream:
         self._ends_ns = ends_ns
 
     def __iter__(self) -> Iterator[RecordArray]:
-        """One batch of observations a packet: after the previous packet's end, up to its own."""
-        cuts = np.searchsorted(self._observations["t_ns"], self._ends_ns, side="right")
-        for begin, end in pairwise(cuts):
-            yield self._observations[begin:end]
+        """Yield one batch for each interval: after the end of the previous interval, up to its own end."""
+        return batches(self._observations, self._ends_ns)
 
     def set_outlier_share(self, share: float) -> None:
-        """Too late: what was tracked is tracked."""
+        """Ignored: these tracks exist already."""
 
     def observations(self) -> RecordArray:
-        """All of them."""
+        """All observations."""
         return self._observations
 
     def notes(self) -> tuple[str, ...]:
-        """None: what was left out is known to the run that tracked."""
+        """No notes: the run that tracked reported them."""
         return ()

@@ -1,16 +1,16 @@
-"""The files of a results folder."""
+"""Writes the files of a results folder."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from asyneio.config import Config, dump_config
+from asyneio.config import dump_config
 from asyneio.io import to_trajectory, write_estimates, write_tum
 from asyneio.io.parsing.atomic import write_text
 from asyneio.io.results.health import write_attitudes, write_health
 from asyneio.pipeline.run import RunResult
 
-#: Names of the files of a results folder; the summary comes last: where it is, the others are whole.
+#: File names in a results folder. The summary is written last: if it exists, the others are complete.
 TRAJECTORY = "trajectory"
 ESTIMATES_FILE = "estimates.npz"
 HEALTH_FILE = "health.csv"
@@ -19,12 +19,13 @@ CONFIG_FILE = "config.yaml"
 SUMMARY_FILE = "summary.json"
 
 
-def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]:
-    """Write a trajectory for each segment, estimates, health, resolved configuration and summary; the paths
-    written, in that order.
+def write_outputs(result: RunResult, folder: Path) -> list[Path]:
+    """Write a trajectory for each segment, estimates, health, attitudes, settings and summary.
 
-    Without any estimate there is no trajectory; files of an earlier run are removed so that none of them can
-    be taken for this one's.
+    Files of an earlier run in `folder` are removed first. Without estimates there is no trajectory file.
+
+    Returns:
+        The files, in the order they were written.
 
     Raises:
         RecordingError: a file cannot be written.
@@ -46,11 +47,11 @@ def write_outputs(result: RunResult, config: Config, folder: Path) -> list[Path]
     if attitudes:
         written.append(folder / ATTITUDE_FILE)
         write_attitudes(written[-1], attitudes)
-    write_text(folder / CONFIG_FILE, dump_config(config))
+    write_text(folder / CONFIG_FILE, dump_config(result.config))
     write_text(folder / SUMMARY_FILE, result.summary.to_json())
     return [*written, folder / CONFIG_FILE, folder / SUMMARY_FILE]
 
 
 def trajectory_file(segment: int) -> str:
-    """Name of the file of a segment's trajectory: `trajectory.tum`, `trajectory_1.tum`, ..."""
+    """File name of the trajectory of a segment: `trajectory.tum`, `trajectory_1.tum`, ..."""
     return f"{TRAJECTORY}_{segment}.tum" if segment else f"{TRAJECTORY}.tum"

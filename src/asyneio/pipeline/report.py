@@ -1,180 +1,145 @@
-"""From a run to what the report shows: errors with the estimator's bounds, tracks alive, time per step."""
+"""The report of a run: a page and pictures, with an evaluation where there is ground truth."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
 
-import numpy as np
-
-from asyneio.config import Config, differences
-from asyneio.evaluation import Evaluation
-from asyneio.io.results.estimates import stack_estimates
-from asyneio.pipeline.packets import usable_span
-from asyneio.pipeline.report_errors import bias_series, compare, velocity_sigma
-from asyneio.pipeline.report_streams import count_features, event_rate, health_changes, track_scene
+from asyneio.errors import EvaluationError
+from asyneio.evaluation import Evaluation, evaluate, protocol_named
+from asyneio.io import to_trajectory
+from asyneio.io.parsing.atomic import atomic_file, write_text
+from asyneio.pipeline.report_data import KnownStates, report_data
+from asyneio.pipeline.result_table import run_rows
 from asyneio.pipeline.run import RunResult
-from asyneio.types import (
-    NS_PER_S,
-    Estimate,
-    EventRecording,
-    FloatArray,
-    Health,
-    IntArray,
-    Recording,
+from asyneio.progress import ProgressCallback
+from asyneio.types import EventRecording, PoseTrajectory, Recording
+from asyneio.version import __version__
+from asyneio.viz import ReportData, render_overview, render_pictures, render_report
+from asyneio.viz.data import Rows
+
+#: Default first sentence of a report.
+RECORDED = (
+    "A recording, processed causally: each estimate uses only earlier measurements; feature observations are "
+    "available up to frontend.max_delay_s after their timestamp."
 )
-from asyneio.viz import Comparison, HealthTimeline, ReportData, Series, States, Timing
 
 
-class KnownState(Protocol):
-    """True states at N times, as a simulation knows them: all (N,3), SI, velocity in the truth's world."""
+class RunReport:
+    """Evaluation, table, page and pictures of one run. Drawing requires matplotlib (`asyneio[report]`).
 
-    @property
-    def velocity_w(self) -> FloatArray:
-        """Velocity [m/s]."""
+    Attributes:
+        scores: evaluation of each segment by its number, each aligned separately; empty without ground truth.
+        notes: why segments could not be evaluated.
+    """
 
-    @property
-    def bias_gyroscope(self) -> FloatArray:
-        """Gyroscope bias [rad/s]."""
+    def __init__(
+        self,
+        result: RunResult,
+        recording: Recording | EventRecording,
+        ground_truth: PoseTrajectory | None = None,
+        description: str = RECORDED,
+        known: KnownStates | None = None,
+    ) -> None:
+        """Evaluate the run.
 
-    @property
-    def bias_accelerometer(self) -> FloatArray:
-        """Accelerometer bias [m/s^2]."""
+        Args:
+            result: the run.
+            recording: the recording of the run.
+            ground_truth: replaces that of the recording.
+            description: where the data come from, shown below the title.
+            known: true velocity and biases at given times; from a simulation.
+        """
+        self._result = result
+        self._recording = recording if ground_truth is None else replace(recording, ground_truth=ground_truth)
+        self._description = description
+        self._known = known
+        self.scores, self.notes = evaluate_segments(result, self._recording.ground_truth)
+
+    @cached_property
+    def table(self) -> Rows:
+        """Labels and values with units: summary and evaluation."""
+        return run_rows(self._result.summary, self.scores)
+
+    @cached_property
+    def data(self) -> ReportData:
+        """The data of all plots."""
+        return report_data(self._result, self._recording, self.scores, self._known)
+
+    def write(self, path: Path, progress: ProgressCallback | None = None) -> Path:
+        """Write the report, one HTML file without external references; return its path.
+
+        Raises:
+            VisualizationError: matplotlib is not installed.
+            RecordingError: the file cannot be written.
+        """
+        name, text = self._recording.name, self._description
+        write_text(path, render_report(name, text, self.table, self.data, __version__, progress))
+        return path
+
+    def write_overview(self, path: Path) -> list[Path]:
+        """Write one picture of the run (PNG); no file without estimates. Raises as `write`."""
+        picture = render_overview(self.data)
+        return [] if picture is None else _write_pictures([(path, picture)])
+
+    def write_figures(self, folder: Path, progress: ProgressCallback | None = None) -> list[Path]:
+        """Write each figure of the report as a PNG file into `folder`. Raises as `write`."""
+        named = render_pictures(self.data, progress)
+        return _write_pictures((folder / f"{name}.png", picture) for name, picture in named)
 
 
-KnownStates = Callable[[IntArray], KnownState]
-
-
-def report_data(
+def write_report(
     result: RunResult,
     recording: Recording | EventRecording,
-    config: Config,
-    scores: dict[int, Evaluation],
-    known: KnownStates | None = None,
-) -> ReportData:
-    """Everything the report plots.
+    path: Path | str,
+    ground_truth: PoseTrajectory | None = None,
+) -> Path:
+    """Write the report of a run: one HTML file without external references.
 
     Args:
         result: the run.
-        recording: what was run.
-        config: the settings it was run with.
-        scores: comparison of segments with the ground truth, by number; none where there is none.
-        known: true velocity and biases at given times, None where they are not known.
+        recording: the recording of the run.
+        path: the file to write.
+        ground_truth: replaces that of the recording.
+
+    Raises:
+        VisualizationError: matplotlib is not installed (`pip install 'asyneio[report]'`).
+        RecordingError: the file cannot be written.
     """
-    start_ns, interval_s = usable_span(recording)[0], config.window.knot_interval_s
-    reports = result.run.reports
-    stamps = np.array([report.t_ns for report in reports], dtype=np.int64)
-    t_s = (stamps - start_ns) / NS_PER_S
-    names = tuple(map(str, Health))
-    with_events = recording if isinstance(recording, EventRecording) else None
-    states, comparison = _estimated(result, recording, scores, start_ns, known)
-    return ReportData(
-        health=HealthTimeline(
-            t_s,
-            np.array([names.index(report.health) for report in reports], dtype=np.int64),
-            np.array([report.segment for report in reports], dtype=np.int64),
-            names,
-            health_changes(result.summary.transitions),
-        ),
-        features=count_features(result.observations, stamps, start_ns),
-        timing=Timing(t_s, np.array([report.seconds for report in reports]), interval_s),
-        states=states,
-        comparison=comparison,
-        events=event_rate(with_events, stamps, start_ns, interval_s) if with_events else None,
-        scene=track_scene(with_events, result.observations) if with_events else None,
-        settings=_changed(config),
-        notes=result.summary.notes,
-        failure=result.summary.failure,
-    )
+    return RunReport(result, recording, ground_truth).write(Path(path))
 
 
-def _estimated(
-    result: RunResult,
-    recording: Recording | EventRecording,
-    scores: dict[int, Evaluation],
-    start_ns: int,
-    known: KnownStates | None,
-) -> tuple[States | None, Comparison | None]:
-    """All segments one after another; None without any."""
-    segments = result.run.segments()
-    parts = [_segment_data(result, recording, segment, scores, start_ns, known) for segment in segments]
-    if not parts:
-        return None, None
-    comparisons = [part.comparison for part in parts if part.comparison]
-    states = States(
-        tuple(part.position for part in parts),
-        _joined([part.velocity for part in parts]),
-        _joined([part.bias_gyroscope for part in parts]),
-        _joined([part.bias_accelerometer for part in parts]),
-    )
-    return states, _joined_comparisons(comparisons) if comparisons else None
+def evaluate_segments(
+    result: RunResult, ground_truth: PoseTrajectory | None, protocol: str = "posyaw"
+) -> tuple[dict[int, Evaluation], tuple[str, ...]]:
+    """Evaluate each segment of a run, aligned separately.
+
+    Returns:
+        Evaluations by segment number, empty without ground truth; notes on segments without an evaluation.
+
+    Raises:
+        EvaluationError: the protocol is unknown.
+    """
+    scores: dict[int, Evaluation] = {}
+    notes: list[str] = []
+    rules = protocol_named(protocol)
+    if ground_truth is None:
+        return scores, ()
+    for segment in result.run.segments():
+        number = segment[0].segment
+        try:
+            scores[number] = evaluate(to_trajectory(segment), ground_truth, rules)
+        except EvaluationError as error:
+            notes.append(f"segment {number} is not compared with the ground truth: {error}")
+    return scores, tuple(notes)
 
 
-@dataclass(frozen=True)
-class _SegmentData:
-    """What the report shows of one segment."""
-
-    position: FloatArray
-    velocity: Series
-    bias_gyroscope: Series
-    bias_accelerometer: Series
-    comparison: Comparison | None
-
-
-def _segment_data(
-    result: RunResult,
-    recording: Recording | EventRecording,
-    estimates: list[Estimate],
-    scores: dict[int, Evaluation],
-    start_ns: int,
-    known: KnownStates | None,
-) -> _SegmentData:
-    number = estimates[0].segment
-    t_ns = np.array([estimate.t_ns for estimate in estimates], dtype=np.int64)
-    t_s = (t_ns - start_ns) / NS_PER_S
-    states = stack_estimates(estimates)
-    origin, score = result.origin_of(number), scores.get(number)
-    comparison, R = compare(estimates, origin, recording, score, start_ns)
-    truth = known(t_ns) if known else None
-    velocity = Series(
-        t_s, states["velocity_w"] @ R.T, velocity_sigma(states, R), truth.velocity_w if truth else None
-    )
-    return _SegmentData(
-        states["T_w_b"][:, :3, 3],
-        velocity,
-        bias_series(states, "bias_gyroscope", t_s, truth.bias_gyroscope if truth else None),
-        bias_series(states, "bias_accelerometer", t_s, truth.bias_accelerometer if truth else None),
-        comparison,
-    )
-
-
-def _joined(parts: Sequence[Series]) -> Series:
-    """One series, with a row that is not finite between two segments: no line joins them."""
-    truths = [part.truth for part in parts if part.truth is not None]
-    return Series(
-        _stacked([part.t_s for part in parts]),
-        _stacked([part.value for part in parts]),
-        _stacked([part.sigma for part in parts]),
-        _stacked(truths) if truths else None,
-    )
-
-
-def _joined_comparisons(parts: Sequence[Comparison]) -> Comparison:
-    return Comparison(
-        _stacked([part.position_estimate for part in parts]),
-        _stacked([part.position_truth for part in parts]),
-        _joined([part.position_error for part in parts]),
-        _joined([part.orientation_error for part in parts]),
-    )
-
-
-def _stacked(parts: Sequence[FloatArray]) -> FloatArray:
-    gap = np.full((1, *parts[0].shape[1:]), np.nan)
-    return np.concatenate([piece for part in parts for piece in (gap, part)][1:])
-
-
-def _changed(config: Config) -> tuple[tuple[str, str], ...]:
-    """Settings that differ from the defaults, and their values."""
-    found = differences(config, Config())
-    return tuple((name, f"{value} (default: {usual})") for name, (value, usual) in found.items())
+def _write_pictures(pictures: Iterable[tuple[Path, bytes]]) -> list[Path]:
+    written = []
+    for path, picture in pictures:
+        with atomic_file(path) as stream:
+            stream.write(picture)
+        written.append(path)
+    return written

@@ -1,4 +1,4 @@
-"""From estimates to errors: against the truth, with the bounds that the estimator claims."""
+"""From estimates to errors against the ground truth, with the estimated standard deviations."""
 
 from __future__ import annotations
 
@@ -27,10 +27,20 @@ def compare(
     score: Evaluation | None,
     start_ns: int,
 ) -> tuple[Comparison | None, FloatArray]:
-    """The comparison of one segment, and the rotation (3,3) from its world to the truth's.
+    """Compare one segment with the ground truth; also the rotation (3,3) from its world to that of the truth.
 
-    The covariance speaks of errors relative to the knot that defines the segment's world. So they are taken
-    from there, or from the first estimate that the truth covers.
+    Covariances describe errors relative to the knot that defines the world of the segment. Errors are
+    therefore relative to that knot, or to the first estimate that the ground truth covers.
+
+    Args:
+        estimates: of one segment, in order.
+        origin: the knot that defines the world; None if unknown.
+        recording: with the ground truth.
+        score: evaluation of the segment; None without ground truth: identity is returned.
+        start_ns: zero of the time axis [ns].
+
+    Raises:
+        EvaluationError: too few estimates have ground truth.
     """
     if score is None or recording.ground_truth is None:
         return None, np.eye(3)
@@ -50,10 +60,10 @@ def compare(
 def _errors(
     estimates: list[Estimate], matched: Association, alignment: Similarity, start_ns: int
 ) -> tuple[Series, Series]:
-    """Errors of position [m, world axes] and orientation [deg, body axes] at the estimates, with sigmas."""
+    """Position [m, world axes] and orientation errors [deg, body axes] of the estimates, with sigmas."""
     t_ns = np.array([estimate.t_ns for estimate in estimates])
     index = np.minimum(np.searchsorted(t_ns, matched.t_ns), t_ns.size - 1)
-    # The origin took part in the alignment only.
+    # The origin is used for alignment only.
     kept = t_ns[index] == matched.t_ns
     covariance = stack_estimates(estimates)["covariance"][index[kept]]
     aligned = alignment.apply(matched.estimate)
@@ -68,9 +78,9 @@ def _errors(
 
 
 def velocity_sigma(states: dict[str, FloatArray], R: FloatArray) -> FloatArray:
-    """Standard deviations (N,3) of the world velocity, in a world turned by `R` (3,3).
+    """Standard deviations (N,3) of the world velocity [m/s], in a world rotated by `R` (3,3).
 
-    It is `C nu`: its error is `C (d nu + phi^ nu)`, with `phi^ nu = -nu^ phi`.
+    The velocity is `C nu`, so its error is `C (d nu + phi^ nu)`, with `phi^ nu = -nu^ phi`.
     """
     C = states["T_w_b"][:, :3, :3]
     nu = np.einsum("nji,nj->ni", C, states["velocity_w"])
@@ -78,15 +88,15 @@ def velocity_sigma(states: dict[str, FloatArray], R: FloatArray) -> FloatArray:
     minus_nu_hat = np.cross(nu[:, None, :], np.eye(3))
     jacobian = R @ C @ np.concatenate([minus_nu_hat, np.broadcast_to(np.eye(3), C.shape)], axis=2)
     phi, rate = _slice("phi"), _slice("nu")
-    wanted = np.r_[phi, rate]
-    covariance = states["covariance"][:, wanted[:, None], wanted]
+    rows = np.r_[phi, rate]
+    covariance = states["covariance"][:, rows[:, None], rows]
     return _sigma(jacobian @ covariance @ np.swapaxes(jacobian, 1, 2))
 
 
 def bias_series(
     states: dict[str, FloatArray], name: str, t_s: FloatArray, truth: FloatArray | None
 ) -> Series:
-    """A bias (N,3) with its standard deviations, and the truth (N,3) where it is known."""
+    """A bias (N,3) with its standard deviations and, if known, the truth (N,3)."""
     return Series(t_s, states[name], _sigma(_block(states["covariance"], name, name)), truth)
 
 
@@ -100,5 +110,5 @@ def _block(covariance: FloatArray, rows: str, columns: str) -> FloatArray:
 
 
 def _sigma(covariance: FloatArray) -> FloatArray:
-    """Standard deviations (N,3) of covariances (N,3,3); rounding may leave a variance of -1e-20."""
-    return np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))
+    """Standard deviations (N,3) of covariances (N,3,3); rounding may make a variance negative."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0)))

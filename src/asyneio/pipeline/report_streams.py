@@ -1,4 +1,4 @@
-"""What a report shows of the measurements: features, events, tracks over events, changes of health."""
+"""From measurements to the data of a report: features, event rate, tracks over events, health changes."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from asyneio.types import NS_PER_S, EventRecording, IntArray, RecordArray
 from asyneio.viz import EventRate, Features, HealthChange, TrackScene
 from asyneio.viz.tracks import shown_instants
 
-#: Tracks are drawn with observations so near to the instants shown: longer than any silence between two.
+#: Observations this close to a displayed instant are kept [ns]: longer than any gap within a track.
 _NEAR_NS = 700_000_000
 
 
 def count_features(observations: RecordArray, t_ns: IntArray, start_ns: int) -> Features:
-    """Tracks alive at each time (first observation passed, last not yet), and the quartiles of their ages.
+    """Number of live tracks at each time (between first and last observation), with quartiles of their ages.
 
     Args:
         observations: OBSERVATION_DTYPE, any order.
         t_ns: (N,) ascending.
-        start_ns: where the report's time begins.
+        start_ns: zero of the time axis [ns].
     """
     order = np.lexsort((observations["t_ns"], observations["id"]))
     ids, stamps = observations["id"][order], observations["t_ns"][order]
@@ -33,7 +33,7 @@ def count_features(observations: RecordArray, t_ns: IntArray, start_ns: int) -> 
     age_s = np.full((t_ns.size, 3), np.nan)
     current, known = np.empty(0, dtype=np.int64), 0
     for index, now in enumerate(t_ns.tolist()):
-        # Only those of the step before and the new ones can be alive.
+        # Only tracks of the previous step and new ones can be alive.
         current = np.concatenate([current, np.arange(known, born[index])])
         current = current[last[current] >= now]
         known = int(born[index])
@@ -44,14 +44,14 @@ def count_features(observations: RecordArray, t_ns: IntArray, start_ns: int) -> 
 
 
 def event_rate(recording: EventRecording, t_ns: IntArray, start_ns: int, interval_s: float) -> EventRate:
-    """Events a second in each packet that ends at `t_ns` (N,), IMU clock; packets last `interval_s`."""
+    """Event rate [1/s] in packets of `interval_s` that end at `t_ns` (N,) [IMU clock]."""
     counts = event_counts(recording, np.concatenate([[start_ns], t_ns]))
     rate = np.array(counts, dtype=np.float64) / interval_s
     return EventRate((t_ns - start_ns) / NS_PER_S, rate)
 
 
 def track_scene(recording: EventRecording, observations: RecordArray) -> TrackScene | None:
-    """The tracks over the events, as `plot_tracks` shows them; None where there is nothing to show.
+    """Tracks over events, for `plot_tracks`; None without events or tracks.
 
     Args:
         recording: events in the camera clock.
@@ -60,7 +60,7 @@ def track_scene(recording: EventRecording, observations: RecordArray) -> TrackSc
     if not recording.events.size or not observations.size:
         return None
     shift_ns = calibration_of(recording).timeshift_ns
-    # A long run has millions of observations: a picture needs those around its instants.
+    # A long run has millions of observations; the picture needs those around its instants only.
     near = np.zeros(observations.size, dtype=np.bool_)
     for instant in shown_instants(recording.events["t_ns"]):
         around = instant + shift_ns + np.array([-_NEAR_NS, _NEAR_NS])
@@ -73,5 +73,5 @@ def track_scene(recording: EventRecording, observations: RecordArray) -> TrackSc
 
 
 def health_changes(transitions: tuple[Transition, ...]) -> tuple[HealthChange, ...]:
-    """The changes of health as the report shows them."""
+    """Changes of health, for the report."""
     return tuple(HealthChange(at.t_s, str(at.health), at.segment, at.reason) for at in transitions)

@@ -1,35 +1,21 @@
-"""The runner: feeds a recording to the estimator packet by packet and keeps time."""
+"""The runner: feeds a recording to the estimator packet by packet and measures time."""
 
 from __future__ import annotations
 
+import logging
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
-
-import numpy as np
 
 from asyneio.config import Config
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.odometry import Odometry
 from asyneio.pipeline.compilation import Compilation, compile_ahead, watch_compilation
-from asyneio.pipeline.frontend_thread import ObservationStream, ReplayedStream
-from asyneio.pipeline.packets import (
-    calibration_of,
-    check_inertial_scales,
-    observations_of,
-    packets,
-    usable_span,
-)
-from asyneio.pipeline.progress import SILENT, Progress
-from asyneio.pipeline.summary import (
-    Costs,
-    Grid,
-    Summary,
-    camera_summary,
-    imu_noise_summary,
-    imu_scale_summary,
-    summarize,
-)
+from asyneio.pipeline.frontend_thread import ObservationStream, ReplayedStream, TrackSource
+from asyneio.pipeline.packets import calibration_of, check_inertial_scales, packets, usable_span
+from asyneio.pipeline.summarize import Costs, Grid, Outcome, summarize
+from asyneio.pipeline.summary import Summary
+from asyneio.progress import SILENT, RunProgress
 from asyneio.types import (
     NS_PER_S,
     CalibrationEstimate,
@@ -37,7 +23,6 @@ from asyneio.types import (
     EventRecording,
     Health,
     InitialState,
-    IntArray,
     Packet,
     RecordArray,
     Recording,
@@ -45,37 +30,49 @@ from asyneio.types import (
     StepReport,
 )
 
+_LOG = logging.getLogger("asyneio.pipeline")
+
 
 class Estimator(Protocol):
-    """What the runner needs of an estimator."""
+    """What the runner requires of an estimator; `Odometry` is the one of this package."""
+
+    @property
+    def origin(self) -> Estimate | None:
+        """The knot that defines the world frame of the current segment; None before initialization."""
 
     def calibration(self) -> CalibrationEstimate | None:
-        """What is believed of the camera in the present segment, once there is one."""
+        """The calibration as estimated in the current segment; None before initialization."""
 
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
-        """Take one knot interval of measurements; the causal estimates they make possible, and a report."""
+        """Process one packet; return the estimates that it completes (causal) and a report."""
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run produced, and its figures.
+    """Result of a run.
 
-    `observations` are what the estimator was given, IMU clock. `origins` are the knots that define origin and
-    yaw of the segments' worlds, to which all covariances are relative.
+    Attributes:
+        run: estimates and step reports.
+        summary: the figures of the run.
+        observations: what the estimator received (OBSERVATION_DTYPE, IMU clock).
+        origins: the knot of each segment that defines origin and yaw of its world frame; all covariances are
+            relative to it.
+        config: the settings of the run.
     """
 
     run: Run
     summary: Summary
     observations: RecordArray
     origins: tuple[Estimate, ...] = ()
+    config: Config = field(default_factory=Config)
 
     def origin_of(self, segment: int) -> Estimate | None:
-        """The knot that defines the world of a segment; None where it is not known."""
+        """The knot that defines the world frame of a segment; None if unknown."""
         return next((origin for origin in self.origins if origin.segment == segment), None)
 
 
 class RunInterrupted(KeyboardInterrupt):
-    """A run was interrupted; `result` is what there was until then."""
+    """A run was interrupted; `result` contains everything until then."""
 
     def __init__(self, result: RunResult) -> None:
         super().__init__(result.summary.failure)
@@ -85,89 +82,130 @@ class RunInterrupted(KeyboardInterrupt):
 def run_recording(
     recording: Recording | EventRecording,
     config: Config,
-    progress: Progress = SILENT,
+    progress: RunProgress = SILENT,
     observations: RecordArray | None = None,
     initial_state: InitialState | None = None,
+    estimator: Estimator | None = None,
 ) -> RunResult:
-    """Run the estimator over a whole recording; of events, the front end runs beside it.
+    """Run the estimator over a whole recording; for events, the front end runs in parallel.
 
-    `observations` are those of an earlier run on the same events (`RunResult.observations`): given again,
-    they save the tracking and lead to the same estimates. The first segment begins at `initial_state` where
-    that is known. An error of the estimator ends the run; what it had estimated until then is kept and the
-    cause stands in `summary.failure`.
+    Args:
+        recording: tracks or events with inertial samples and a calibration.
+        config: all settings.
+        progress: receives messages and the position in the recording.
+        observations: of an earlier run on the same events (`RunResult.observations`): repeats that run
+            without tracking again. Ignored for a tracks recording.
+        initial_state: state at which the first segment begins, if it is known.
+        estimator: used instead of `Odometry(config, calibration, initial_state)`.
+
+    An error of the estimator ends the run: the estimates until then are kept, and `summary.failure` states
+    the cause.
 
     Raises:
-        RecordingError: the recording is shorter than two knot intervals, has events without the inertial
-            samples or the calibration that the estimator needs, or samples whose scale gravity contradicts.
+        RecordingError: the recording is shorter than two knot intervals, has no inertial samples or no
+            calibration, or inertial samples whose scale disagrees with gravity.
         RunInterrupted: Ctrl-C while the estimator ran.
     """
-    interval_ns = round(config.window.knot_interval_s * NS_PER_S)
+    grid = _grid(recording, config.window.knot_interval_s)
+    check_inertial_scales(recording)
+    with watch_compilation(progress) as compilation:
+        compile_ahead(compilation, progress)
+        estimator = estimator or Odometry(config, calibration_of(recording), initial_state)
+        source = _track_source(recording, config, grid, observations)
+        loop = _Loop(estimator, source, compilation, progress, grid)
+        loop.run(recording)
+    outcome = Outcome(loop.done, estimator.calibration(), source.observations(), source.notes(), loop.error)
+    costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
+    summary = summarize(recording, outcome, grid, costs)
+    _log_summary(summary, source)
+    result = RunResult(loop.done, summary, outcome.observations, tuple(loop.origins.values()), config)
+    if loop.interrupted:
+        raise RunInterrupted(result)
+    return result
+
+
+def _log_summary(summary: Summary, source: TrackSource) -> None:
+    for note in source.notes():
+        _LOG.warning("%s: %s", summary.recording, note)
+    _LOG.info(
+        "%s: %d knots in %d segment(s), %.2f s processed in %.2f s",
+        *(summary.recording, summary.knots, len(summary.segments), summary.duration_s, summary.processing_s),
+    )
+    if summary.failure:
+        _LOG.warning("%s: %s", summary.recording, summary.failure)
+
+
+def _grid(recording: Recording | EventRecording, interval_s: float) -> Grid:
+    """The packets of a recording. Raises RecordingError: fewer than two, or as `usable_span`."""
+    interval_ns = round(interval_s * NS_PER_S)
     start_ns, end_ns = usable_span(recording)
     total = (end_ns - start_ns) // interval_ns
     if total < 2:
         raise RecordingError(
             f"{recording.name}: camera and both inertial sensors overlap for "
             f"{(end_ns - start_ns) / NS_PER_S:.3f} s; at least two knot intervals "
-            f"of {config.window.knot_interval_s} s are needed"
+            f"of {interval_s} s are needed"
         )
-    check_inertial_scales(recording)
-    run, error, interrupted = Run(), "", False
-    ends_ns = start_ns + interval_ns * np.arange(total + 1, dtype=np.int64)
-    with watch_compilation(progress) as compilation:
-        compile_ahead(compilation, progress)
-        estimator: Estimator = Odometry(config, calibration_of(recording), initial_state)
-        tracked = _track(recording, config, ends_ns, observations)
-        compiled_s, started = compilation.seconds, time.perf_counter()
-        try:
-            for index, packet in enumerate(
-                packets(recording, start_ns, interval_ns, total, tracked), start=1
-            ):
-                _step(estimator, packet, run, compilation)
-                report, done_s = run.reports[-1], index * interval_ns / NS_PER_S
-                if tracked:
-                    tracked.set_outlier_share(report.outlier_share)
-                if report.health is Health.LOST:
-                    progress.message(f"lost after {done_s:.1f} s: {report.reason}")
-                progress.advance(done_s, total * interval_ns / NS_PER_S, report.health)
-        except AsyneioError as caught:
-            error = str(caught)
-        except KeyboardInterrupt:
-            error, interrupted = f"interrupted after {len(run.reports) * interval_ns / NS_PER_S:.1f} s", True
-        wall_s = max(time.perf_counter() - started - (compilation.seconds - compiled_s), 0.0)
-    given = tracked.observations() if tracked else observations_of(recording)
-    costs = Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
-    notes = (*recording.notes, *(tracked.notes() if tracked else ()))
-    grid = Grid(start_ns, interval_ns, total)
-    summary = summarize(recording, given, run, grid, costs, error)
-    summary = replace(
-        summary,
-        notes=notes,
-        camera=camera_summary(estimator.calibration()),
-        imu_scale=imu_scale_summary(estimator.calibration()),
-        imu_noise=imu_noise_summary(calibration_of(recording).noise, run.reports),
-    )
-    origins = tuple(report.origin for report in run.reports if report.origin is not None)
-    result = RunResult(run, summary, given, origins)
-    if interrupted:
-        raise RunInterrupted(result)
-    return result
+    return Grid(start_ns, interval_ns, total)
 
 
-def _track(
-    recording: Recording | EventRecording, config: Config, ends_ns: IntArray, known: RecordArray | None
-) -> ObservationStream | ReplayedStream | None:
+def _track_source(
+    recording: Recording | EventRecording, config: Config, grid: Grid, known: RecordArray | None
+) -> TrackSource:
     if isinstance(recording, Recording):
-        return None
+        return ReplayedStream(recording.observations, grid.ends_ns())
     if known is not None:
-        return ReplayedStream(known, ends_ns)
-    return ObservationStream(recording, config.frontend, ends_ns)
+        return ReplayedStream(known, grid.ends_ns())
+    return ObservationStream(recording, config.frontend, grid.ends_ns())
 
 
-def _step(estimator: Estimator, packet: Packet, run: Run, compilation: Compilation) -> None:
-    """One packet, with its processing time (less what was spent compiling) in the report."""
-    compiled_before = compilation.seconds
-    started = time.perf_counter()
-    estimates, report = estimator.process(packet)
-    seconds = time.perf_counter() - started - (compilation.seconds - compiled_before)
-    run.estimates.extend(estimates)
-    run.reports.append(replace(report, seconds=max(seconds, 0.0)))
+@dataclass
+class _Loop:
+    """Packets through the estimator, until they end, it fails or the user interrupts."""
+
+    estimator: Estimator
+    source: TrackSource
+    compilation: Compilation
+    progress: RunProgress
+    grid: Grid
+    done: Run = field(default_factory=Run)
+    origins: dict[int, Estimate] = field(default_factory=dict)
+    error: str = ""
+    interrupted: bool = False
+    wall_s: float = 0.0
+
+    def run(self, recording: Recording | EventRecording) -> None:
+        """Process all packets; `wall_s` is the time it took, without compilation."""
+        compiled_s, started = self.compilation.seconds, time.perf_counter()
+        grid = self.grid
+        try:
+            for packet in packets(recording, grid.start_ns, grid.interval_ns, grid.total, self.source):
+                report = self._step(packet)
+                self.source.set_outlier_share(report.refused)
+                self._show(report)
+        except AsyneioError as caught:
+            self.error = str(caught)
+        except KeyboardInterrupt:
+            self.error, self.interrupted = f"interrupted after {self._done_s():.1f} s", True
+        self.wall_s = max(time.perf_counter() - started - (self.compilation.seconds - compiled_s), 0.0)
+
+    def _step(self, packet: Packet) -> StepReport:
+        """Process one packet; its report contains the processing time without compilation."""
+        compiled_s, started = self.compilation.seconds, time.perf_counter()
+        estimates, report = self.estimator.process(packet)
+        seconds = time.perf_counter() - started - (self.compilation.seconds - compiled_s)
+        self.done.estimates.extend(estimates)
+        self.done.reports.append(replace(report, seconds=max(seconds, 0.0)))
+        origin = self.estimator.origin
+        if origin is not None:
+            self.origins.setdefault(origin.segment, origin)
+        return report
+
+    def _show(self, report: StepReport) -> None:
+        done_s, grid = self._done_s(), self.grid
+        if report.health is Health.LOST:
+            self.progress.message(f"lost after {done_s:.1f} s: {report.reason}")
+        self.progress.advance(done_s, grid.total * grid.interval_ns / NS_PER_S, report.health)
+
+    def _done_s(self) -> float:
+        return len(self.done.reports) * self.grid.interval_ns / NS_PER_S

@@ -1,31 +1,37 @@
-"""The front end alone over a whole recording, and the figures of what it found."""
+"""The front end alone over a whole recording, with its summary.
+
+A plain loop rather than an `ObservationStream`: it needs neither IMU nor calibration, no estimator runs in
+parallel, and it measures the time of the front end only.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from asyneio.config import FrontendConfig
+from asyneio.errors import RecordingError
 from asyneio.evaluation.tracks_lives import Tracks, group_tracks
 from asyneio.frontend import Frontend, FrontendStatistics, gyroscope_in_camera
 from asyneio.pipeline.packets import check_length
+from asyneio.progress import ProgressCallback
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
-#: What the front end is given at a time: short enough for a smooth progress bar, long enough to cost nothing.
+#: Length of a packet: short enough for a smooth progress bar, long enough for negligible overhead.
 PACKET_NS = 10_000_000
 
 
 @dataclass(frozen=True)
 class TrackRun:
-    """What the front end made of a recording.
+    """Result of the front end on one recording.
 
-    `observations` OBSERVATION_DTYPE in the camera clock, ascending; `alive` (K,): features tracked after each
-    of K packets; `seconds` spent in the front end, `compile_s` for compiling before that; `gyroscope`:
-    whether one was used.
+    `observations`: OBSERVATION_DTYPE in the camera clock, ascending; `alive` (K,): features alive after each
+    of K packets; `seconds`: time in the front end; `compile_s`: time of compilation before that;
+    `gyroscope`: whether one was used.
     """
 
     tracker: str
@@ -41,56 +47,64 @@ def track_recording(
     recording: EventRecording,
     config: FrontendConfig,
     use_gyroscope: bool = True,
-    advance: Callable[[float], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> TrackRun:
     """Run the front end over all events.
 
     Args:
         recording: with at least one event.
-        config: the section `frontend`.
-        use_gyroscope: give it the gyroscope, where the recording has one and a calibration.
-        advance: is told the share done, 0 to 1.
+        config: settings of the front end.
+        use_gyroscope: pass the gyroscope to the front end, if the recording has one and a calibration.
+        progress: called with the share of the recording that is done.
 
     Raises:
-        RecordingError: the events last for weeks.
+        RecordingError: the recording contains no events or is longer than a week.
     """
     events = recording.events
+    if not events.size:
+        raise RecordingError(f"{recording.name} contains no events; expected at least one")
     gyroscope = gyroscope_in_camera(recording) if use_gyroscope else np.empty(0, dtype=INERTIAL_DTYPE)
     first_ns, last_ns = check_length(recording.name, int(events["t_ns"][0]), int(events["t_ns"][-1]))
     edges_ns = np.arange(first_ns, last_ns + PACKET_NS + 1, PACKET_NS)
-    cuts = np.searchsorted(events["t_ns"], edges_ns)
-    samples = np.searchsorted(gyroscope["t_ns"], edges_ns)
-    started = time.perf_counter()
-    Frontend(config, recording.width, recording.height).process(np.array(events[:1]))
-    compile_s = time.perf_counter() - started
+    compile_s = _seconds_of_first_call(recording, config)
     frontend = Frontend(config, recording.width, recording.height)
     pieces = [np.empty(0, dtype=OBSERVATION_DTYPE)]
     alive = np.zeros(edges_ns.size - 1, dtype=np.int64)
     seconds = 0.0
-    for k in range(edges_ns.size - 1):
-        # A copy: events may be a memory map, and reading it is not the front end's time.
-        packet = np.array(events[cuts[k] : cuts[k + 1]])
-        turning = gyroscope[samples[k] : samples[k + 1]] if gyroscope.size else None
+    for k, (packet, rotation) in enumerate(_packets(events, gyroscope, edges_ns)):
         started = time.perf_counter()
-        pieces.append(frontend.process(packet, turning))
+        pieces.append(frontend.process(packet, rotation))
         seconds += time.perf_counter() - started
         alive[k] = frontend.statistics().alive
-        if advance and k % 10 == 0:
-            advance(k / edges_ns.size)
-    observations = np.concatenate(pieces)
-    return TrackRun(
-        config.tracker,
-        observations[np.lexsort((observations["id"], observations["t_ns"]))],
-        alive,
-        frontend.statistics(),
-        seconds,
-        compile_s,
-        gyroscope.size > 0,
-    )
+        if progress and k % 10 == 0:
+            progress(k / edges_ns.size)
+    found = np.concatenate(pieces)
+    found = found[np.lexsort((found["id"], found["t_ns"]))]
+    used = gyroscope.size > 0
+    return TrackRun(config.tracker, found, alive, frontend.statistics(), seconds, compile_s, used)
+
+
+def _seconds_of_first_call(recording: EventRecording, config: FrontendConfig) -> float:
+    """Compile the kernels, or load them from the cache, with one event; the seconds it took."""
+    started = time.perf_counter()
+    Frontend(config, recording.width, recording.height).process(np.array(recording.events[:1]))
+    return time.perf_counter() - started
+
+
+def _packets(
+    events: RecordArray, gyroscope: RecordArray, edges_ns: IntArray
+) -> Iterator[tuple[RecordArray, RecordArray | None]]:
+    """Events and gyroscope samples of each packet between edges (N+1,); None without a gyroscope."""
+    cuts = np.searchsorted(events["t_ns"], edges_ns)
+    samples = np.searchsorted(gyroscope["t_ns"], edges_ns)
+    for k in range(edges_ns.size - 1):
+        # A copy, because events may be a memory map: reading it is not part of the front end's time.
+        packet = np.array(events[cuts[k] : cuts[k + 1]])
+        yield packet, gyroscope[samples[k] : samples[k + 1]] if gyroscope.size else None
 
 
 def summarize_tracks(recording: EventRecording, run: TrackRun) -> dict[str, Any]:
-    """The figures of a run as plain values for JSON; lives in seconds, None where there is no track."""
+    """Summary as plain values for JSON. Track lives `life_s` in seconds, None without tracks."""
     t_ns = recording.events["t_ns"]
     first_ns, last_ns, count = int(t_ns[0]), int(t_ns[-1]), int(t_ns.size)
     duration_s = max(last_ns - first_ns, 1) / NS_PER_S

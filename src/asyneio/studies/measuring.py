@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from asyneio.progress import TaskCallback
 from asyneio.studies.execution import run_tasks
 from asyneio.studies.records import Record, append, appending, latest, read_records
 from asyneio.studies.study import Task, code_fingerprint, task_key, task_values
-
-#: Told how many tasks are done of how many, and how many of those failed.
-Progress = Callable[[int, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ def measure_missing(
     tasks: Sequence[Task],
     settings: str,
     jobs: int,
-    progress: Progress = lambda *_: None,
+    progress: TaskCallback = lambda *_: None,
 ) -> Measured:
     """Every result is on disk as soon as it is there: a run that is stopped resumes where it was. Tasks that
     failed are tried again.

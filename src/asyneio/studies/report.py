@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from asyneio import __version__
 from asyneio.io.parsing.atomic import atomic_file, write_text
 from asyneio.studies.records import Record
 from asyneio.studies.study import Contest, Study, View
@@ -25,6 +24,7 @@ from asyneio.studies.tables import (
     winner_words,
 )
 from asyneio.studies.views import Gathered, decide, gather, label_of
+from asyneio.version import __version__
 from asyneio.viz import available
 from asyneio.viz.curves import Curve, Map, Panel, render_map, render_panels
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from asyneio.studies.measuring import Progress, measure_missing
+from asyneio.progress import TaskCallback
+from asyneio.studies.measuring import measure_missing
 from asyneio.studies.records import Record
 from asyneio.studies.report import Provenance, write_report
 from asyneio.studies.study import Study
@@ -32,7 +33,7 @@ class StudyResult:
 
 
 def run_study(
-    study: Study, folder: Path, jobs: int, command: str, progress: Progress = lambda *_: None
+    study: Study, folder: Path, jobs: int, command: str, progress: TaskCallback = lambda *_: None
 ) -> StudyResult:
     """Measure the tasks that the folder has no result of, under these settings; write tables and figures.
 

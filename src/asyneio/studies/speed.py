@@ -21,15 +21,14 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from asyneio import __version__
 from asyneio.errors import StudyError
+from asyneio.progress import TaskCallback
 from asyneio.studies.speed_run import ESTIMATOR, FRONT_END, PIPELINE, Figures, SpeedRun
 from asyneio.studies.speed_stages import STAGES
 from asyneio.studies.speed_workload import Workload
 from asyneio.studies.study import code_fingerprint, fingerprint
+from asyneio.version import __version__
 
-#: Told how many measurements are done of how many; none of them fails without ending it all.
-Progress = Callable[[int, int, int], None]
 #: Calls a measurement by its name, with its arguments.
 Measure = Callable[..., Figures]
 
@@ -50,7 +49,9 @@ class SpeedOptions:
     cold: bool = False
 
 
-def measure_speed(workload: Workload, options: SpeedOptions, progress: Progress = lambda *_: None) -> Figures:
+def measure_speed(
+    workload: Workload, options: SpeedOptions, progress: TaskCallback = lambda *_: None
+) -> Figures:
     """Measure a workload; the figures as plain values, ready for JSON.
 
     Raises:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from asyneio.config import Config
 from asyneio.errors import StudyError
 from asyneio.io import ReadOptions, open_recording, write_events_hdf5
 from asyneio.io.recording.cache import cache_folder
+from asyneio.progress import ProgressCallback
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events, stream_events
 from asyneio.studies.simulated import fingerprint
 from asyneio.studies.uzh import first_seconds
@@ -32,7 +33,7 @@ class Workload:
     config: Config
     options: ReadOptions | None = None
 
-    def open(self, progress: Callable[[float], None] | None = None) -> EventRecording:
+    def open(self, progress: ProgressCallback | None = None) -> EventRecording:
         """Read it, or the first `seconds`; `progress` is told the share read.
 
         Raises:
@@ -51,7 +52,7 @@ def simulated_workload(
     seconds: float,
     config: Config,
     folder: Path | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Workload:
     """The fixed workload, simulated into a folder where it is not there yet.
 

@@ -9,7 +9,7 @@ from dataclasses import Field, asdict, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
-from asyneio import __version__
+from asyneio.version import __version__
 
 #: The value of one factor of a condition.
 Value = str | int | float

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from html import escape
 from importlib import resources
 
+from asyneio.progress import ProgressCallback
 from asyneio.viz.data import HealthTimeline, ReportData, Rows
 from asyneio.viz.figures import ReportFigure, plot_overview, report_figures
 from asyneio.viz.space import space_json
 from asyneio.viz.style import plotting, to_png, to_svg
-
-Advance = Callable[[float], None]
 
 #: Dots an inch of pictures on the page and of picture files.
 _PAGE_DPI, _FILE_DPI = 180, 200
@@ -23,7 +22,12 @@ _MOST_CHANGES = 100
 
 
 def render_report(
-    title: str, lead: str, table: Rows, data: ReportData, version: str, advance: Advance | None = None
+    title: str,
+    lead: str,
+    table: Rows,
+    data: ReportData,
+    version: str,
+    advance: ProgressCallback | None = None,
 ) -> str:
     """The page as text.
 
@@ -72,14 +76,14 @@ def render_overview(data: ReportData) -> bytes | None:
         return None if figure is None else to_png(figure, _FILE_DPI)
 
 
-def render_pictures(data: ReportData, advance: Advance | None = None) -> Iterator[tuple[str, bytes]]:
+def render_pictures(data: ReportData, advance: ProgressCallback | None = None) -> Iterator[tuple[str, bytes]]:
     """Every figure of the report by itself: its name, and a PNG file. As `render_report`."""
     with plotting():
         for figure in _counted(report_figures(data), advance):
             yield figure.name, to_png(figure.draw(), _FILE_DPI)
 
 
-def _counted(figures: Iterable[ReportFigure], advance: Advance | None) -> Iterator[ReportFigure]:
+def _counted(figures: Iterable[ReportFigure], advance: ProgressCallback | None) -> Iterator[ReportFigure]:
     every = list(figures)
     for index, figure in enumerate(every, start=1):
         yield figure

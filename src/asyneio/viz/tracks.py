@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import colorsys
 import io
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from asyneio.progress import ProgressCallback
 from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
 from asyneio.viz.style import plotting, to_png
 
@@ -107,7 +107,7 @@ def shown_instants(t_ns: IntArray) -> list[int]:
     return [begin + span * (k + 1) // (_PANELS + 1) for k in range(_PANELS)]
 
 
-def render_animation(scene: TrackScene, advance: Callable[[float], None] | None = None) -> bytes:
+def render_animation(scene: TrackScene, advance: ProgressCallback | None = None) -> bytes:
     """Four seconds as a GIF file: in real time the middle of a longer recording, slower a shorter one.
 
     `advance` is told the share done, 0 to 1.

@@ -5,7 +5,6 @@ Neither pose nor extrinsics enter: the rates are in the camera's own frame, to b
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from asyneio.doctor.rotation.epipolar import Pairs
 from asyneio.doctor.rotation.sharpness import find_rate
 from asyneio.geometry.camera import CameraModel
+from asyneio.progress import ProgressCallback
 from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, IntArray, RecordArray
 
 #: Windows looked at: those in which the gyroscope turns fastest. The precision grows with their square root,
@@ -32,8 +32,6 @@ _LEAST_TRACKS = 6
 #: Pairs of bearings are taken over windows of this length: shorter ones show little but noise.
 _PAIR_WINDOW_NS, _LEAST_PAIRS = 250_000_000, 10
 _ROBUST_STEPS = 5
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ def rates_from_events(
     excerpts: list[RecordArray],
     camera: CameraIntrinsics,
     gyroscope: RecordArray,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> CameraRates:
     """Rates by the sharpest picture of each excerpt (EVENT_DTYPE, ascending, inside the sensor).
 

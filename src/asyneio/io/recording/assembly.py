@@ -32,7 +32,7 @@ _TICK_EVENTS = 10_000
 
 def assemble(
     contents: Contents,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     cache_from: int | None = None,
     selection: CalibrationSelection | None = None,
     samples_needed: bool = True,

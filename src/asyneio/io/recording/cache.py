@@ -49,7 +49,7 @@ def load_events(
     source: EventSource,
     width: int,
     height: int,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     cache_from: int | None = None,
     variant: str = "",
 ) -> EventTable:
@@ -108,7 +108,7 @@ class _Checks:
         self._lone = IsolatedEventFilter(source.path.name)
         self._checker = EventChecker(source.path.name, width, height)
 
-    def events(self, progress: Progress | None) -> Iterator[RecordArray]:
+    def events(self, progress: ProgressCallback | None) -> Iterator[RecordArray]:
         """Checked events in pieces."""
         for chunk, fraction in self._source.chunks():
             yield from self._checker.feed(self._lone.feed(chunk))
@@ -122,7 +122,7 @@ class _Checks:
         return self._source.notes() + self._lone.notes() + self._checker.notes()
 
 
-def _in_memory(source: EventSource, width: int, height: int, progress: Progress | None) -> EventTable:
+def _in_memory(source: EventSource, width: int, height: int, progress: ProgressCallback | None) -> EventTable:
     checks = _Checks(source, width, height)
     events = join_events(list(checks.events(progress)))
     check_span(int(events["t_ns"][0]), int(events["t_ns"][-1]), source.path.name)
@@ -130,7 +130,7 @@ def _in_memory(source: EventSource, width: int, height: int, progress: Progress 
 
 
 def _convert(
-    source: EventSource, width: int, height: int, progress: Progress | None, stem: Path
+    source: EventSource, width: int, height: int, progress: ProgressCallback | None, stem: Path
 ) -> EventTable:
     checks = _Checks(source, width, height)
     with atomic_file(_events_file(stem)) as stream:

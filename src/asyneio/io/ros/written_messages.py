@@ -68,7 +68,7 @@ def typestore(store: Stores, time: str) -> Typestore:
 
 
 def records_of(
-    recording: EventRecording, encoding: Encoding, last_s: int, progress: Progress | None
+    recording: EventRecording, encoding: Encoding, last_s: int, progress: ProgressCallback | None
 ) -> Iterator[Record]:
     """All messages of a recording, sorted by time; events are read in pieces.
 
@@ -107,7 +107,9 @@ def _check_times(recording: EventRecording, last_s: int) -> None:
             )
 
 
-def _events(recording: EventRecording, encoding: Encoding, progress: Progress | None) -> Iterator[Record]:
+def _events(
+    recording: EventRecording, encoding: Encoding, progress: ProgressCallback | None
+) -> Iterator[Record]:
     events, start, number = recording.events, 0, 0
     size = struct.pack("<II", recording.height, recording.width)
     while start < events.size:

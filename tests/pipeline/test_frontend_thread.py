@@ -1,8 +1,10 @@
-"""The front end over a recording: nothing twice, nothing out of order, late ones counted."""
+"""The front end over a recording: no duplicates, in order, late observations counted."""
 
 from __future__ import annotations
 
+import threading
 import time
+from collections.abc import Generator
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +12,9 @@ import pytest
 
 from asyneio.config import Config, FrontendConfig
 from asyneio.errors import RecordingError
-from asyneio.pipeline import compilation
-from asyneio.pipeline import run as pipeline
+from asyneio.pipeline import RunResult, compilation, run_recording
 from asyneio.pipeline.frontend_thread import ObservationStream, ReplayedStream
-from asyneio.pipeline.packets import usable_span
+from asyneio.pipeline.packets import calibration_of, usable_span
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.types import (
     INERTIAL_DTYPE,
@@ -58,7 +59,7 @@ def test_two_runs_are_alike(recording: EventRecording) -> None:
         assert a.tobytes() == b.tobytes()
 
 
-def test_what_comes_too_late_is_counted_and_noted(recording: EventRecording) -> None:
+def test_late_observations_are_counted_and_noted(recording: EventRecording) -> None:
     patient = ObservationStream(recording, FrontendConfig(), ends_of(recording))
     hasty = ObservationStream(recording, FrontendConfig(max_delay_s=0.0), ends_of(recording))
     list(patient)
@@ -68,15 +69,15 @@ def test_what_comes_too_late_is_counted_and_noted(recording: EventRecording) -> 
     assert hasty.observations().size < patient.observations().size
 
 
-def test_word_of_unused_tracks_takes_effect_at_a_fixed_time(recording: EventRecording) -> None:
-    """However slow the reader is, and only from the sixth batch after the word on."""
+def test_an_outlier_share_takes_effect_at_a_fixed_time(recording: EventRecording) -> None:
+    """Whatever the speed of the reader, and from the sixth batch after the report on."""
     few = FrontendConfig(max_features=20)
 
-    def batches(unused: float, wait_s: float) -> list[RecordArray]:
+    def batches(share: float, wait_s: float) -> list[RecordArray]:
         stream, found = ObservationStream(recording, few, ends_of(recording)), []
         for batch in stream:
             time.sleep(wait_s)
-            stream.set_outlier_share(unused if len(found) == 1 else 0.0)
+            stream.set_outlier_share(share if len(found) == 1 else 0.0)
             found.append(batch)
         return found
 
@@ -91,9 +92,14 @@ def test_word_of_unused_tracks_takes_effect_at_a_fixed_time(recording: EventReco
 
 
 def test_stopping_early_ends_the_thread(recording: EventRecording) -> None:
-    stream = iter(ObservationStream(recording, FrontendConfig(), ends_of(recording)))
-    next(stream)
-    stream.close()  # type: ignore[attr-defined]
+    before = set(threading.enumerate())
+    batches = iter(ObservationStream(recording, FrontendConfig(), ends_of(recording)))
+    next(batches)
+    started = set(threading.enumerate()) - before
+    assert [thread.name for thread in started] == ["front end"]
+    assert isinstance(batches, Generator)
+    batches.close()
+    assert set(threading.enumerate()) == before
 
 
 def test_an_error_of_the_front_end_reaches_the_caller(
@@ -109,15 +115,15 @@ def test_an_error_of_the_front_end_reaches_the_caller(
 
 
 def test_events_need_an_imu_and_a_calibration(recording: EventRecording) -> None:
-    with pytest.raises(RecordingError, match="no samples of the gyroscope"):
+    with pytest.raises(RecordingError, match="no gyroscope samples"):
         usable_span(replace(recording, gyroscope=np.empty(0, dtype=INERTIAL_DTYPE)))
-    with pytest.raises(RecordingError, match="without a whole calibration"):
+    with pytest.raises(RecordingError, match="no complete calibration"):
         usable_span(replace(recording, calibration=None))
     with pytest.raises(RecordingError, match="no events"):
         usable_span(replace(recording, events=recording.events[:0]))
 
 
-def test_given_again_the_batches_are_the_same(recording: EventRecording) -> None:
+def test_replayed_batches_are_the_same(recording: EventRecording) -> None:
     ends_ns = ends_of(recording)
     stream = ObservationStream(recording, FrontendConfig(), ends_ns)
     batches = list(stream)
@@ -127,24 +133,34 @@ def test_given_again_the_batches_are_the_same(recording: EventRecording) -> None
     assert replayed.observations().tobytes() == stream.observations().tobytes()
 
 
+def run(
+    recording: EventRecording,
+    estimator: FakeOdometry,
+    config: Config,
+    observations: RecordArray | None = None,
+) -> RunResult:
+    return run_recording(recording, config, observations=observations, estimator=estimator)
+
+
+def fake_of(kind: type[FakeOdometry], recording: EventRecording) -> FakeOdometry:
+    return kind(Config(), calibration_of(recording))
+
+
 def test_a_run_on_known_observations_gets_the_same_packets(
     recording: EventRecording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen: list[list[Packet]] = []
-
-    class Remembers(FakeOdometry):
+    class Records(FakeOdometry):
         def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
-            seen[-1].append(packet)
+            packets.append(packet)
             return super().process(packet)
 
-    monkeypatch.setattr(pipeline, "Odometry", Remembers)
     monkeypatch.setattr(compilation, "are_compiled", lambda: True)
-    seen.append([])
-    tracked = pipeline.run_recording(recording, Config())
-    seen.append([])
-    again = pipeline.run_recording(recording, Config(), observations=tracked.observations)
-    assert len(seen[0]) == len(seen[1]) > 5
-    for a, b in zip(*seen, strict=True):
+    packets: list[Packet] = []
+    tracked = run(recording, fake_of(Records, recording), Config())
+    first, packets = packets, []
+    again = run(recording, fake_of(Records, recording), Config(), tracked.observations)
+    assert len(first) == len(packets) > 5
+    for a, b in zip(first, packets, strict=True):
         assert (a.t_end_ns, a.events) == (b.t_end_ns, b.events)
         assert a.observations.tobytes() == b.observations.tobytes()
         assert a.gyroscope.tobytes() == b.gyroscope.tobytes()
@@ -152,27 +168,25 @@ def test_a_run_on_known_observations_gets_the_same_packets(
     assert again.summary.frontend_s == 0.0
 
 
-def test_a_run_hears_what_the_estimator_refuses(
+def test_the_front_end_gets_the_outlier_share_of_the_estimator(
     recording: EventRecording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """More features are followed for it, and two runs are alike to the bit."""
+    """It tracks more features to compensate, and two runs are identical."""
 
-    class Refuses(FakeOdometry):
+    class Rejects(FakeOdometry):
         share = 0.5
 
         def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
             estimates, report = super().process(packet)
             return estimates, replace(report, outlier_share=self.share)
 
-    class RefusesNone(Refuses):
+    class RejectsNone(Rejects):
         share = 0.0
 
     monkeypatch.setattr(compilation, "are_compiled", lambda: True)
     config = Config(frontend=FrontendConfig(max_features=20))
-    observed = []
-    for estimator in (Refuses, Refuses, RefusesNone):
-        monkeypatch.setattr(pipeline, "Odometry", estimator)
-        observed.append(pipeline.run_recording(recording, config).observations)
+    kinds = (Rejects, Rejects, RejectsNone)
+    observed = [run(recording, fake_of(kind, recording), config).observations for kind in kinds]
     assert observed[0].tobytes() == observed[1].tobytes()
     tracks = [np.unique(o["id"]).size for o in observed]
     assert tracks[0] > 1.2 * tracks[2]

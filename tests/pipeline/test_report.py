@@ -1,8 +1,9 @@
-"""What the report is fed with: bounds propagated correctly, errors zero where the estimate is the truth."""
+"""Data of the report: bounds propagated correctly, zero errors where the estimate is the truth."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from asyneio.errors import RecordingError
 from asyneio.evaluation import evaluate, protocol_named
 from asyneio.io import to_trajectory
 from asyneio.pipeline import RunResult
-from asyneio.pipeline.report import report_data
+from asyneio.pipeline.report import evaluate_segments, write_report
+from asyneio.pipeline.report_data import report_data
 from asyneio.pipeline.report_streams import count_features, event_rate, track_scene
 from asyneio.pipeline.summary import Summary, Transition
 from asyneio.state import DOF
@@ -48,7 +50,7 @@ def curve(s: np.ndarray) -> tuple[np.ndarray, Rotation]:
 
 
 def run_along(s: np.ndarray, yaw: float, covariance: np.ndarray) -> tuple[list[Estimate], PoseTrajectory]:
-    """Estimates in a world turned by `yaw`, and the truth."""
+    """Estimates in a world rotated by `yaw`, and the ground truth."""
     position, attitude = curve(s)
     t_ns = START_NS + np.rint(s * NS_PER_S).astype(np.int64)
     world = Rotation.from_euler("z", yaw)
@@ -77,15 +79,15 @@ def recording(rng: np.random.Generator) -> Recording:
 def test_a_perfect_estimate_has_no_error(recording: Recording, covariance: np.ndarray) -> None:
     estimates, truth = run_along(np.arange(0.2, 4.0, 0.05), 0.7, covariance)
     reports = [StepReport(estimate.t_ns, Health.TRACKING, seconds=0.01) for estimate in estimates]
-    result = RunResult(Run(estimates, reports), _SUMMARY, recording.observations, origins=(estimates[0],))
+    result = RunResult(Run(estimates, reports), _SUMMARY, recording.observations, (estimates[0],), CONFIG)
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates), truth, protocol_named("posyaw"))
-    data = report_data(result, recording, CONFIG, {0: score})
+    data = report_data(result, recording, {0: score})
     assert data.comparison is not None
     assert data.states is not None
     np.testing.assert_allclose(data.comparison.position_error.value, 0.0, atol=1e-9)
     np.testing.assert_allclose(data.comparison.orientation_error.value, 0.0, atol=1e-6)
-    # The velocity is shown in the truth's world.
+    # The velocity is in the world of the ground truth.
     s = data.states.velocity.t_s + 3_000_001 / NS_PER_S
     np.testing.assert_allclose(
         data.states.velocity.value, np.stack([-np.sin(s), np.cos(s), 0.2 + 0 * s], axis=1), atol=1e-9
@@ -97,10 +99,10 @@ def test_errors_start_at_the_origin_knot(recording: Recording, covariance: np.nd
     estimates, truth = run_along(np.arange(0.2, 4.0, 0.05), 0.0, covariance)
     for estimate in estimates[1:]:
         estimate.T_w_b[:3, 3] += [0.1, 0.0, 0.0]
-    result = RunResult(Run(estimates[1:], []), _SUMMARY, recording.observations, origins=(estimates[0],))
+    result = RunResult(Run(estimates[1:], []), _SUMMARY, recording.observations, (estimates[0],), CONFIG)
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates[1:]), truth, protocol_named("posyaw"))
-    data = report_data(result, recording, CONFIG, {0: score})
+    data = report_data(result, recording, {0: score})
     assert data.comparison is not None
     error = data.comparison.position_error
     assert error.t_s.size == len(estimates) - 1
@@ -109,10 +111,10 @@ def test_errors_start_at_the_origin_knot(recording: Recording, covariance: np.nd
 
 def test_bounds_match_samples(recording: Recording, covariance: np.ndarray, rng: np.random.Generator) -> None:
     estimates, truth = run_along(np.array([0.5, 0.7, 0.9]), 0.4, covariance)
-    result = RunResult(Run(estimates, []), _SUMMARY, recording.observations)
+    result = RunResult(Run(estimates, []), _SUMMARY, recording.observations, config=CONFIG)
     recording = replace(recording, ground_truth=truth)
     score = evaluate(to_trajectory(estimates), truth, protocol_named("posyaw"))
-    data = report_data(result, recording, CONFIG, {0: score})
+    data = report_data(result, recording, {0: score})
     assert data.comparison is not None
     assert data.states is not None
     draws = rng.multivariate_normal(np.zeros(DOF), covariance, 200_000)
@@ -135,7 +137,7 @@ def test_bounds_match_samples(recording: Recording, covariance: np.ndarray, rng:
 
 
 def test_segments_are_never_joined(recording: Recording, covariance: np.ndarray) -> None:
-    """Two segments in worlds of their own: each has no error, and a gap parts them in every series."""
+    """Two segments, each with its own world frame: no errors, and a gap between them in every series."""
     s = np.arange(0.2, 4.0, 0.05)
     first, truth = run_along(s, 0.7, covariance)
     second, _ = run_along(s, -1.1, covariance)
@@ -144,7 +146,7 @@ def test_segments_are_never_joined(recording: Recording, covariance: np.ndarray)
     estimates = first[:half] + later
     reports = [StepReport(e.t_ns, Health.TRACKING, segment=e.segment, seconds=0.01) for e in estimates]
     origins = (first[0], later[0])
-    result = RunResult(Run(estimates, reports), _SUMMARY, recording.observations, origins)
+    result = RunResult(Run(estimates, reports), _SUMMARY, recording.observations, origins, CONFIG)
     recording = replace(recording, ground_truth=truth)
     segments = result.run.segments()
     assert [len(segment) for segment in segments] == [half, len(later)]
@@ -152,7 +154,7 @@ def test_segments_are_never_joined(recording: Recording, covariance: np.ndarray)
         n: evaluate(to_trajectory(segment), truth, protocol_named("posyaw"))
         for n, segment in enumerate(segments)
     }
-    data = report_data(result, recording, CONFIG, scores)
+    data = report_data(result, recording, scores)
     assert data.states is not None
     assert [path.shape[0] for path in data.states.paths] == [half, len(later)]
     assert data.health.segment.tolist() == [0] * half + [1] * len(later)
@@ -242,6 +244,33 @@ def test_scene_keeps_what_is_shown(rng: np.random.Generator) -> None:
     assert track_scene(recording, observations[:0]) is None
 
 
+def test_a_report_is_written_from_python(
+    recording: Recording, covariance: np.ndarray, tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib")
+    estimates, truth = run_along(np.arange(0.2, 4.0, 0.05), 0.7, covariance)
+    reports = [StepReport(estimate.t_ns, Health.TRACKING, seconds=0.01) for estimate in estimates]
+    summary = replace(_SUMMARY, health_s={"degraded": 0.0})
+    result = RunResult(Run(estimates, reports), summary, recording.observations, (estimates[0],), CONFIG)
+    path = write_report(result, recording, tmp_path / "report.html", truth)
+    page = path.read_text()
+    assert "position error, RMSE (ATE)" in page
+    assert "window.knot_interval_s" in page
+    without = replace(recording, ground_truth=None)
+    assert "RMSE" not in write_report(result, without, tmp_path / "without.html").read_text()
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["report.html", "without.html"]
+
+
+def test_a_segment_that_cannot_be_evaluated_is_noted(recording: Recording, covariance: np.ndarray) -> None:
+    estimates, truth = run_along(np.arange(0.2, 4.0, 0.05), 0.7, covariance)
+    far = replace(truth, t_ns=truth.t_ns + 10**12)
+    result = RunResult(Run(estimates, []), _SUMMARY, recording.observations, config=CONFIG)
+    scores, notes = evaluate_segments(result, far)
+    assert scores == {}
+    assert len(notes) == 1
+    assert notes[0].startswith("segment 0 is not compared with the ground truth: ")
+
+
 def test_settings_that_differ() -> None:
     assert differences(Config(), Config()) == {}
     assert differences(CONFIG, Config()) == {"window.knot_interval_s": (0.05, 0.1)}
@@ -250,9 +279,9 @@ def test_settings_that_differ() -> None:
 def test_a_run_without_estimates_has_its_reasons(recording: Recording) -> None:
     report = StepReport(START_NS + 10**8, Health.INITIALIZING, "no motion")
     summary = replace(
-        _SUMMARY, failure="never started", transitions=(Transition(0.1, report.health, 0, "no motion"),)
+        _SUMMARY, failure="did not initialize", transitions=(Transition(0.1, report.health, 0, "no motion"),)
     )
-    data = report_data(RunResult(Run([], [report]), summary, recording.observations), recording, CONFIG, {})
+    data = report_data(RunResult(Run([], [report]), summary, recording.observations), recording, {})
     assert data.states is None
-    assert data.failure == "never started"
+    assert data.failure == "did not initialize"
     assert [change.reason for change in data.health.changes] == ["no motion"]

@@ -1,4 +1,4 @@
-"""The runner: nothing lost between packets, figures right, failures never hidden, outputs whole."""
+"""The runner: no sample lost between packets, correct figures, every failure reported, complete outputs."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from numba import config, njit
 from asyneio.config import Config, WindowConfig, load_config
 from asyneio.errors import RecordingError
 from asyneio.io import read_estimates, read_trajectory
-from asyneio.pipeline import COMPILING, compilation, run_recording, write_outputs
-from asyneio.pipeline import run as pipeline
+from asyneio.pipeline import COMPILING, RunResult, compilation, run_recording, write_outputs
 from asyneio.pipeline.packets import packets, usable_span
+from asyneio.progress import SILENT, RunProgress
 from asyneio.types import (
     INERTIAL_DTYPE,
     NS_PER_S,
@@ -54,13 +54,22 @@ def recording(rng: np.random.Generator) -> Recording:
 
 
 @pytest.fixture(autouse=True)
-def _fake(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
+def _compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compilation, "are_compiled", lambda: True)
 
 
+def run(
+    recording: Recording,
+    estimator: type[FakeOdometry] = FakeOdometry,
+    config: Config = CONFIG,
+    progress: RunProgress = SILENT,
+) -> RunResult:
+    fake = estimator(config, recording.calibration)
+    return run_recording(recording, config, progress, estimator=fake)
+
+
 class Recorder:
-    """Progress that remembers."""
+    """Progress that records its calls."""
 
     def __init__(self) -> None:
         self.messages: list[str] = []
@@ -117,7 +126,7 @@ def test_span_is_where_all_sensors_have_data(recording: Recording) -> None:
 
 def test_figures_of_a_run(recording: Recording) -> None:
     progress = Recorder()
-    result = run_recording(recording, CONFIG, progress)
+    result = run(recording, progress=progress)
     summary = result.summary
     packets_fed = (usable_span(recording)[1] - usable_span(recording)[0]) // INTERVAL_NS
     assert summary.duration_s == pytest.approx(0.05 * packets_fed)
@@ -136,27 +145,23 @@ def test_figures_of_a_run(recording: Recording) -> None:
 @pytest.mark.parametrize(
     ("estimator", "failure"),
     [
-        (NeverStarts, "never started, so there is no trajectory: too few feature tracks"),
+        (NeverStarts, "did not initialize, so there is no trajectory: too few feature tracks"),
         (LosesTrack, "lost track and did not recover: speed of 80 m/s"),
         (SkipsAWhile, "a gap of 0.55 s: no features"),
         (
             StartsAgain,
-            "2 segments, each in a world of its own; 0.35 s between them are without a pose: the stream",
+            "2 segments, each with its own world frame; there are no poses for 0.35 s between them: the",
         ),
         (Diverges, "not finite"),
         (Raises, "stopped after 17 estimates: the system is singular"),
     ],
 )
-def test_failures_are_named(
-    recording: Recording, monkeypatch: pytest.MonkeyPatch, estimator: type[FakeOdometry], failure: str
-) -> None:
-    monkeypatch.setattr(pipeline, "Odometry", estimator)
-    assert failure in run_recording(recording, CONFIG).summary.failure
+def test_failures_are_named(recording: Recording, estimator: type[FakeOdometry], failure: str) -> None:
+    assert failure in run(recording, estimator).summary.failure
 
 
-def test_degraded_is_whole_and_told(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pipeline, "Odometry", Degraded)
-    summary = run_recording(recording, CONFIG).summary
+def test_a_degraded_run_is_complete_and_reported(recording: Recording) -> None:
+    summary = run(recording, Degraded).summary
     assert summary.failure == ""
     assert summary.health_s["degraded"] == pytest.approx(0.2)
     assert sum(summary.health_s.values()) == pytest.approx(summary.duration_s)
@@ -170,15 +175,12 @@ def test_degraded_is_whole_and_told(recording: Recording, monkeypatch: pytest.Mo
     assert [(s.segment, s.ended) for s in summary.segments] == [(0, "end of the recording")]
 
 
-def test_segments_have_files_of_their_own(
-    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_segment_has_its_own_file(recording: Recording, tmp_path: Path) -> None:
     (tmp_path / "trajectory_7.tum").write_text("stale")
-    monkeypatch.setattr(pipeline, "Odometry", StartsAgain)
     progress = Recorder()
-    result = run_recording(recording, CONFIG, progress)
+    result = run(recording, StartsAgain, progress=progress)
     assert progress.messages == ["lost after 1.0 s: the stream is cut"]
-    written = write_outputs(result, CONFIG, tmp_path)
+    written = write_outputs(result, tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in written)
     stamps = [read_trajectory(tmp_path / name)[0].t_ns for name in ("trajectory.tum", "trajectory_1.tum")]
     assert (len(stamps[0]), len(stamps[0]) + len(stamps[1])) == (16, len(result.run.estimates))
@@ -197,19 +199,19 @@ def test_segments_have_files_of_their_own(
     assert float(attitudes[0]["tilt_sigma[deg]"]) == pytest.approx(np.degrees(0.01))
 
 
-def test_too_short_a_recording_is_refused(recording: Recording) -> None:
+def test_a_recording_that_is_too_short_is_rejected(recording: Recording) -> None:
     short = replace(recording, gyroscope=recording.gyroscope[:20])
     with pytest.raises(RecordingError, match=r"at least two knot intervals of 0\.05 s"):
-        run_recording(short, CONFIG)
+        run(short)
 
 
-def test_outputs_are_whole_and_reproducible(recording: Recording, tmp_path: Path) -> None:
+def test_outputs_are_complete_and_reproducible(recording: Recording, tmp_path: Path) -> None:
     config = load_config(None).model_copy(
         update={"window": CONFIG.window.model_copy(update={"length_s": 2.0})}
     )
     for name in ("a", "b"):
-        result = run_recording(recording, config)
-        written = write_outputs(result, config, tmp_path / name)
+        result = run(recording, config=config)
+        written = write_outputs(result, tmp_path / name)
         assert sorted(path.name for path in (tmp_path / name).iterdir()) == sorted(
             path.name for path in written
         )
@@ -225,22 +227,17 @@ def test_outputs_are_whole_and_reproducible(recording: Recording, tmp_path: Path
     assert summary["health"] == "tracking"
 
 
-def test_without_estimates_no_trajectory_and_nothing_stale(
-    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_outputs(run_recording(recording, CONFIG), CONFIG, tmp_path)
-    monkeypatch.setattr(pipeline, "Odometry", NeverStarts)
-    write_outputs(run_recording(recording, CONFIG), CONFIG, tmp_path)
+def test_without_estimates_no_trajectory_and_nothing_stale(recording: Recording, tmp_path: Path) -> None:
+    write_outputs(run(recording), tmp_path)
+    write_outputs(run(recording, NeverStarts), tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.yaml", "health.csv", "summary.json"]
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["first_estimate_s"] is None
-    assert "never started" in summary["failure"]
+    assert "did not initialize" in summary["failure"]
 
 
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing compiles with NUMBA_DISABLE_JIT")
-def test_compilation_is_announced_once_and_counted_apart(
-    recording: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compilation_is_announced_once_and_counted_separately(recording: Recording) -> None:
     @njit
     def inner(x: float) -> float:
         return x + 1.0
@@ -255,9 +252,8 @@ def test_compilation_is_announced_once_and_counted_apart(
             kernel(1)
             return super().process(packet)
 
-    monkeypatch.setattr(pipeline, "Odometry", Compiles)
     progress = Recorder()
-    summary = run_recording(recording, CONFIG, progress).summary
+    summary = run(recording, Compiles, progress=progress).summary
     assert progress.messages == [COMPILING]
     assert summary.compile_s > 0.02
     assert summary.processing_s < summary.compile_s
@@ -274,7 +270,7 @@ def test_a_cold_cache_is_filled_before_the_run(recording: Recording, monkeypatch
     monkeypatch.setattr(compilation, "are_compiled", lambda: False)
     monkeypatch.setattr(compilation, "compile_kernels", compile_slowly)
     progress = Recorder()
-    summary = run_recording(recording, CONFIG, progress).summary
+    summary = run(recording, progress=progress).summary
     assert progress.messages == [COMPILING]
     assert progress.compiled == [0.5, 1.0]
     assert summary.compile_s >= 0.2
@@ -283,5 +279,5 @@ def test_a_cold_cache_is_filled_before_the_run(recording: Recording, monkeypatch
 
 def test_nothing_is_announced_when_nothing_compiles(recording: Recording) -> None:
     progress = Recorder()
-    assert run_recording(recording, CONFIG, progress).summary.compile_s == 0.0
+    assert run(recording, progress=progress).summary.compile_s == 0.0
     assert progress.messages == []

@@ -1,4 +1,4 @@
-"""Real IMU and real feature tracks with motion capture: the whole back half, causal, from the data alone."""
+"""Real IMU and real feature tracks with motion capture: the whole estimator, causal."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _first_seconds(recording: Recording, seconds: float) -> Recording:
 
 
 def test_tumvi_calibration_recording(data_dir: Path) -> None:
-    """Tracks cut to a second, defaults throughout: within half a centimetre and 0.6 degrees."""
+    """Tracks cut to a second, default settings: errors below half a centimetre and 0.6 degrees."""
     recording = read_tracks_folder(data_dir / "tumvi_calib", max_track_seconds=1.0)
     result = run_recording(_first_seconds(recording, SECONDS), Config())
     assert result.summary.failure == ""
