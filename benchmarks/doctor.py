@@ -2,8 +2,8 @@
 
 Evidence: simulation, events and IMU of a few seconds each, written as HDF5 and examined as a user would. The
 camera looks along the IMU's y axis, so that no mistake is a small one. Seeds 5 and 6 were looked at for no
-threshold. Columns: the verdict on the extrinsics with the true calibration and the error of the rotation
-found; verdicts with the inverse, with the camera upside down, with x and y exchanged; on the time offset with
+threshold. Columns: the result on the extrinsics with the true calibration and the error of the rotation
+found; results with the inverse, with the camera upside down, with x and y exchanged; on the time offset with
 a clock that is off by 40 ms, and the error of the offset found with the true one. "named": the text names the
 mistake that was made.
 
@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from asyneio.doctor import CheckResult, Diagnosis, Severity, examine
+from asyneio.doctor import CheckResult, Report, Severity, examine
 from asyneio.io import write_events_hdf5
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.types import Calibration, EventRecording, FloatArray
@@ -67,39 +67,39 @@ def _row(task: tuple[str, int], seconds: float) -> list[str]:
     calibration = recording.calibration
     assert calibration is not None
     clean = _examined(recording, calibration)
-    extrinsics, offset = _verdict(clean, "extrinsics"), _verdict(clean, "time offset")
+    extrinsics, offset = _result(clean, "extrinsics"), _result(clean, "time offset")
     found_s = offset.values.get("found_s") if offset else None
     error_ms = math.nan if found_s is None else 1e3 * found_s - 1e-6 * calibration.timeshift_ns
     cells = [scene, str(seed), _named(extrinsics), _figure(extrinsics, "error_deg")]
     for change, word in _MISTAKES.values():
         faulty = _examined(recording, replace(calibration, T_b_c=change(T_b_c)))
-        cells.append(_named(_verdict(faulty, "extrinsics"), word))
+        cells.append(_named(_result(faulty, "extrinsics"), word))
     late = _examined(recording, replace(calibration, timeshift_ns=calibration.timeshift_ns + _OFF_NS))
-    cells += [_named(_verdict(late, "time offset")), "-" if math.isnan(error_ms) else f"{error_ms:+.1f}"]
+    cells += [_named(_result(late, "time offset")), "-" if math.isnan(error_ms) else f"{error_ms:+.1f}"]
     return cells
 
 
-def _examined(recording: EventRecording, calibration: Calibration) -> Diagnosis:
+def _examined(recording: EventRecording, calibration: Calibration) -> Report:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "recording.h5"
         write_events_hdf5(replace(recording, calibration=calibration), path)
         return examine(path)
 
 
-def _verdict(diagnosis: Diagnosis, check: str) -> CheckResult | None:
-    return next((verdict for verdict in diagnosis.verdicts if verdict.check == check), None)
+def _result(report: Report, check: str) -> CheckResult | None:
+    return next((result for result in report.results if result.check == check), None)
 
 
-def _named(verdict: CheckResult | None, word: str = "") -> str:
+def _named(result: CheckResult | None, word: str = "") -> str:
     """The severity; with a word, whether the text names the mistake."""
-    if verdict is None:
+    if result is None:
         return "-"
-    named = bool(word) and verdict.severity > Severity.NOTE and word in verdict.cure
-    return f"{verdict.severity.name}{', named' if named else ''}"
+    named = bool(word) and result.severity > Severity.NOTE and word in result.fix
+    return f"{result.severity.name}{', named' if named else ''}"
 
 
-def _figure(verdict: CheckResult | None, name: str) -> str:
-    value = verdict.values.get(name) if verdict else None
+def _figure(result: CheckResult | None, name: str) -> str:
+    value = result.values.get(name) if result else None
     return "-" if value is None else f"{value:.1f}"
 
 

@@ -1,7 +1,7 @@
 """Does `asyneio doctor` tell a wrong focal length from a wrong scale of the gyroscope?
 
 The recordings named are examined as they are, with the calibrated focal length off by 5 and 10 %, and with
-the gyroscope scaled. Columns: the verdicts of `image scale` and `imu scale`, the gyroscope's scale by the
+the gyroscope scaled. Columns: the results of `image scale` and `imu scale`, the gyroscope's scale by the
 picture and by gravity, and true over calibrated focal length, each with its standard deviation where told.
 
     python benchmarks/doctor_scales.py RECORDING ... [--focal 1 1.05 0.9] [--gyroscope 1 1.1 2]
@@ -14,7 +14,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from asyneio.doctor import Diagnosis, examine
+from asyneio.doctor import Report, examine
 from asyneio.io import open_recording, write_events_hdf5, write_tracks_folder
 from asyneio.types import EventRecording, Recording
 from common import table
@@ -38,19 +38,17 @@ def _changed(recording: Recording | EventRecording, focal: float, gyroscope: flo
     return folder / "recording.h5"
 
 
-def _cells(diagnosis: Diagnosis) -> list[str]:
-    found = {verdict.check: verdict for verdict in diagnosis.verdicts}
+def _cells(report: Report) -> list[str]:
+    found = {result.check: result for result in report.results}
     picture, gravity = found.get("image scale"), found.get("imu scale")
-    cells = [verdict.severity.name if verdict else "-" for verdict in (picture, gravity)]
-    for verdict, value, sigma in (
+    cells = [result.severity.name if result else "-" for result in (picture, gravity)]
+    for result, value, sigma in (
         (picture, "gyroscope_scale", "gyroscope_log_sigma"),
         (gravity, "gyroscope_scale", "log_sigma"),
         (picture, "focal_factor", "focal_log_sigma"),
     ):
-        told = verdict is not None and verdict.values.get(value) is not None
-        cells.append(
-            f"{verdict.values[value]:.3f} ({verdict.values[sigma]:.1%})" if verdict and told else "-"
-        )
+        told = result is not None and result.values.get(value) is not None
+        cells.append(f"{result.values[value]:.3f} ({result.values[sigma]:.1%})" if result and told else "-")
     return cells
 
 
@@ -69,8 +67,8 @@ def main() -> None:
         recording = open_recording(path)
         for focal, gyroscope in cases:
             with tempfile.TemporaryDirectory() as folder:
-                diagnosis = examine(_changed(recording, focal, gyroscope, Path(folder)))
-            rows.append([path.stem, f"{focal:g}", f"{gyroscope:g}", *_cells(diagnosis)])
+                report = examine(_changed(recording, focal, gyroscope, Path(folder)))
+            rows.append([path.stem, f"{focal:g}", f"{gyroscope:g}", *_cells(report)])
     header = ["recording", "focal", "gyroscope", "image scale", "imu scale", "by the picture", "by gravity"]
     print(table([*header, "focal length"], rows))
 
