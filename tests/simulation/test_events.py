@@ -20,7 +20,7 @@ from asyneio.simulation.events import worlds
 from asyneio.simulation.events.render import empty_frame, render
 from asyneio.simulation.events.scenario import SUITE
 from asyneio.simulation.events.sensor import make_pixels
-from asyneio.simulation.events.source import Stage, event_chunks, set_stage
+from asyneio.simulation.events.source import Seeds, Stage, event_chunks, set_stage
 from asyneio.simulation.events.textures import procedural_texture
 from asyneio.simulation.events.worlds import build_world
 from asyneio.types import EVENT_DTYPE, RecordArray
@@ -29,7 +29,7 @@ from tests.simulation.event_worlds import IDEAL, SMALL, STRAIGHT, drifting, smal
 SCENARIO = small_scenario(motion="moderate")
 
 
-SEEDS = np.random.SeedSequence(0).spawn(3)
+SEEDS = Seeds.of(0)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def stage() -> Stage:
 def events_of(stage: Stage, **changes: object) -> RecordArray:
     """Events of another scenario in the same world."""
     changed = dataclasses.replace(stage, scenario=dataclasses.replace(stage.scenario, **changes))
-    return np.concatenate(list(event_chunks(changed, SEEDS[2])))
+    return np.concatenate(list(event_chunks(changed, SEEDS.sensor)))
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_events_add_up_to_the_change_of_the_light(stage: Stage) -> None:
     for t_us in (0, round(SCENARIO.duration_s * 1e6)):
         render(stage.world, stage.view, stage.T_w_c(np.array([t_us]))[0], frame)
         logs.append(np.log(frame.intensity.ravel() + IDEAL.dark_intensity))
-    pixels = make_pixels(IDEAL, SMALL, frame.intensity, 1.0, np.random.default_rng(SEEDS[2]))
+    pixels = make_pixels(IDEAL, SMALL, frame.intensity, 1.0, np.random.default_rng(SEEDS.sensor))
     answered = pixels.on * per_pixel(events, 1) - pixels.off * per_pixel(events, 0)
     left = logs[1] - logs[0] - answered
     assert np.all(left < pixels.on + 1e-4)
@@ -182,7 +182,7 @@ def test_no_ready_scenario_leaves_the_free_space(name: str, monkeypatch: pytest.
     # Plain surfaces: textures take long to draw and do not matter here.
     monkeypatch.setattr(worlds, "procedural_texture", lambda *_: np.ones((1, 1)))
     for seed in range(3):
-        set_stage(EVENT_SCENARIOS[name], np.random.SeedSequence(seed).spawn(6))
+        set_stage(EVENT_SCENARIOS[name], Seeds.of(seed))
 
 
 def test_the_suite_shares_rig_and_length_but_no_motion() -> None:

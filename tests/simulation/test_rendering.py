@@ -14,7 +14,7 @@ from asyneio.simulation import PinholeCamera, PointTruth
 from asyneio.simulation.events.rays import lens_row, pixel_grid, pixel_rays
 from asyneio.simulation.events.render import empty_frame, render
 from asyneio.simulation.events.schedule import plan_block
-from asyneio.simulation.events.source import Stage, set_stage
+from asyneio.simulation.events.source import Seeds, Stage, set_stage
 from asyneio.simulation.events.view import view_of
 from asyneio.types import CameraIntrinsics, Distortion, FloatArray
 from tests.simulation.event_worlds import SMALL, STRAIGHT, drifting, small_scenario, stage_of, walls
@@ -38,7 +38,7 @@ def picture(stage: Stage, t_us: int = 0) -> FloatArray:
 
 @functools.cache
 def near() -> Stage:
-    return set_stage(small_scenario(), np.random.SeedSequence(4).spawn(2))
+    return set_stage(small_scenario(), Seeds.of(4))
 
 
 @pytest.mark.parametrize("camera", [SMALL, STRAIGHT, FISHEYE])
