@@ -19,9 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.config import FrontendConfig
-from asyneio.evaluation.tracks import age_table
-from asyneio.evaluation.tracks_lives import group_tracks
-from asyneio.evaluation.tracks_motion import compare_rates, line_deviation, rotation_rates
+from asyneio.evaluation.tracks import group_tracks
 from asyneio.frontend import frontend as module
 from asyneio.frontend import gyroscope_in_camera
 from asyneio.frontend.gradient.feature import GradientSettings
@@ -32,6 +30,8 @@ from asyneio.types import EventRecording, RecordArray
 from common import table
 from real_tracking import ROTATION, SLIDER, load, undistorted
 from sequences import DEFAULT_CACHE, sequence
+from track_errors import age_table
+from track_motion import compare_rates, line_deviation, rotation_rates
 from tracking import alive_range, median_life_s, run_scene
 
 SCENES = ("event_fast", "event_low_light", "event_near", "event_far")

@@ -20,8 +20,7 @@ import numpy as np
 import scipy.io
 
 from asyneio.config import FrontendConfig
-from asyneio.evaluation.tracks_lives import Tracks, group_tracks
-from asyneio.evaluation.tracks_motion import compare_rates, line_deviation, rotation_rates
+from asyneio.evaluation.tracks import Tracks, group_tracks
 from asyneio.frontend import gyroscope_in_camera
 from asyneio.geometry.camera import CameraModel
 from asyneio.io import open_recording
@@ -30,6 +29,7 @@ from asyneio.pipeline.track import TrackRun, summarize_tracks, track_recording
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, CameraIntrinsics, EventRecording, FloatArray
 from asyneio.viz.tracks import TrackScene, render_tracks
 from common import data_folder, table
+from track_motion import compare_rates, line_deviation, rotation_rates
 
 SLIDER = "slider_depth"
 ROTATION = "davis240_imu/IMU_rotDisk.aedat"

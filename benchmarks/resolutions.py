@@ -24,14 +24,14 @@ from scipy.spatial import cKDTree
 
 from accuracy import figures
 from asyneio.config import load_config
-from asyneio.evaluation.tracks import age_table, track_errors
-from asyneio.evaluation.tracks_lives import Tracks
+from asyneio.evaluation.tracks import Tracks
 from asyneio.io.parsing.atomic import write_text
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
 from asyneio.simulation.events.scenario import at_resolution
 from common import table
 from sequences import DEFAULT_CACHE, cached_sequence
+from track_errors import age_table, track_errors
 
 SIZES = {"240x180": (240, 180), "640x480": (640, 480), "1280x720": (1280, 720)}
 #: Columns and how their numbers are written.

@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.config import FrontendConfig
-from asyneio.evaluation.tracks import AgeRow, TrackErrors, age_table, feature_age, track_errors
 from asyneio.io.parsing.atomic import write_text
 from asyneio.pipeline.track import track_recording
 from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
 from asyneio.types import IntArray
 from common import table
 from sequences import DEFAULT_CACHE, sequence
+from track_errors import AgeRow, TrackErrors, age_table, feature_age, track_errors
 
 SCENES = ("event_slow", "event_fast", "event_low_light", "event_near", "event_far", "event_rotation")
 HEADER = ["scene", "alive", "life s", "0-0.1 s", "0.1-0.2 s", "0.2-0.3 s", "0.3-0.5 s", "0.5-1 s"]

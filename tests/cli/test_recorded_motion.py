@@ -68,7 +68,7 @@ def test_real_samples_are_kept_as_they_are(asyneio: Asyneio, files: Path) -> Non
     assert left["gyroscope"] == pytest.approx(0.003, rel=0.2)
     assert left["accelerometer"] == pytest.approx(0.03, rel=0.2)
     assert left["position"] < 1e-3
-    assert "left over (RMS)" in err
+    assert "RMS residual" in err
     recording = open_recording(files / "out")
     assert isinstance(recording, EventRecording)
     assert recording.events.size == found["events"] > 1000

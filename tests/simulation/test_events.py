@@ -106,7 +106,7 @@ def test_events_add_up_to_the_change_of_the_light(stage: Stage) -> None:
     assert np.abs(logs[1] - logs[0]).max() > 4.0 * IDEAL.threshold_on
 
 
-def test_thresholds_differ_as_told() -> None:
+def test_thresholds_have_the_given_mismatch() -> None:
     spec = SensorSpec(threshold_mismatch=0.04)
     pixels = make_pixels(spec, SMALL, np.ones((72, 100), np.float32), 1.0, np.random.default_rng(0))
     for values, mean in ((pixels.on, spec.threshold_on), (pixels.off, spec.threshold_off)):
@@ -122,7 +122,7 @@ def test_a_pixel_is_blind_for_the_refractory_time(stage: Stage, run: EventSimula
     assert unlimited.size > run.recording.events.size
 
 
-def test_still_scene_shows_only_noise_at_the_told_rate(stage: Stage) -> None:
+def test_a_static_scene_gives_only_noise_at_the_given_rate(stage: Stage) -> None:
     spec = dataclasses.replace(IDEAL, shot_noise_hz=4.0, leak_hz=1.0, hot_pixels=3, hot_pixel_hz=200.0)
     still = dataclasses.replace(stage, motion=drifting((0.0, 0.0, 0.0)))
     events = events_of(still, sensor=spec, illumination=1e-5, duration_s=1.9)
@@ -229,5 +229,5 @@ def test_photographs_are_rendered(monkeypatch: pytest.MonkeyPatch, data_dir: Pat
 
 def test_photographs_are_asked_for_and_missed(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
     monkeypatch.setenv("ASYNEIO_DATA", str(tmp_path))
-    with pytest.raises(SimulationError, match="holds no PNG file"):
+    with pytest.raises(SimulationError, match="contains no PNG file"):
         next(stream_events(small_scenario(photographs=True)))

@@ -103,7 +103,7 @@ def test_its_pace_of_rendering_is_as_fine_as_the_cameras() -> None:
     assert np.mean(np.abs(counts[0] - counts[1]) <= 1) > 0.99
 
 
-def test_no_step_moves_the_image_of_a_body_by_more_than_told() -> None:
+def test_no_step_moves_the_image_of_a_body_by_more_than_the_limit() -> None:
     scenario = small_scenario(camera=STRAIGHT)
     grey = [np.full((32, 32), 0.5)] * 2
     world = with_motion(walls(grey, [3.0, 1.2], [16.0, 0.6]), swinging(), first=1)

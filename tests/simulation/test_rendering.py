@@ -110,7 +110,7 @@ def test_fine_texture_far_away_is_smooth_not_noise(rng: np.random.Generator) -> 
     assert np.corrcoef(first.ravel(), second.ravel())[0, 1] > 0.8
 
 
-def test_no_step_moves_the_image_by_more_than_told() -> None:
+def test_no_step_moves_the_image_by_more_than_the_limit() -> None:
     stage, scenario = near(), near().scenario
     truth, frame = truth_of(stage), empty_frame(stage.view)
     rows, columns = np.mgrid[4 : SMALL.height : 8, 4 : SMALL.width : 8]
@@ -140,5 +140,5 @@ def test_no_step_moves_the_image_by_more_than_told() -> None:
 
 
 def test_a_lens_that_cannot_be_inverted_is_refused() -> None:
-    with pytest.raises(SimulationError, match="pixels see nothing"):
+    with pytest.raises(SimulationError, match="pixels have no viewing ray"):
         view_of(dataclasses.replace(SMALL, coefficients=(-0.9, 0.0, 0.0, 0.0)))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from asyneio.config import FrontendConfig
-from asyneio.evaluation.tracks_lives import Tracks, group_tracks
+from asyneio.evaluation.tracks import Tracks, group_tracks
 from asyneio.frontend import Frontend, FrontendStatistics, gyroscope_in_camera
 from asyneio.pipeline.packets import check_length
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray

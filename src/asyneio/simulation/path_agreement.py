@@ -39,7 +39,7 @@ def common_span_ns(poses: PoseTrajectory, streams: Sequence[RecordArray]) -> tup
     if end_ns - start_ns < _SHORTEST_S * NS_PER_S:
         raise SimulationError(
             f"the poses span {_span(poses.t_ns)} and the IMU {_span(stamps[-1])}, so they have less than "
-            f"{_SHORTEST_S:g} s in common; expected both from one run in one clock: shift the timestamps of one "
+            f"{_SHORTEST_S:g} s in common; expected both from one run in one clock: shift the times of one "
             "file, or use the file that belongs to the other"
         )
     return start_ns, end_ns
@@ -71,8 +71,8 @@ def check_rates(poses: PoseTrajectory, gyroscope: RecordArray) -> float:
     if max(alike) < _LEAST_CORRELATION:
         raise SimulationError(
             f"the rates of poses and gyroscope correlate by {max(alike):.2f} at most, whatever their clocks "
-            f"within {_LARGEST_LAG_S:g} s; expected at least {_LEAST_CORRELATION}: check that both files belong to "
-            "the same run, in one clock"
+            f"within {_LARGEST_LAG_S:g} s; expected at least {_LEAST_CORRELATION}: check that both files are "
+            "of the same run, in one clock"
         )
     _check_axes(rate_p, _mean_rates(t_s, integral, middle_s + lag_s))
     return lag_s
@@ -155,7 +155,7 @@ def _check_axes(rate_p: FloatArray, rate_g: FloatArray) -> None:
     if angle > _LARGEST_ANGLE:
         x, y, z, w = turn.as_quat()
         raise SimulationError(
-            f"the IMU is rotated by {angle:.1f} deg relative to the body of the poses (quaternion x y z w of the "
-            f"body in the IMU: {x:.4f} {y:.4f} {z:.4f} {w:.4f}); expected poses of the IMU itself: rotate the "
-            "orientations of the poses by it, or the axes of the samples"
+            f"the IMU is rotated by {angle:.1f} deg relative to the body of the poses (quaternion xyzw of "
+            f"the body in the IMU: {x:.4f} {y:.4f} {z:.4f} {w:.4f}); expected poses of the IMU: rotate "
+            "the orientations of the poses by it, or the axes of the samples"
         )

@@ -38,7 +38,7 @@ class Vibration:
         if not (self.fundamental_hz > 0.0 and matching and min(amplitudes) >= 0.0):
             raise SimulationError(
                 f"vibration at {self.fundamental_hz} Hz with amplitudes {self.acceleration} m/s^2 and "
-                f"{self.rate} rad/s; expected a positive frequency and the same number of amplitudes of both, "
+                f"{self.rate} rad/s; expected a positive frequency and equal numbers of amplitudes, "
                 "none of them negative"
             )
 
