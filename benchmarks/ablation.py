@@ -1,9 +1,9 @@
-"""What each ingredient of the default tracker is worth: one after the other taken away or changed.
+"""Ablation of the default tracker: its parts are removed or changed, one at a time.
 
-Evidence: simulation (pooled over scenes) and real events (slider_depth, IMU_rotDisk). Columns: error at
-0.3-0.5 s as median px / share under 2 px, the same over all ages above 0.1 s, median life, features alive
-(10th percentile); slider: RMS across the horizontal and median age; rotation: correlation of the tracked rate
-with the gyroscope.
+Evidence: simulation (pooled over scenes) and real events (slider_depth, IMU_rotDisk). Columns: error at an
+age of 0.3 to 0.5 s as median px / share under 2 px, the same over all ages above 0.1 s, median lifetime,
+number of live features (10th percentile); slider: RMS deviation from the horizontal and median age; rotation:
+correlation of the tracked rate with the gyroscope.
 
     python benchmarks/ablation.py [--scenes event_low_light event_far] [--seconds 6] [--cache DIR]
         [--only NAME ...] [--change "step_px=1.5, birth_px=1.0"] [--markdown FILE]
@@ -19,9 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.config import FrontendConfig
-from asyneio.evaluation.tracks import age_table
-from asyneio.evaluation.tracks_lives import group_tracks
-from asyneio.evaluation.tracks_motion import compare_rates, line_deviation, rotation_rates
+from asyneio.evaluation.tracks import group_tracks
 from asyneio.frontend import frontend as module
 from asyneio.frontend import gyroscope_in_camera
 from asyneio.frontend.gradient.feature import GradientSettings
@@ -32,12 +30,14 @@ from asyneio.types import EventRecording, RecordArray
 from common import table
 from real_tracking import ROTATION, SLIDER, load, undistorted
 from sequences import DEFAULT_CACHE, sequence
+from track_errors import age_table
+from track_motion import compare_rates, line_deviation, rotation_rates
 from tracking import alive_range, median_life_s, run_scene
 
 SCENES = ("event_fast", "event_low_light", "event_near", "event_far")
 NEVER = 1e9
 
-#: What is changed, and whether the gyroscope turns the patches.
+#: Changed settings, and whether the gyroscope rotates the patches.
 VARIANTS: dict[str, tuple[dict[str, float], bool]] = {
     "default": ({}, True),
     "no roll from the gyroscope": ({}, False),
@@ -60,7 +60,7 @@ HEADER = ["variant", "0.3-0.5 s", "over 0.1 s", "life s", "alive", "slider px", 
 
 @contextmanager
 def changed(settings: GradientSettings) -> Iterator[None]:
-    """The front end with other settings: no part of the configuration, for nobody should tune them."""
+    """The front end with internal settings that are not part of the configuration."""
     kept = module._TRACKERS["gradient"]
 
     class Changed(GradientTracker):
@@ -100,7 +100,7 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", default=SCENES)
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--only", nargs="+", choices=VARIANTS, help="some of the variants")
-    parser.add_argument("--change", action="append", default=[], help="a variant of one's own")
+    parser.add_argument("--change", action="append", default=[], help="a custom variant")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     parser.add_argument("--markdown", type=Path, help="also write the table here")
     options = parser.parse_args()

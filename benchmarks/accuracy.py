@@ -1,18 +1,18 @@
-"""From events to a trajectory, end to end: accuracy over a suite of sequences, and what dominates the error.
+"""End-to-end accuracy from events to a trajectory, over a suite of sequences, and the sources of the error.
 
-Evidence: simulation. Every sequence is run causally with one configuration, the default, for all. `suite` is
-nine sequences of 30 s in the manner of the DAVIS240C data set, `small` six scenes of 16 s with two seeds
-each, `twins` the dynamic ones of the suite beside the same with a person who stands still and with nobody.
+Evidence: simulation. Every sequence is run causally with the default configuration. `suite` is nine sequences
+of 30 s like those of the DAVIS240C data set, `small` six scenes of 16 s with two seeds each, and `twins` the
+dynamic ones of the suite, with a standing person, and without a person.
 
-With `--substitution`, the same estimator gets true parts in turn: true positions of the same features over
-the same lives with pixel noise (what the tracker's errors cost), features that live as long as they stay
-visible (what their short life costs), inertial samples without bias (what not knowing the biases costs), the
-state at the first instant (what the start costs). With `--perturb MS DEG` it is told a wrong time shift and a
-wrong rotation of the camera.
+With `--substitution`, parts of the input are replaced by true ones in turn: true positions of the same
+features over the same lifetimes with pixel noise (effect of tracking errors), features that live as long as
+they are visible (effect of short lifetimes), inertial samples without bias (effect of unknown biases), the
+true initial state (effect of initialization). With `--perturb MS DEG`, the calibration has a wrong time shift
+and a wrong rotation of the camera.
 
-Figures are of the longest segment. NEES: mean over time, 3 where the covariance is honest. Real time: the
-recorded time over the slower of front end and estimator, which run side by side. Substitutions are given
-the observations of the run as it is.
+All values are for the longest segment. NEES: mean over time; 3 for a consistent covariance. Real-time factor:
+recorded time over the slower of front end and estimator, which run in parallel. Substitutions use the
+observations of the unchanged run.
 
     python benchmarks/accuracy.py [--scenes suite | small | twins | SCENE ...] [--seeds N ...] [--seconds S]
         [--substitution] [--noise 0.4] [--perturb MS DEG] [--tracker gradient|haste] [--cache DIR]
@@ -46,13 +46,13 @@ from true_tracks import static_observations, true_tracks
 _SMALL = ("event_slow", "event_fast", "event_rotation", "event_low_light", "event_near", "event_far")
 _SUITE = tuple(scenario.name for scenario in SUITE)
 _DYNAMIC = tuple(scenario.name for scenario in SUITE if scenario.person == "walking")
-#: Scenes, seeds and seconds of each list; None for a scenario's own.
+#: Scenes, seeds and seconds of each list; None for the scenario's default.
 LISTS: dict[str, tuple[tuple[str, ...], tuple[int, ...], float | None]] = {
     "suite": (_SUITE, (0,), None),
     "small": (_SMALL, (0, 1), 16.0),
     "twins": ((*_DYNAMIC, *(scenario.name for scenario in TWINS)), (0,), None),
 }
-#: Columns and how their numbers are written.
+#: Columns and the formats of their numbers.
 COLUMNS = {
     "path m": ".1f",
     "Mev/s": ".2f",
@@ -73,22 +73,23 @@ SUBSTITUTED = {
     "true tracks, full life: MPE %": ".3f",
     "true biases: MPE %": ".3f",
     "true initial state: MPE %": ".3f",
-    "without tracks on what moves: MPE %": ".3f",
+    "without tracks on moving objects: MPE %": ".3f",
 }
-#: How well the true initial state is said to be known: rad, m, m/s, rad/s, m/s^2, per axis.
+#: Standard deviations given with the true initial state: rad, m, m/s, rad/s, m/s^2, per axis.
 _CERTAIN = np.repeat([1e-4, 1e-4, 1e-3, 1e-4, 1e-3], 3)
-#: After the first instant that all sensors cover [ns]: both sensors of the IMU have been heard by then.
+#: Time of the known state after the first common time of all sensors [ns]: both IMU sensors have samples by
+#: then.
 _FIRST_NS = 20_000_000
 
 
 def longest_segment(estimates: Sequence[Estimate]) -> tuple[list[Estimate], int]:
-    """Estimates of the longest segment, and how many segments there are."""
+    """Estimates of the longest segment, and the number of segments."""
     segments = [list(group) for _, group in groupby(estimates, key=lambda estimate: estimate.segment)]
     return max(segments, key=len, default=[]), len(segments)
 
 
 def figures(simulation: EventSimulation, result: RunResult) -> dict[str, float]:
-    """The columns of one run; what there is no estimate for is missing."""
+    """The columns of one run; values without an estimate are missing."""
     recording, summary = simulation.recording, result.summary
     estimates, segments = longest_segment(result.run.estimates)
     found = {
@@ -102,7 +103,7 @@ def figures(simulation: EventSimulation, result: RunResult) -> dict[str, float]:
     trajectory = pose_trajectory(estimates)
     score = evaluate(trajectory, recording.ground_truth, protocol_named("posyaw"))
     hku = evaluate(trajectory, recording.ground_truth, protocol_named("hku"))
-    # Covariances are relative to the knot that defines the world: it belongs at their head.
+    # Covariances are relative to the knot that defines the world, so this knot comes first.
     origin = result.origin_of(estimates[0].segment)
     head = [] if origin is None else [origin]
     consistency = nees([*head, *estimates], simulation.truth.at).values
@@ -131,7 +132,7 @@ def mpe(result: RunResult, simulation: EventSimulation) -> float:
 def substitutions(
     simulation: EventSimulation, observations: RecordArray, config: Config, noise_px: float
 ) -> dict[str, float]:
-    """The columns of SUBSTITUTED, of a run that was given these observations."""
+    """The columns of SUBSTITUTED for a run with these observations."""
     scores = []
     for alive in (None, config.frontend.max_features):
         tracks = true_tracks(simulation, observations, noise_px, alive)
@@ -155,7 +156,7 @@ def substitutions(
 
 
 def true_state(simulation: EventSimulation) -> InitialState:
-    """The true state as soon as all sensors are heard."""
+    """The true state as soon as all sensors have samples."""
     t_ns = usable_span(simulation.recording)[0] + _FIRST_NS
     true = simulation.truth.at(t_ns)
     return InitialState(
@@ -164,7 +165,7 @@ def true_state(simulation: EventSimulation) -> InitialState:
 
 
 def perturbed(recording: EventRecording, timeshift_ms: float, rotation_deg: float) -> EventRecording:
-    """The recording with a calibration that is wrong by so much, about an axis that no motion favours."""
+    """The recording with a wrong calibration, rotated about an axis unrelated to the motion."""
     calibration = recording.calibration
     assert calibration is not None
     T_b_c = calibration.T_b_c.copy()

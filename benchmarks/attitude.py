@@ -1,8 +1,9 @@
-"""Attitude before scale: under pure rotation the odometry must not start, and roll and pitch must be right.
+"""Attitude before initialization: under pure rotation the odometry must not initialize, and roll and pitch
+are known.
 
 Evidence: real events and IMU of a DAVIS240 (`davis240_imu`), whose roll is compared with that of the mean
-specific force over 0.2 s, and simulated tracks and IMU of a camera that turns on the spot, compared with the
-truth. Errors in degrees; `sigma`: root mean square of the error in units of what the filter claims.
+specific force over 0.2 s, and simulated tracks and IMU of a camera in pure rotation, compared with the ground
+truth. Errors in degrees; `sigma`: root mean square of the error in units of the filter's standard deviation.
 
     python benchmarks/attitude.py [--seeds 5]
 """
@@ -26,10 +27,10 @@ _HALF_MEAN_NS = 100_000_000
 
 
 def attitudes(recording: Recording | EventRecording) -> tuple[list[Attitude], str]:
-    """Attitudes of a run over a recording, and what became of it."""
+    """Attitudes of a run, and its outcome."""
     reports = run_recording(recording, Config()).run.reports
     started = [r for r in reports if r.health is not Health.INITIALIZING]
-    what = f"started at report {reports.index(started[0])}" if started else reports[-1].reason
+    what = f"initialized at report {reports.index(started[0])}" if started else reports[-1].reason
     return [r.attitude for r in reports if r.attitude is not None], what
 
 
@@ -47,7 +48,7 @@ def real(name: str) -> list[str]:
     up = np.array([a.C_w_b[2] for a in found])
     force = mean_force(recording.accelerometer, np.array([a.t_ns for a in found]))
     sigma = np.array([a.tilt_sigma_rad for a in found])
-    # The body's z axis is the optical axis, but for its sign.
+    # The body's z axis is the optical axis, except for its sign.
     roll = np.degrees(np.arctan2(up[:, 0], up[:, 1]) - np.arctan2(force[:, 0], force[:, 1]))
     roll = (roll + 180.0) % 360.0 - 180.0
     return [name, *_figures(up, force / np.linalg.norm(force, axis=1, keepdims=True), sigma, roll), what]
@@ -88,7 +89,7 @@ def main() -> None:
     seeds = range(parser.parse_args().seeds)
     rows = [real("IMU_rotDisk")]
     rows += parallel(partial(simulated, motion="rotation", motion_scale=0.0), seeds, "rotation", jobs=1)
-    header = ["run", "attitudes", "roll RMS deg", "tilt RMS deg", "RMS in sigmas", "what it said last"]
+    header = ["run", "attitudes", "roll RMS deg", "tilt RMS deg", "RMS in sigmas", "last message"]
     print(table(header, rows))
 
 

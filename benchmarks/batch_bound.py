@@ -5,17 +5,17 @@
 DIR is a tracks folder, by default `tumvi_calib` in the folder that ASYNEIO_DATA names, or in `shared/data`
 beside the checkout.
 
-All camera frames within the ground-truth span are states (pose, velocity, biases), joined by preintegrated
-inertial factors; every cut track is a landmark of its own, as it is for the odometry. Nothing is
-marginalised and every estimate sees the whole recording, past and future.
+All camera frames within the ground-truth span are states (pose, velocity, biases), connected by preintegrated
+inertial factors. Every piece of a track is a separate landmark, as for the odometry. Nothing is marginalised,
+and every estimate uses the whole recording.
 
-This is a bound, not a competitor: the initial values of poses and velocities are the interpolated ground
-truth, and the first position and heading are held at it, which is the choice of a gauge. The residuals never
-see it: the prior on the first attitude (0.1 rad) is far weaker than gravity.
+The result is a bound, not a competitor: poses and velocities are initialized with the interpolated ground
+truth, and the first position and heading are fixed to it as the gauge. The residuals do not depend on it: the
+prior on the first attitude (0.1 rad) is far weaker than gravity.
 
-The magnitude of gravity matters: on tumvi_calib accelerometer and motion capture agree on 9.775 m/s². With
-9.81 and a free accelerometer bias the difference goes into the bias and tilts the world by half a degree,
-at no cost in the residuals.
+The magnitude of gravity matters: on tumvi_calib, accelerometer and motion capture agree on 9.775 m/s². With
+9.81 and a free accelerometer bias, the difference enters the bias and tilts the world by half a degree
+without larger residuals.
 """
 
 from __future__ import annotations
@@ -38,14 +38,16 @@ from asyneio.evaluation import evaluate, protocol_named
 from asyneio.io import read_tracks_folder
 from asyneio.types import NS_PER_S, Calibration, FloatArray, IntArray, PoseTrajectory, RecordArray, Recording
 
-#: Corner noise [px] and the residual, in sigmas, from which Huber's loss is linear.
+#: Corner noise [px], and the residual in sigmas from which Huber's loss is linear.
 PIXEL_SIGMA, HUBER = 0.3, 1.345
-#: Factor on the declared densities of IMU noise and walk: data sheets hold for a sensor at rest. Measured on
-#: tumvi_calib: with factors of 5 to 50 at 0.3 px the result stays within 0.114-0.124 cm, 0.293-0.302 degrees.
+#: Factor on the declared densities of IMU noise and walk: data sheets are for a stationary sensor. Measured
+#: on tumvi_calib: with factors of 5 to 50 at 0.3 px the result stays within 0.114-0.124 cm, 0.293-0.302
+#: degrees.
 INFLATION = 10.0
-#: A landmark needs this many frames, and this much parallax as the smallest eigenvalue of its normal matrix.
+#: Minimum number of frames of a landmark, and its minimum parallax as the smallest eigenvalue of the normal
+#: matrix.
 MIN_FRAMES, MIN_INFORMATION = 3, 1e-4
-#: Longest piece of a track that is one landmark, as for the odometry.
+#: Maximum length of the piece of a track that is one landmark, as for the odometry.
 MAX_TRACK_SECONDS = 1.0
 #: Prior sigmas: attitude [rad] and position [m] of the first pose, accelerometer and gyroscope bias.
 POSE_PRIOR, BIAS_PRIOR = (0.1, 1e-4), (0.5, 0.1)
@@ -53,7 +55,7 @@ POSE_PRIOR, BIAS_PRIOR = (0.1, 1e-4), (0.5, 0.1)
 
 @dataclass(frozen=True)
 class Problem:
-    """Frames at `t_ns` (K,), initial states, and one row an observation: frame index, track index, pixel."""
+    """Frames at `t_ns` (K,), initial states, and one row per observation: frame index, track index, pixel."""
 
     recording: Recording
     t_ns: IntArray
@@ -101,13 +103,13 @@ def triangulate(problem: Problem) -> FloatArray:
 
 
 def make_problem(recording: Recording, truth: PoseTrajectory) -> Problem:
-    """Keep the frames that ground truth and IMU cover and start everything at the truth.
+    """Keep the frames covered by ground truth and IMU, and initialize all states with the ground truth.
 
     Raises:
-        RecordingError: the lens distorts.
+        RecordingError: the camera has distortion.
     """
     if any(recording.calibration.camera.coefficients):
-        raise RecordingError(f"{recording.name} has a distorted lens; the bound expects undistorted tracks")
+        raise RecordingError(f"{recording.name} has a camera with distortion; expected undistorted tracks")
     gyroscope = recording.gyroscope["t_ns"]
     first, last = max(truth.t_ns[0], gyroscope[0]), min(truth.t_ns[-1], gyroscope[-1])
     rows = recording.observations
@@ -148,7 +150,7 @@ def inertial_steps(recording: Recording, t0: int, t1: int) -> Iterator[tuple[Flo
 
 
 def add_inertial(problem: Problem, graph: gtsam.NonlinearFactorGraph, gravity: float) -> None:
-    """A combined inertial factor between each two consecutive frames, and what fixes gauge and biases."""
+    """A combined inertial factor between consecutive frames, and priors for gauge and biases."""
     parameters = imu_parameters(problem.recording.calibration, gravity)
     for k, (t0, t1) in enumerate(zip(problem.t_ns[:-1], problem.t_ns[1:], strict=True)):
         measured = gtsam.PreintegratedCombinedMeasurements(parameters)
@@ -190,7 +192,7 @@ def initial_values(problem: Problem) -> gtsam.Values:
 
 
 def solve(problem: Problem, gravity: float) -> tuple[PoseTrajectory, int]:
-    """Estimated trajectory at the frames, and how many iterations it took."""
+    """Estimated trajectory at the frames, and number of iterations."""
     graph = gtsam.NonlinearFactorGraph()
     add_inertial(problem, graph, gravity)
     add_projections(problem, graph)
@@ -206,7 +208,7 @@ def solve(problem: Problem, gravity: float) -> tuple[PoseTrajectory, int]:
 
 @dataclass(frozen=True)
 class Bound:
-    """Errors of the full batch after alignment of position and yaw, RMSE, and what they were measured on."""
+    """RMSE of the full batch after alignment of position and yaw, and properties of the problem."""
 
     position_cm: float
     orientation_deg: float
@@ -227,7 +229,7 @@ def batch_bound(data: Path, gravity: float) -> Bound:
     recording = read_tracks_folder(data, max_track_seconds=MAX_TRACK_SECONDS)
     truth = recording.ground_truth
     if truth is None:
-        raise RecordingError(f"{data} has no ground truth (groundtruth.tum); a bound is measured against it")
+        raise RecordingError(f"{data} has no ground truth; expected groundtruth.tum")
     problem = make_problem(recording, truth)
     start = time.perf_counter()
     estimate, iterations = solve(problem, gravity)
@@ -255,7 +257,7 @@ def default_data() -> Path:
 def main() -> int:
     parser = argparse.ArgumentParser(description="Accuracy of a full-batch smoother on a tracks folder.")
     parser.add_argument("--data", type=Path, default=default_data(), help="tracks folder")
-    parser.add_argument("--gravity", type=float, default=9.775, help="magnitude [m/s^2]; see the module head")
+    parser.add_argument("--gravity", type=float, default=9.775, help="magnitude [m/s^2]; see above")
     arguments = parser.parse_args()
     try:
         bound = batch_bound(arguments.data, arguments.gravity)

@@ -1,7 +1,7 @@
-"""Makes the inputs of cases, all in one process that reads the simulated sequence once.
+"""Generate the inputs of cases in one process that reads the simulated sequence once.
 
-Run by `cases.py` in the folder that holds `common.py` and a folder for each case; prints one JSON object:
-the exit status and output of each case's `gen.py`. Each runs in a fork, so that none sees what another did.
+Run by `cases.py` in the folder with `common.py` and a folder for each case. It prints one JSON object with
+the exit status and output of each `gen.py`. Each one runs in a fork, so they cannot affect each other.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ _SECONDS = 300
 
 
 def main(names: list[str]) -> None:
-    """Makes the inputs of the named cases."""
+    """Generate the inputs of the named cases."""
     sys.path.insert(0, os.getcwd())
-    # That of the cases, not the module of the same name beside this one.
+    # The module of the cases, not the one with the same name in this folder.
     common: Any = importlib.import_module("common")
     rows = functools.cache(common._rows)
     # Generators write into what they are given.
@@ -44,7 +44,7 @@ def _made(place: Path) -> tuple[int, str]:
 
 
 def _generate(place: Path, output: int) -> None:
-    """Runs `gen.py` and ends the process."""
+    """Run `gen.py` and end the process."""
     import signal
 
     status = 1

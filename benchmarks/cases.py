@@ -1,9 +1,9 @@
-"""Does the installed program give the right answer for inputs that went wrong once?
+"""Regression test of the installed program on inputs that once gave wrong results.
 
-Each folder of cases holds `gen.py`, which makes an input, and a `README` with its commands. Every case is
-copied to a temporary folder, made, run and judged by `case_expectations`. A case without expectations, a
-command that is not in the case's README, and an expectation without a case are wrong too. The input is made
-from a simulated sequence, which takes some seconds once.
+Each folder of cases contains `gen.py`, which generates an input, and a `README` with its commands. Every case
+is copied to a temporary folder, generated, run and compared with `case_expectations`. A case without
+expectations, a command that is not in the README of the case, and expectations without a case are errors too.
+Inputs are generated from a simulated sequence, which takes some seconds once.
 
     python benchmarks/cases.py [--cases FOLDER] [--only E07 H01 ...] [--jobs 1] [--verbose] [--keep FOLDER]
 """
@@ -32,7 +32,7 @@ _ANSI = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a case: reasons why it is wrong (empty: right), outputs of its commands, time taken."""
+    """Outcome of a case: reasons of its failure (empty: passed), outputs of its commands, and duration."""
 
     name: str
     kind: str
@@ -42,14 +42,14 @@ class Outcome:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the cases; 0 if all are right, 1 if any is wrong, 2 if there is none."""
+    """Run the cases; returns 0 if all pass, 1 if any fails, 2 if there is none."""
     options = _options(arguments)
     folder: Path = options.cases
     names = sorted(path.parent.name for path in folder.glob("*/gen.py")) if folder.is_dir() else []
     chosen = [name for name in names if not options.only or name in options.only]
     unknown = sorted(set(options.only or ()) - set(names))
     if unknown or not chosen:
-        print(f"No case {', '.join(unknown) or 'at all'} in {folder}. Name the folder: --cases FOLDER")
+        print(f"no case {', '.join(unknown) or 'at all'} in {folder}; pass the folder with --cases FOLDER")
         return 2
     with tempfile.TemporaryDirectory(prefix="asyneio-cases-") as temporary:
         work = Path(options.keep or temporary)
@@ -68,20 +68,20 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--cases", type=Path, default=data_folder().parent / "cases", help="folder of the cases"
     )
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="these cases alone")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="only these cases")
     parser.add_argument("--jobs", type=int, default=1, help="cases at the same time")
     parser.add_argument(
         "--keep",
         type=Path,
         metavar="FOLDER",
-        help="work here and leave inputs, results and what was said (said.txt) there",
+        help="work in this folder and keep inputs, results and outputs (said.txt) there",
     )
-    parser.add_argument("--verbose", action="store_true", help="print what the commands of wrong cases said")
+    parser.add_argument("--verbose", action="store_true", help="print the outputs of failed cases")
     return parser.parse_args(arguments)
 
 
 def _environment(work: Path) -> dict[str, str]:
-    """That of the caller, with the program of this Python first and lines that are not broken."""
+    """Environment of the caller, with the program of this Python first and without line wrapping."""
     programs = str(Path(sys.executable).parent)
     changed = {
         "PATH": programs + os.pathsep + os.environ.get("PATH", ""),
@@ -94,13 +94,13 @@ def _environment(work: Path) -> dict[str, str]:
 
 
 def _base(work: Path) -> None:
-    """Simulates the sequence that the inputs are made from; `common.py` of the cases does it."""
+    """Simulate the sequence for the inputs with `common.py` of the cases."""
     script = "import common; common.base()"
     subprocess.run([sys.executable, "-c", script], cwd=work, env=_environment(work), check=True)
 
 
 def _inputs(folder: Path, work: Path, names: Sequence[str]) -> dict[str, tuple[int, str]]:
-    """Copies the cases and makes their inputs; exit status and output of each generator."""
+    """Copy the cases and generate their inputs; returns exit status and output of each generator."""
     for name in names:
         shutil.rmtree(work / name, ignore_errors=True)
         shutil.copytree(folder / name, work / name)
@@ -112,7 +112,7 @@ def _inputs(folder: Path, work: Path, names: Sequence[str]) -> dict[str, tuple[i
 
 
 def _judged(work: Path, made: dict[str, tuple[int, str]], name: str) -> Outcome:
-    """A case whose input is made, run and compared with its expectations."""
+    """Run a case with its generated input and compare it with its expectations."""
     start = time.perf_counter()
     place = work / name
     readme = (place / "README").read_text(encoding="utf-8")
@@ -147,20 +147,20 @@ def _run(command: str, place: Path, environment: dict[str, str], seconds: float)
 
 
 def _faults(step: Step, status: int, said: str, place: Path) -> list[str]:
-    """Expectations that the command does not meet, in words."""
+    """Unmet expectations of a command, as text."""
     text = " ".join(said.split())
     faults = []
     if status not in step.status:
         faults.append(f"exit {status}, not {' or '.join(map(str, step.status))}")
-    faults += [f"does not say /{p}/" for p in step.says if not re.search(p, text, re.IGNORECASE)]
+    faults += [f"missing in the output: /{p}/" for p in step.says if not re.search(p, text, re.IGNORECASE)]
     faults += [f"says /{p}/" for p in step.silent if re.search(p, text, re.IGNORECASE)]
     faults += [f"no file {p}" for p in step.files if not any(place.glob(p))]
-    faults += [f"there is a file {p}" for p in step.absent if any(place.glob(p))]
+    faults += [f"unexpected file {p}" for p in step.absent if any(place.glob(p))]
     return faults
 
 
 def _report(outcomes: Sequence[Outcome], missing: Sequence[str], verbose: bool) -> None:
-    """The table, what wrong cases said if wanted, and the sum."""
+    """Print the table, the outputs of failed cases if requested, and the total."""
     if verbose:
         for outcome in outcomes:
             if outcome.wrong:
@@ -169,11 +169,11 @@ def _report(outcomes: Sequence[Outcome], missing: Sequence[str], verbose: bool) 
         [o.kind, o.name, "WRONG" if o.wrong else "right", f"{o.seconds:.0f}", "; ".join(o.wrong)]
         for o in sorted(outcomes, key=lambda o: (o.kind, o.name))
     ]
-    print(table(["kind", "case", "verdict", "s", "what is wrong"], rows))
+    print(table(["kind", "case", "result", "s", "reason"], rows))
     for name in missing:
-        print(f"WRONG: {name} has expectations, but no folder among the cases")
+        print(f"WRONG: {name} has expectations, but no folder")
     right = sum(not outcome.wrong for outcome in outcomes)
-    print(f"\n{right} of {len(outcomes)} cases are right.")
+    print(f"\n{right} of {len(outcomes)} cases pass.")
 
 
 if __name__ == "__main__":

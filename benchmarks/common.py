@@ -1,4 +1,4 @@
-"""What the benchmarks share: data folder, runs in parallel over seeds, tables."""
+"""Shared functions of the benchmarks: data folder, parallel runs over seeds, tables."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
-# Before NumPy: processes share the cores, and small matrices gain nothing from BLAS threads.
+# Before NumPy: the processes use all cores, and small matrices do not profit from BLAS threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from rich.progress import track
@@ -37,10 +37,10 @@ def parallel(
 
 
 def run(recording: Recording | EventRecording, config: Config) -> RunResult:
-    """One run that must be whole.
+    """A run that must be complete.
 
     Raises:
-        RuntimeError: the run failed; a benchmark must not average over what is left.
+        RuntimeError: the run failed; a benchmark must not average over the remaining ones.
     """
     result = run_recording(recording, config)
     if result.summary.failure:
@@ -55,15 +55,15 @@ def score(recording: Recording, result: RunResult, protocol: str = "posyaw") -> 
     return evaluate(pose_trajectory(result.run.estimates), recording.ground_truth, protocol_named(protocol))
 
 
-#: What `accuracy_cells` gives.
+#: Header of the cells of `accuracy_cells`.
 ACCURACY_HEADER = ["ATE cm", "orientation deg", "MPE %", "scale %", "start s", "x real time"]
 
 
 def accuracy_cells(recording: Recording, config: Config) -> list[str]:
-    """Accuracy under `posyaw` and speed of one whole run.
+    """Accuracy under `posyaw` and speed of one complete run.
 
     Raises:
-        RuntimeError: the run is not whole.
+        RuntimeError: the run is incomplete.
     """
     result = run(recording, config)
     e, s = score(recording, result), result.summary

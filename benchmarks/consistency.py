@@ -1,8 +1,7 @@
-"""Is the covariance honest? NEES over seeds, with and without frozen linearisation points.
+"""Consistency of the covariance: NEES over seeds, with and without frozen linearisation points.
 
-Evidence: simulation (feature tracks and IMU with exact truth). The estimator is told the true noise
-densities,
-so that the figures test the estimator and not a guess of the noise.
+Evidence: simulation (feature tracks and IMU with exact ground truth). The estimator uses the true noise
+densities, so the results do not depend on an assumed noise.
 
     python benchmarks/consistency.py [--seeds 20] [--seconds 10] [--motion moderate]
 """
@@ -28,14 +27,14 @@ _BLOCKS = (
 
 
 def scenario(motion: str, seconds: float, seed: int) -> Scenario:
-    """A run with half as many observations as the default: NEES does not need them, the clock does."""
+    """A run with half the observations of the default, which suffice for NEES and take less time."""
     base = SCENARIOS[motion]
     tracks = replace(base.tracks, features_alive=40, spacing_px=1.5, min_spacing_s=0.015)
     return replace(base, duration_s=seconds, seed=seed, tracks=tracks)
 
 
 def true_noise(scene: Scenario, frozen: bool, bearing: bool = True) -> Config:
-    """The configuration that states the simulator's noise."""
+    """The configuration with the simulator's noise."""
     return Config.model_validate(
         {
             "window": {"frozen_linearization": frozen},
@@ -55,13 +54,13 @@ def one_run(seed: int, motion: str, seconds: float, frozen: bool, bearing: bool)
     scene = scenario(motion, seconds, seed)
     simulation = simulate(scene)
     result = run(simulation.recording, true_noise(scene, frozen, bearing))
-    # The origin defines the frame; estimates at and before the start's last knot follow it.
+    # The origin defines the world; estimates up to the last knot of the initialization depend on it.
     estimates = [*result.origins, *result.run.estimates]
     return nees(estimates, simulation.truth.at), score(simulation.recording, result).position_m.rmse
 
 
 def main() -> None:
-    """Print one row for each part of the state and each choice."""
+    """Print one row for each part of the state and each option."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,8 +1,8 @@
-"""Does `asyneio doctor` tell a wrong focal length from a wrong scale of the gyroscope?
+"""Separation of a wrong focal length and a wrong gyroscope scale by `asyneio doctor`.
 
-The recordings named are examined as they are, with the calibrated focal length off by 5 and 10 %, and with
-the gyroscope scaled. Columns: the verdicts of `image scale` and `imu scale`, the gyroscope's scale by the
-picture and by gravity, and true over calibrated focal length, each with its standard deviation where told.
+The given recordings are checked unchanged, with the calibrated focal length off by 5 and 10 %, and with the
+gyroscope scaled. Columns: results of `image scale` and `imu scale`, the gyroscope's scale from the image and
+from gravity, and true over calibrated focal length, each with its standard deviation if observable.
 
     python benchmarks/doctor_scales.py RECORDING ... [--focal 1 1.05 0.9] [--gyroscope 1 1.1 2]
 """
@@ -14,14 +14,14 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from asyneio.doctor import Diagnosis, examine
+from asyneio.doctor import Report, examine
 from asyneio.io import open_recording, write_events_hdf5, write_tracks_folder
 from asyneio.types import EventRecording, Recording
 from common import table
 
 
 def _changed(recording: Recording | EventRecording, focal: float, gyroscope: float, folder: Path) -> Path:
-    """Where the recording was written with focal length and readings that many times as large."""
+    """Path of a copy of the recording with scaled focal length and gyroscope readings."""
     calibration = recording.calibration
     assert calibration is not None
     camera = replace(calibration.camera, fx=focal * calibration.camera.fx, fy=focal * calibration.camera.fy)
@@ -38,19 +38,18 @@ def _changed(recording: Recording | EventRecording, focal: float, gyroscope: flo
     return folder / "recording.h5"
 
 
-def _cells(diagnosis: Diagnosis) -> list[str]:
-    found = {verdict.check: verdict for verdict in diagnosis.verdicts}
-    picture, gravity = found.get("image scale"), found.get("imu scale")
-    cells = [verdict.severity.name if verdict else "-" for verdict in (picture, gravity)]
-    for verdict, value, sigma in (
-        (picture, "gyroscope_scale", "gyroscope_log_sigma"),
+def _cells(report: Report) -> list[str]:
+    found = {result.check: result for result in report.results}
+    image, gravity = found.get("image scale"), found.get("imu scale")
+    cells = [result.severity.name if result else "-" for result in (image, gravity)]
+    for result, value, sigma in (
+        (image, "gyroscope_scale", "gyroscope_log_sigma"),
         (gravity, "gyroscope_scale", "log_sigma"),
-        (picture, "focal_factor", "focal_log_sigma"),
+        (image, "focal_factor", "focal_log_sigma"),
     ):
-        told = verdict is not None and verdict.values.get(value) is not None
-        cells.append(
-            f"{verdict.values[value]:.3f} ({verdict.values[sigma]:.1%})" if verdict and told else "-"
-        )
+        values = result.values if result else {}
+        observable = values.get(value) is not None
+        cells.append(f"{values[value]:.3f} ({values[sigma]:.1%})" if observable else "-")
     return cells
 
 
@@ -69,9 +68,9 @@ def main() -> None:
         recording = open_recording(path)
         for focal, gyroscope in cases:
             with tempfile.TemporaryDirectory() as folder:
-                diagnosis = examine(_changed(recording, focal, gyroscope, Path(folder)))
-            rows.append([path.stem, f"{focal:g}", f"{gyroscope:g}", *_cells(diagnosis)])
-    header = ["recording", "focal", "gyroscope", "image scale", "imu scale", "by the picture", "by gravity"]
+                report = examine(_changed(recording, focal, gyroscope, Path(folder)))
+            rows.append([path.stem, f"{focal:g}", f"{gyroscope:g}", *_cells(report)])
+    header = ["recording", "focal", "gyroscope", "image scale", "imu scale", "from the image", "from gravity"]
     print(table([*header, "focal length"], rows))
 
 

@@ -1,14 +1,14 @@
-"""What an event costs the front end, by size of the sensor, event rate and number of features.
+"""Cost of an event in the front end, by sensor size, event rate and number of features.
 
     python benchmarks/frontend_law.py [--sizes 240x180 640x480 1280x720] [--rates 1.1 10 30]
         [--features 8 25 100] [--millions 4] [--repeats 3] [--load 0.3] [--cache DIR] [--markdown FILE]
 
-Evidence: simulation (`suite_fine_6dof`, the same scene and motion at all sizes). A stream of a wanted rate is
-made of these events by stretching their times: the same picture moves slower or faster. Times are those of
-the processor spent in the front end's thread, without reading; of repeated runs the least, packet by packet.
+Evidence: simulation (`suite_fine_6dof`, the same scene and motion at all sizes). A stream with a given rate
+is made of these events by scaling their times, so the same image moves at another speed. Times are CPU times
+of the front end's thread without reading; for each packet, the minimum of repeated runs.
 
-The last lines fit `ns an event = a + b n`, with `n` the features that an event is fed to on average, and tell
-what is left out with `frontend.max_load` set, and what the rest costs.
+The last lines fit `ns per event = a + b n`, with `n` the mean number of features that an event is fed to, and
+show what is shed with `frontend.max_load` set, and the cost of the rest.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def stretched(events: RecordArray, mev_s: float) -> RecordArray:
 def cost(
     events: RecordArray, size: tuple[int, int], config: FrontendConfig, repeats: int
 ) -> tuple[float, float, FrontendStatistics]:
-    """Processor time an event [ns], features alive (median) and counts."""
+    """CPU time per event [ns], median number of live features, and counts."""
     pieces = packets(events)
     spent = np.zeros((repeats, len(pieces)))
     for row in spent:
@@ -63,7 +63,7 @@ def cost(
 def law_rows(
     events: RecordArray, size: tuple[int, int], mev_s: float, features: Sequence[int], repeats: int
 ) -> tuple[list[list[str]], list[tuple[float, float]]]:
-    """Rows for some numbers of features; (features fed, ns) an event of each."""
+    """Rows for some numbers of features; (features fed, ns) per event of each."""
     rows, points = [], []
     for count in features:
         ns, alive, counts = cost(events, size, FrontendConfig(max_features=count), repeats)
@@ -87,7 +87,7 @@ def law_rows(
 def shed_row(
     events: RecordArray, size: tuple[int, int], mev_s: float, load: float, repeats: int
 ) -> list[str]:
-    """What a limit leaves out."""
+    """What is shed with a limit of the load."""
     ns, alive, counts = cost(events, size, FrontendConfig(max_load=load), repeats)
     return [
         f"{size[0]} x {size[1]}",
@@ -138,7 +138,7 @@ def report(rows: list[list[str]], shed: list[list[str]], points: list[tuple[floa
     fed, ns = np.array(points).T
     (a, b), *_ = np.linalg.lstsq(np.column_stack([np.ones_like(fed), fed]), ns, rcond=None)
     left = np.abs(a + b * fed - ns).max()
-    law = f"ns an event = {a:.1f} + {b:.1f} n, at most {left:.1f} off"
+    law = f"ns per event = {a:.1f} + {b:.1f} n, residual at most {left:.1f}"
     return f"{table(HEADER, rows)}\n\n{law}\n\n{table(SHED_HEADER, shed)}\n"
 
 

@@ -1,13 +1,13 @@
-"""Where the default tracker's time goes: nanoseconds an event by stage.
+"""Time of the default tracker by stage, in nanoseconds per event.
 
     python benchmarks/frontend_stages.py [--scenes event_fast] [--excerpts ecd_excerpts/boxes_translation ...]
         [--seconds 2] [--cache DIR] [--markdown FILE]
 
-The stages of the event loop are wrapped, in this process alone, with reads of the processor's cycle counter
-and compiled anew into a cache of their own. What the wrappers cost is part of the figures (the last line
-tells how much slower the wrapped loop is); the installed kernels know nothing of this.
+The stages of the event loop are wrapped, in this process only, with reads of the processor's cycle counter,
+and compiled into a separate cache. The times include the cost of the wrappers (the last line shows the
+slowdown of the wrapped loop); the installed kernels are not affected.
 
-Evidence: as `frontend_speed.py`: simulated events, and real excerpts repeated end to end.
+Evidence: as in `frontend_speed.py`: simulated events, and real excerpts repeated end to end.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-# Before the front end is imported: wrapped kernels must not meet those of normal use.
+# Before the front end is imported: wrapped kernels must not be mixed with those of normal use.
 _KERNELS = tempfile.TemporaryDirectory(prefix="asyneio-stages-")
 os.environ["NUMBA_CACHE_DIR"] = _KERNELS.name
 
@@ -41,11 +41,11 @@ from frontend_speed import EXCERPTS, REPEATED_EVENTS, packets, repeated  # noqa:
 from real_tracking import load  # noqa: E402
 from sequences import DEFAULT_CACHE, sequence  # noqa: E402
 
-#: Stage, module, function. Those of an update and of a birth are parts of it and are taken off below.
+#: Stage, module, function. Stages of an update and of a birth are parts of it and are subtracted below.
 STAGES = (
     ("corner test", gradient_kernel, "is_corner"),
-    ("looking over features and pixels", gradient_kernel, "remove_idle"),
-    ("looking over features and pixels", gradient_kernel, "refresh_hot_pixels"),
+    ("check of features and pixels", gradient_kernel, "remove_idle"),
+    ("check of features and pixels", gradient_kernel, "refresh_hot_pixels"),
     ("birth", gradient_kernel, "try_birth"),
     ("birth: velocity", gradient_feature, "find_flow"),
     ("update", gradient_kernel, "update"),
@@ -101,7 +101,7 @@ def _wrapped(function: Callable[..., Any], stage: int) -> Callable[..., Any]:
 
 
 def wrap_stages() -> None:
-    """Put wrapped functions in the place of the stages; before the event loop is first compiled."""
+    """Replace the stages by wrapped functions, before the event loop is first compiled."""
     for k, (_, module, name) in enumerate(STAGES):
         setattr(module, name, _wrapped(getattr(module, name), k))
 
@@ -116,7 +116,7 @@ def seconds_of(recording: EventRecording, pieces: list[RecordArray]) -> float:
 
 
 def stage_lines(recording: EventRecording, events: RecordArray) -> dict[str, tuple[float, float, float]]:
-    """Of each stage: ns an event, µs a call, calls per 1000 events; the event loop is what remains."""
+    """For each stage: ns per event, µs per call, calls per 1000 events; the rest is the event loop."""
     pieces = packets(events)
     seconds_of(recording, pieces[:20])
     _COUNTS[:] = 0
@@ -144,7 +144,7 @@ def _read_cycles() -> int:
 
 
 def main() -> None:
-    """Print a table with a column for each recording."""
+    """Print a table with one column per recording."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

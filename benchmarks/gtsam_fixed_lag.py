@@ -1,24 +1,24 @@
-"""The estimator beside gtsam's incremental fixed-lag smoother (iSAM2, C++): same observations, same window.
+"""Comparison with gtsam's incremental fixed-lag smoother (iSAM2, C++): same observations, same window.
 
     python benchmarks/gtsam_fixed_lag.py [--scenes suite_boxes_6dof] [--seconds 10] [--intervals 0.025 0.1]
 
-Evidence: simulated events. The front end tracks once; both estimators get what it observed, the same
-undistorted pixels, inertial samples, noise densities (inflated alike), Cauchy cost and window length. One
-process, one thread each (gtsam's own threads, if its build has any, are those of the machine).
+Evidence: simulated events. The front end tracks once; both estimators use its observations, the same
+undistorted pixels, inertial samples, noise densities (with the same inflation), Cauchy cost and window
+length. One process and one thread each (except for threads of gtsam itself, if its build has any).
 
-What gtsam solves is the usual discrete problem, for it has no counterpart of observations at times of their
-own: states (pose, velocity, biases) at a fixed interval, joined by combined inertial factors, and explicit
-points. For each track and state there is one projection factor: the observation nearest in time, moved to the
-time of the state along the straight line to the next one of its track. With states every 25 ms nearly every
-observation has a factor of its own (the front end observes a feature every 20 ms at most); with states every
-100 ms, as far apart as our knots, three of four are left out, which is to gtsam's advantage in time; a row
-of its own has all of them on those few states, moved by up to 50 ms. A point
-begins with its fourth factor, triangulated; a weak prior holds it. A state begins where the inertial samples
-of the interval lead from the last one; the first is the true one, which ours has to find by itself.
+gtsam solves the common discrete problem, because it has no counterpart of observations at individual times:
+states (pose, velocity, biases) at a fixed interval, connected by combined inertial factors, and explicit
+points. For each track and state there is one projection factor: the observation nearest in time, interpolated
+linearly to the time of the state. With states every 25 ms, nearly every observation has its own factor (the
+front end observes a feature at most every 20 ms). With states every 100 ms, like our knots, three of four
+observations are not used, which reduces gtsam's time; in another row all of them are used, moved by up to 50
+ms. A point is triangulated at its fourth factor, with a weak prior. A state is initialized by propagation of
+the inertial samples; the first one is the true state, which our estimator has to find.
 
-Of gtsam only `update` is counted, one call a state (one iteration of iSAM2 each), and preintegration apart
-from it (its loop over samples is in Python); building factors is not. Of ours everything is counted,
-covariance and health included. The start is left out of both. On a busy machine CPU time is what compares.
+For gtsam, only `update` is timed, with one call per state (one iteration of iSAM2 each), and preintegration
+separately (its loop over samples is in Python); building factors is not. For our estimator everything is
+timed, including covariance and health. Initialization is excluded for both. On a busy machine, compare CPU
+times.
 """
 
 from __future__ import annotations
@@ -48,28 +48,28 @@ from sequences import DEFAULT_CACHE, sequence
 HEADER = [
     "estimator",
     "states a second",
-    "visual factors a second",
-    "ms a second of data",
+    "visual factors per second",
+    "ms per second of data",
     "CPU ms",
     "times real time",
-    "ms a state: median",
+    "ms per state: median",
     "99 %",
     "ATE cm",
     "remark",
 ]
-#: Factors that a point needs, its prior [m], and how far from the camera it may be [m].
+#: Minimum number of factors of a point, its prior [m], and its maximum distance from the camera [m].
 _BIRTH, _POINT_SIGMA, _FAR_M = 4, 10.0, 50.0
-#: Factor on the walk of the biases, for gtsam: with the true one the Cholesky factorisation of states 25 ms
-#: apart fails ("indeterminate linear system"), for they are held together a million times as tightly as
+#: Factor on the walk of the biases for gtsam: with the true one, the Cholesky factorisation of states 25 ms
+#: apart fails ("indeterminate linear system"), because it connects them a million times more strongly than
 #: anything else.
 _WALK = 10.0
-#: Of the first state, which is the true one: pose, velocity, biases.
+#: Standard deviations of the first state, which is the true one: pose, velocity, biases.
 _FIRST = (1e-3, 1e-2, 0.05)
 
 
 @dataclass
 class Costs:
-    """Seconds of each update, of CPU time of all of them, and of all preintegration."""
+    """Wall-clock seconds of each update, CPU seconds of all updates, and seconds of all preintegration."""
 
     update_s: list[float] = field(default_factory=list)
     cpu_s: float = 0.0
@@ -89,8 +89,8 @@ class Sightings:
 def sightings(
     simulation: EventSimulation, observations: RecordArray, states_ns: IntArray, every: bool = False
 ) -> list[Sightings]:
-    """For each state the nearest observation of each track, or `every` one that is nearest to this state,
-    moved to its time along the track."""
+    """For each state, the nearest observation of each track, or `every` one nearest to this state,
+    interpolated to its time."""
     camera = CameraModel(calibration_of(simulation.recording).camera)
     xy, _, valid = camera.undistort(np.column_stack([observations["u"], observations["v"]]))
     seen, xy = observations[valid], xy[valid]
@@ -155,7 +155,7 @@ class FixedLag:
         self._update(0, graph, values, [])
 
     def advance(self, k: int, bounds_ns: tuple[int, int], seen: Sightings) -> FloatArray:
-        """State k from the samples since state k - 1 and what was seen at it; its pose (4,4)."""
+        """Add state k from the samples since state k - 1 and its observations; returns its pose (4,4)."""
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         started = time.perf_counter()
         measured = self._integrate(bounds_ns)
@@ -199,7 +199,7 @@ class FixedLag:
         track: int,
         xy: FloatArray,
     ) -> bool:
-        """One sighting; whether the track has a point."""
+        """Add an observation; returns whether the track has a point."""
         lag = round(self._config.window.length_s / self._interval_s) - 1
         if track in self._last_seen and k - self._last_seen[track] < lag:
             self._project(graph, k, track, xy)
@@ -221,7 +221,7 @@ class FixedLag:
         return True
 
     def _triangulate(self, seen: list[tuple[int, FloatArray]]) -> FloatArray | None:
-        """Where the rays meet, if that is in front of the camera and not far away."""
+        """The intersection of the rays, if it is in front of the camera and near enough."""
         A, b = np.zeros((3, 3)), np.zeros(3)
         T_w_c = [self._poses[at].matrix() @ self._calibration.T_b_c for at, _ in seen]
         for T, (_, xy) in zip(T_w_c, seen, strict=True):
@@ -251,7 +251,7 @@ class FixedLag:
     def _update(
         self, k: int, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, touched: list[int]
     ) -> None:
-        """Add it; points stay as long as they are seen."""
+        """Add the factors; points remain as long as they are observed."""
         stamps = gtsam.FixedLagSmootherKeyTimestampMap()
         for key in (X(k), V(k), B(k), *(L(track) for track in touched)):
             stamps.insert((key, k * self._interval_s))
@@ -281,7 +281,7 @@ def run_fixed_lag(
     states: tuple[float, bool],
     start_ns: int,
 ) -> tuple[Costs, PoseTrajectory | None]:
-    """The whole recording from `start_ns` on, or up to where gtsam gives up.
+    """Process the recording from `start_ns` on, or until gtsam fails.
 
     `states`: their interval [s], and whether every observation is used.
     """
@@ -300,7 +300,7 @@ def run_fixed_lag(
             poses.append(smoother.advance(k, bounds_ns, seen[k]))
     except (RuntimeError, IndexError, ValueError) as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        smoother.costs.remark = f"gave up after {(len(poses) - 1) * interval_s:.2f} s: {first}"
+        smoother.costs.remark = f"failed after {(len(poses) - 1) * interval_s:.2f} s: {first}"
     T = np.array(poses)
     quaternions = Rotation.from_matrix(T[:, :3, :3]).as_quat()
     return smoother.costs, PoseTrajectory(states_ns[: len(T)], T[:, :3, 3].copy(), quaternions)
@@ -322,10 +322,10 @@ def main() -> None:
 
 
 def rows(simulation: EventSimulation, intervals: list[float]) -> list[list[str]]:
-    """Ours, and gtsam with states at each of the intervals, over the time that ours has poses for."""
+    """Our estimator, and gtsam with states at each of the intervals, over the time span of our estimates."""
     config, recording = Config(), simulation.recording
     tracked = run(recording, config)
-    # A second run, on its observations, with nobody beside it.
+    # A second run on its observations, without the front end in parallel.
     with stage_times() as times:
         ours = run_recording(recording, config, observations=tracked.observations)
     cpu_s = sum(spent for name, spent in times.cpu_seconds.items() if name != "start")
@@ -334,18 +334,16 @@ def rows(simulation: EventSimulation, intervals: list[float]) -> list[list[str]]
     seconds = (ours.run.reports[-1].t_ns - start_ns) / NS_PER_S
     used = tracked.observations["t_ns"] >= start_ns
     poses = pose_trajectory(ours.run.estimates)
-    # The start is apart: gtsam is given its own.
+    # Without initialization, because gtsam is given its first state.
     ate = _ate_cm(poses, simulation)
     found = [_row("asyneio", steps[1:], cpu_s, int(used.sum()), seconds, [ate, ""])]
-    # Where several observations of a track are near one state, also with all of them.
+    # If several observations of a track are near one state, also with all of them.
     kinds = [(s, every) for s in intervals for every in ((False, True) if s > 0.03 else (False,))]
     for interval_s, every in kinds:
         states = interval_s, every
         costs, trajectory = run_fixed_lag(simulation, config, tracked.observations, states, start_ns)
         done_s = max(len(costs.update_s) - 1, 1) * interval_s
-        remark = (
-            f"preintegration {1e3 * costs.preintegration_s / done_s:.0f} ms a second more. {costs.remark}"
-        )
+        remark = f"preintegration {1e3 * costs.preintegration_s / done_s:.0f} ms per second. {costs.remark}"
         ate = _ate_cm(trajectory, simulation)
         update_s = np.array(costs.update_s[1:])
         name = f"gtsam, {interval_s:g} s{', all observations' if every else ''}"

@@ -1,9 +1,9 @@
-"""One sliding window in gtsam, to compare the cost of an iteration with: 20 knots, 100 landmarks.
+"""One sliding window in gtsam, for comparison of the cost of an iteration: 20 knots, 100 landmarks.
 
-The asynchronous problem (3 000 observations at their own times, IMU at 200 Hz, a knot every 50 ms) has no
-counterpart in gtsam. The equivalent discrete problem attaches each observation to its nearest knot, as a
-projection of an explicit point, and joins knots by combined inertial factors: 20 x 15 states of the body and
-300 of the landmarks, against 20 x 24 and 100 here. The scene is simulated, with seeds fixed.
+The asynchronous problem (3 000 observations at individual times, IMU at 200 Hz, a knot every 50 ms) has no
+counterpart in gtsam. The equivalent discrete problem assigns each observation to its nearest knot, as a
+projection of an explicit point, and connects knots by combined inertial factors: 20 x 15 states of the body
+and 300 of the landmarks, against 20 x 24 and 100 here. The scene is simulated with fixed seeds.
 
     python benchmarks/gtsam_window.py
 """
@@ -63,7 +63,7 @@ def motion(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArra
 
 
 def make_scene() -> Scene:
-    """Observations even over landmarks and random over time, moved to the nearest knot; 150 in the last."""
+    """Observations, uniform over landmarks and random over time, at the nearest knot; 150 in the last."""
     rng = np.random.default_rng(_SEED)
     poses, velocities, _, _ = motion(np.linspace(0.0, KNOTS * KNOT_S, KNOTS + 1))
     samples = round(KNOT_S * IMU_HZ)
@@ -123,7 +123,7 @@ def inertial(scene: Scene, first: int, last: int) -> gtsam.NonlinearFactorGraph:
 
 
 def window_graph(scene: Scene) -> gtsam.NonlinearFactorGraph:
-    """The whole window, its first knot held by priors as by a marginal prior."""
+    """The whole window, with priors on its first knot in place of a marginal prior."""
     graph = gtsam.NonlinearFactorGraph()
     pose, velocity, bias = (
         gtsam.noiseModel.Isotropic.Sigma(dim, sigma) for dim, sigma in ((6, 0.01), (3, 0.1), (6, 0.01))
@@ -137,7 +137,7 @@ def window_graph(scene: Scene) -> gtsam.NonlinearFactorGraph:
 
 
 def start_values(scene: Scene, first: int, last: int, landmarks: bool) -> gtsam.Values:
-    """Disturbed values of the knots first <= k < last, and of the landmarks where asked."""
+    """Perturbed values of the knots first <= k < last, and of the landmarks if requested."""
     rng = np.random.default_rng(_SEED + 1)
     values = gtsam.Values()
     for k in range(first, last):
@@ -150,7 +150,7 @@ def start_values(scene: Scene, first: int, last: int, landmarks: bool) -> gtsam.
 
 
 def _median_seconds(repeats: int, prepare: Callable[[], Any], run: Callable[[Any], Any]) -> float:
-    """Median time of `run`, each on what a `prepare` of its own returned."""
+    """Median time of `run`, each on a new result of `prepare`."""
     seconds = []
     for _ in range(repeats):
         prepared = prepare()
@@ -172,7 +172,7 @@ def _stamps(first: int, last: int, landmark_knot: int) -> gtsam.FixedLagSmoother
 
 
 def _time_fixed_lag(repeats: int, scene: Scene, make: Callable[[float], Any]) -> float:
-    """Median time of adding one knot to a converged window, which pushes the oldest knot out."""
+    """Median time of adding one knot to a converged window, which removes the oldest knot."""
     new = inertial(scene, KNOTS, KNOTS + 1)
     new.push_back(projections(scene, KNOTS, KNOTS + 1))
     new_values = start_values(scene, KNOTS, KNOTS + 1, landmarks=False)

@@ -1,11 +1,12 @@
-"""Real IMU, real motion, simulated events: from events to a trajectory, end to end.
+"""Real IMU, real motion, simulated events: end-to-end from events to a trajectory.
 
-Evidence: hybrid. A smooth path is fitted to the recorded poses and to the IMU (`simulation.path_fit`); a
-simulated DAVIS240C goes along it through a room, and the estimator is given its events and the real samples
-of the IMU as they are, with the noise of its data sheet. Causal, with the default configuration.
+Evidence: hybrid. A smooth path is fitted to the recorded poses and the IMU (`simulation.path_fit`). A
+simulated DAVIS240C moves along it through a room, and the estimator uses its events and the real IMU samples,
+with the noise of the data sheet. Causal, with the default configuration.
 
-Figures are of the longest segment. `after motion`: first estimate since the body first moved. NEES: mean over
-time, 3 where the covariance is honest. `--inflation 40` also runs with that `inertial.noise_inflation`.
+Values are for the longest segment. `after motion`: time of the first estimate since the beginning of motion.
+NEES: mean over time; 3 for a consistent covariance. `--inflation 40` also runs with that
+`inertial.noise_inflation`.
 
     python benchmarks/hybrid.py [--names v1_01 tumvi] [--begin S] [--seconds S] [--inflation X ...]
         [--keep-tracks] [--cache DIR]
@@ -36,8 +37,8 @@ from asyneio.types import NS_PER_S, FloatArray
 from common import data_folder, table
 from sequences import DEFAULT_CACHE, TrackedRun, cached_sequence, code_of, tracked
 
-#: Camera in the IMU: of EuRoC `cam0/sensor.yaml` (Burri et al. 2016, all flights), of the camchain beside
-#: tumvi_calib inverted. Both look where the real camera looked.
+#: Camera pose in the IMU: from EuRoC `cam0/sensor.yaml` (Burri et al. 2016, all flights), and the inverse of
+#: that in the camchain of tumvi_calib. Both have the viewing direction of the real camera.
 _EUROC_T_b_c = np.array(
     [
         [0.0148655429818, -0.999880929698, 0.00414029679422, -0.0216401454975],
@@ -76,9 +77,9 @@ SOURCES = {
     ),
     "tumvi": Source(_TUMVI / "groundtruth.tum", _TUMVI / "imu.csv", _TUMVI / "imu.yaml", _TUMVI_T_b_c),
 }
-#: What counts as motion: m/s, rad/s.
+#: Limits for motion: m/s, rad/s.
 _MOVES = (0.05, 0.1)
-#: Left over by a fit: RMS (and multiples of the data sheet's sigma), gravity found, t_imu - t_pose.
+#: Residuals of a fit: RMS (and multiples of the data sheet's sigma), estimated gravity, t_imu - t_pose.
 RESIDUALS = (
     "gyroscope rad/s",
     "accelerometer m/s^2",
@@ -87,7 +88,7 @@ RESIDUALS = (
     "gravity",
     "clock ms",
 )
-#: Columns and how their numbers are written.
+#: Columns and the formats of their numbers.
 COLUMNS = {**_ACCURACY, "after motion s": "+.2f"}
 
 
@@ -97,16 +98,16 @@ def hybrid_sequence(
     cache: Path = DEFAULT_CACHE,
     begin_s: float = 0.0,
 ) -> tuple[EventSimulation, PathFit]:
-    """A hybrid sequence, its events from the cache where they are there; and the fit behind it.
+    """A hybrid sequence, with its events from the cache if possible, and its fit.
 
-    `simulation.recording` is the `EventRecording` to run, `simulation.truth.at` the true states (biases as
-    the fit found them).
+    `simulation.recording` is the `EventRecording` to run, `simulation.truth.at` gives the true states (with
+    the biases estimated by the fit).
 
     Args:
         name: one of `SOURCES`.
-        seconds: length; None for all that follows.
+        seconds: duration; None for the rest of the recording.
         cache: folder.
-        begin_s: where to start, after the first instant that poses and IMU have in common.
+        begin_s: beginning since the first common time of poses and IMU.
     """
     return hybrid_of(name, SOURCES[name], (begin_s, seconds), cache)
 
@@ -114,7 +115,7 @@ def hybrid_sequence(
 def hybrid_of(
     name: str, source: Source, span_s: tuple[float, float | None] = (0.0, None), cache: Path = DEFAULT_CACHE
 ) -> tuple[EventSimulation, PathFit]:
-    """As `hybrid_sequence`, of any files."""
+    """Like `hybrid_sequence`, for any files."""
     samples = read_inertial_file(source.samples)
     noise = read_imu_noise(source.noise)
     fit = _fit(name, source, cache)
@@ -128,7 +129,7 @@ def hybrid_of(
 
 
 def _fit(name: str, source: Source, cache: Path) -> PathFit:
-    """The fit to the whole files, from the cache where it is there."""
+    """The fit to the complete files, from the cache if possible."""
     files = source.poses, source.samples, source.noise
     key = hashlib.sha256(b"".join(file.read_bytes() for file in files))
     for module in (path_fit, path_terms, path_normal, path_basis):
@@ -148,13 +149,13 @@ def _fit(name: str, source: Source, cache: Path) -> PathFit:
 def hybrid_observations(
     simulation: EventSimulation, config: Config, cache: Path | None = DEFAULT_CACHE
 ) -> TrackedRun:
-    """What the front end makes of it, from the cache where it is there: for
+    """Observations of the front end, from the cache if possible, for
     `run_recording(simulation.recording, config, observations=...)`."""
     return tracked(simulation, config, cache)
 
 
 def motion_begins_s(simulation: EventSimulation) -> float:
-    """When the body first moves [s after the start]: at 0.05 m/s or 0.1 rad/s by the fitted path."""
+    """Beginning of motion [s after the start]: 0.05 m/s or 0.1 rad/s along the fitted path."""
     truth = simulation.truth
     t_ns = np.arange(truth.start_ns, truth.end_ns, 50_000_000)
     states = truth.at(t_ns)
@@ -187,15 +188,15 @@ def left_over(fit: PathFit) -> list[str]:
 
 
 def main() -> None:
-    """Print what the fits leave over, and a row for each run."""
+    """Print the residuals of the fits, and a row for each run."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--names", nargs="+", default=list(SOURCES), choices=list(SOURCES))
-    parser.add_argument("--begin", type=float, default=0.0, help="where to start [s]")
-    parser.add_argument("--seconds", type=float, help="length; the whole without it")
+    parser.add_argument("--begin", type=float, default=0.0, help="beginning [s]")
+    parser.add_argument("--seconds", type=float, help="duration; default: the rest of the recording")
     parser.add_argument("--inflation", type=float, nargs="*", default=[], help="of IMU noise, further runs")
-    parser.add_argument("--keep-tracks", action="store_true", help="keep what the front end makes")
+    parser.add_argument("--keep-tracks", action="store_true", help="cache the observations of the front end")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of events")
     options = parser.parse_args()
     fits, rows = [], []

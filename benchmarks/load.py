@@ -1,16 +1,16 @@
-"""Cost against load: one thing is changed at a time, each row in a process of its own.
+"""Cost against load: one parameter is varied at a time, each row in a separate process.
 
     python benchmarks/load.py [--only features rate window imu] [--large] [--seconds 10] [--markdown FILE]
     python benchmarks/load.py --minutes 10 [--scene event_slow] [--markdown FILE]
 
 Evidence: simulated events. Features 25 to 400; event rate by scene (0.3 to 3 Mev/s at 240 x 180; `--large`
 adds 640 x 480 at about 10 Mev/s and 1280 x 720 at about 40 Mev/s, whose simulation takes 8 GB on disk);
-window 0.5 to 3 s; IMU 200 to 2000 Hz, the same motion and events. "Front end" and "estimator" are alone, the
-estimator on what the pipeline observed; milliseconds a second of the recording: below 1000 is faster than the
-sensors.
+window 0.5 to 3 s; IMU 200 to 2000 Hz, with the same motion and events. "Front end" and "estimator" run alone,
+the estimator on the pipeline's observations; in milliseconds per second of the recording: below 1000 is
+faster than real time.
 
-`--minutes`: memory over a long run instead, read at the end of every minute; anonymous memory is what the
-process itself holds, without the pages of the events' file.
+`--minutes`: memory over a long run instead, measured at the end of every minute; anonymous memory is the
+memory of the process without the pages of the mapped event file.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-# Sets the number of threads, so it comes before NumPy.
+# Sets the number of threads, so it is imported before NumPy.
 from common import table  # isort: skip
 
 import numpy as np
@@ -41,7 +41,7 @@ from sequences import DEFAULT_CACHE, cached_sequence
 HEADER = [
     "load",
     "Mev/s",
-    "observations a second",
+    "observations per second",
     "landmarks",
     "front end ms/s",
     "ns an event",
@@ -52,9 +52,9 @@ HEADER = [
     "remark",
 ]
 BASE = "suite_boxes_6dof"
-#: By event rate, from few to many.
+#: By increasing event rate.
 RATES = ("event_slow", "suite_poster_translation", "suite_boxes_6dof", "event_fast", "event_boxes")
-#: Larger sensors, and how much of them [s].
+#: Larger sensors, and the durations [s].
 LARGE = {"suite_fine_6dof_640x480": 8.0, "suite_fine_6dof_1280x720": 6.0}
 FEATURES, WINDOWS_S, IMU_HZ = (25, 50, 100, 200, 400), (0.5, 1.0, 1.5, 2.0, 3.0), (200, 500, 1000, 2000)
 _MINUTE_S = 60.0
@@ -62,7 +62,7 @@ _MINUTE_S = 60.0
 
 @dataclass(frozen=True)
 class Load:
-    """One row: a scenario and what differs from the default configuration."""
+    """One row: a scenario and its differences from the default configuration."""
 
     name: str
     scenario: EventScenario
@@ -72,7 +72,7 @@ class Load:
 
 @dataclass(frozen=True)
 class _Simulated(Workload):
-    """A workload that is simulated and not read."""
+    """A simulated workload."""
 
     scenario: EventScenario = EVENT_SCENARIOS[BASE]
 
@@ -102,7 +102,7 @@ def loads(only: list[str], seconds: float, large: bool, cache: Path) -> Iterator
 
 
 def row(load: Load) -> list[str]:
-    """Measure one load; a short run beforehand loads the kernels."""
+    """Measure one load, after a short run that loads the kernels."""
     config = Config.model_validate(load.config)
     workload = _Simulated(load.name, load.cache, 0.0, config, scenario=load.scenario)
     measured = SpeedRun(workload)
@@ -127,20 +127,20 @@ def row(load: Load) -> list[str]:
 
 
 class _Memory:
-    """Progress that notes the memory [MB] at the end of every minute of the recording."""
+    """Progress that records the memory [MB] at the end of every minute of the recording."""
 
     def __init__(self) -> None:
         self.rows: list[list[str]] = []
 
     def message(self, text: str) -> None:
-        """Print it: a run that is lost begins again, which a reader of the table must know."""
+        """Print the message, because a lost run that initializes again affects the table."""
         print(text, flush=True)
 
     def compiling(self, share: float) -> None:
-        """Nobody waits for it here."""
+        """Ignored."""
 
     def advance(self, done_s: float, total_s: float, health: Health) -> None:
-        """A packet is done."""
+        """Record the end of a packet."""
         if done_s >= _MINUTE_S * (len(self.rows) + 1) or done_s >= total_s:
             anonymous, resident = (_status_mb(name) for name in ("RssAnon", "VmRSS"))
             self.rows.append(
@@ -150,7 +150,7 @@ class _Memory:
 
 
 def _status_mb(name: str) -> float:
-    """A figure of /proc/self/status [MB]; NaN where there is none."""
+    """A value of /proc/self/status [MB]; NaN if it does not exist."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -160,7 +160,7 @@ def _status_mb(name: str) -> float:
 
 
 def memory(scene: str, minutes: float, cache: Path) -> str:
-    """Table of a run of so many minutes."""
+    """Table of a run with this duration."""
     scenario = replace(EVENT_SCENARIOS[scene], duration_s=_MINUTE_S * minutes)
     recording, watch = cached_sequence(scenario, cache).recording, _Memory()
     result = run_recording(recording, Config(), watch)
@@ -181,7 +181,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=kinds, choices=kinds)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--large", action="store_true", help="also sensors of 640 x 480 and 1280 x 720")
-    parser.add_argument("--minutes", type=float, help="memory over a run of so many minutes instead")
+    parser.add_argument("--minutes", type=float, help="memory over a run of this duration instead")
     parser.add_argument("--scene", default="event_slow", help="of --minutes")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     parser.add_argument("--markdown", type=Path, help="also write the table here")
@@ -192,7 +192,7 @@ def main() -> None:
         chosen = list(loads(options.only, options.seconds, options.large, options.cache))
         spawn = multiprocessing.get_context("spawn")
         rows = []
-        # Simulated here, so that its memory is not counted; one at a time, each in a fresh process.
+        # Simulated here, so that its memory is not counted; one at a time, each in a new process.
         for load in track(chosen, description="load"):
             cached_sequence(load.scenario, load.cache)
             with ProcessPoolExecutor(1, mp_context=spawn) as pool:

@@ -1,9 +1,9 @@
-"""The four motion models on the same simulated recordings: accuracy, honesty and cost of each.
+"""The four motion models on the same simulated recordings: accuracy, consistency and cost.
 
     python benchmarks/motion_models.py [--seeds 3] [--seconds 8] [--densities 3 10 30]
 
 Evidence: simulated tracks and IMU, true noise in the settings. `--densities` repeats white noise on
-acceleration with other densities (the same number for both, rad/s^2/sqrt(Hz) and m/s^2/sqrt(Hz)).
+acceleration with other densities (the same value for both, rad/s^2/sqrt(Hz) and m/s^2/sqrt(Hz)).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _BLOCKS = (NeesBlock.ORIENTATION, NeesBlock.POSITION, NeesBlock.VELOCITY)
 
 
 def one_run(seed: int, motion: str, seconds: float, prior: dict[str, Any]) -> tuple[list[float], Any]:
-    """ATE [cm], orientation error [deg], multiple of real time; and the NEES of a seed."""
+    """ATE [cm], orientation error [deg], real-time factor, and NEES of a seed."""
     scene = scenario(motion, seconds, seed)
     simulation = simulate(scene)
     plain = true_noise(scene, frozen=False, bearing=True).model_dump()
@@ -42,7 +42,7 @@ def row(motion: str, prior: dict[str, Any], seeds: int, seconds: float) -> list[
     task = partial(one_run, motion=motion, seconds=seconds, prior=prior)
     results = parallel(task, range(seeds), label)
     means = [sum(column) / seeds for column in zip(*(figures for figures, _ in results), strict=True)]
-    honesty = [anees([r for _, r in results], block).overall for block in _BLOCKS]
+    consistency = [anees([r for _, r in results], block).overall for block in _BLOCKS]
     shown = MotionPriorConfig.model_validate(prior)
     density = shown.linear_jerk_density if shown.kind == "wnoj" else shown.linear_acceleration_density
     return [
@@ -52,7 +52,7 @@ def row(motion: str, prior: dict[str, Any], seeds: int, seconds: float) -> list[
         f"{density:g}",
         f"{means[0]:.2f}",
         f"{means[1]:.3f}",
-        *(f"{value:.1f}" for value in honesty),
+        *(f"{value:.1f}" for value in consistency),
         f"{means[2]:.2f}",
     ]
 

@@ -1,8 +1,7 @@
-"""Nuisances, one at a time: errors of the IMU, of the calibration and of the pixels, each a change of a
-sequence with an ideal IMU.
+"""Nuisances: errors of the IMU, of the calibration and of the pixels, each a change of a sequence with an
+ideal IMU.
 
-`KINDS` lists them. A kind that is `mild` is the mildest of its sort here, and one of those that `all_mild`
-combines.
+`KINDS` lists them. A `mild` kind is the mildest of its sort, and part of the combination `all_mild`.
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ ScenarioChange = Callable[[EventScenario], EventScenario]
 CalibrationChange = Callable[[Calibration], Calibration]
 EventChange = Callable[[RecordArray, EventScenario], RecordArray]
 
-#: The IMU without errors: white noise and bias walk of the MPU-6150, and biases as after a warm-up.
+#: The ideal IMU: white noise and bias walk of the MPU-6150, and biases as after a warm-up.
 BASE_IMU = replace(IDEAL_IMU, noise=MPU6150_NOISE, gyroscope_bias_sigma=0.01, accelerometer_bias_sigma=0.08)
 _MPU6150 = IMU_SENSORS["MPU-6150"]
-#: Of rotors; first harmonic and second, as strong.
+#: Vibration of rotors: first and second harmonic with equal amplitudes.
 _ROTOR_HZ = 87.0
 
 
@@ -35,12 +34,12 @@ class Nuisance:
     """A change of a sequence.
 
     Attributes:
-        name, title: to choose it by, and for people.
-        scenario: change of IMU and vibration; the events stay as they are.
-        calibration: change of what the estimator is told.
+        name, title: name for the command line, and name in tables.
+        scenario: change of IMU and vibration; it does not affect the events.
+        calibration: change of the calibration given to the estimator.
         events: change of the events (EVENT_DTYPE, camera clock).
-        config: settings that the run is given.
-        mild: the mildest of its sort.
+        config: settings of the run.
+        mild: whether it is the mildest of its sort.
     """
 
     name: str
@@ -53,7 +52,7 @@ class Nuisance:
 
 
 def _errors(gyroscope: Mapping[str, Any], accelerometer: Mapping[str, Any]) -> ScenarioChange:
-    """Errors of both streams, over those that a scenario has."""
+    """Errors of both streams, in addition to those of the scenario."""
 
     def change(scenario: EventScenario) -> EventScenario:
         imu = scenario.imu
@@ -106,7 +105,7 @@ def _vibration(acceleration: float, rate: float) -> ScenarioChange:
 
 
 def _turned(degrees: float) -> CalibrationChange:
-    """The camera turned about an axis that no motion favours."""
+    """The camera rotated about an axis unrelated to the motion."""
 
     def change(calibration: Calibration) -> Calibration:
         T_b_c = calibration.T_b_c.copy()
@@ -157,7 +156,7 @@ def _added(events: RecordArray, t_ns: np.ndarray, x: np.ndarray, y: np.ndarray, 
 
 
 def _noise(hertz: float) -> EventChange:
-    """Events from nothing, so many of every pixel in a second."""
+    """Noise events with the same rate for every pixel."""
 
     def change(events: RecordArray, scenario: EventScenario) -> RecordArray:
         rng, camera = _rng(scenario, 1), scenario.camera
@@ -182,10 +181,10 @@ def _hot_pixels(pixels: int, hertz: float) -> EventChange:
 
 
 def _flicker(hertz: float, share: float, spread_s: float = 1e-3) -> EventChange:
-    """A lamp: at every rise of its light a share of the pixels, each time others, tells of it with an ON
-    event, and of the fall with an OFF event.
+    """A lamp: at every rise of its light, a random share of the pixels emits an ON event, and at the fall an
+    OFF event.
 
-    On the level of events: what pixels of the simulator do under a lamp that flickers is a matter of theirs.
+    This is a model of events only; the simulator has its own model of pixels under a flickering lamp.
     """
 
     def change(events: RecordArray, scenario: EventScenario) -> RecordArray:
@@ -202,11 +201,11 @@ def _flicker(hertz: float, share: float, spread_s: float = 1e-3) -> EventChange:
 
 
 _IMU_KINDS = (
-    Nuisance("quantised", "range and steps of the MPU-6150", _some(("full_scale", "quantum"))),
+    Nuisance("quantised", "range and resolution of the MPU-6150", _some(("full_scale", "quantum"))),
     Nuisance("filtered", "low-pass filters of the MPU-6150", _some(("bandwidth_hz", "order", "delay_s"))),
     Nuisance(
         "held",
-        "accelerometer renewed at a third of its rate",
+        "accelerometer updated at a third of its rate",
         _errors({}, {"update_rate_hz": 1000.0 / 3.0}),
         mild=True,
     ),
@@ -230,11 +229,11 @@ _IMU_KINDS = (
     Nuisance("vibration_high", "10 m/s^2, 0.5 rad/s at 87 and 174 Hz", _vibration(10.0, 0.5)),
 )
 _CALIBRATION_KINDS = (
-    Nuisance("turned_1", "camera turned by 1 degree", calibration=_turned(1.0), mild=True),
+    Nuisance("turned_1", "camera rotated by 1 degree", calibration=_turned(1.0), mild=True),
     Nuisance("turned_3", "camera turned by 3 degrees", calibration=_turned(3.0)),
     Nuisance(
         "turned_3_estimated",
-        "camera turned by 3 degrees, rotation estimated",
+        "camera rotated by 3 degrees, rotation estimated",
         calibration=_turned(3.0),
         config={"calibration": {"estimate_extrinsic_rotation": True}},
     ),
@@ -253,7 +252,7 @@ _EVENT_KINDS = (
 
 def _all_mild(kinds: tuple[Nuisance, ...]) -> Nuisance:
     mild = [kind for kind in kinds if kind.mild]
-    # The whole sensor first: it replaces what the others add to.
+    # The complete sensor first, because it replaces the errors that the others extend.
     mild.sort(key=lambda kind: kind.name != "mpu6150")
 
     def scenario(given: EventScenario) -> EventScenario:
@@ -275,7 +274,7 @@ def _all_mild(kinds: tuple[Nuisance, ...]) -> Nuisance:
 
 
 _SINGLE = (*_IMU_KINDS, *_CALIBRATION_KINDS, *_EVENT_KINDS)
-#: What every other is compared with.
+#: Reference of all comparisons.
 UNDISTURBED = Nuisance("undisturbed", "undisturbed")
 #: All nuisances by name, the undisturbed run first.
 KINDS: dict[str, Nuisance] = {kind.name: kind for kind in (UNDISTURBED, *_SINGLE, _all_mild(_SINGLE))}

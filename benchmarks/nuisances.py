@@ -1,11 +1,12 @@
-"""What an error of the sensors costs: sequences of the suite with one nuisance at a time, and with many.
+"""Effect of sensor errors on accuracy: sequences of the suite with one nuisance at a time, and with all of
+them.
 
-Evidence: simulation. Every sequence is first run undisturbed, with an IMU whose only errors are white noise
-and a bias that walks; every nuisance (`nuisance_kinds.py`) is then one change of that, with the default
+Evidence: simulation. Every sequence is first run without nuisances, with an IMU whose only errors are white
+noise and a random-walk bias. Every nuisance (`nuisance_kinds.py`) is one change of that, with the default
 configuration, and its factor is the ratio of mean position errors. Errors of the IMU and of the calibration
-leave the events as they are, so the front end runs once for all of them (it asks the gyroscope only for the
-camera's roll within some milliseconds); nuisances of the pixels are tracked anew. Figures are of the longest
-segment, as in `accuracy.py`, whose sequences on disk are shared.
+do not change the events, so the front end runs once for all of them (it uses the gyroscope only for the
+camera's roll within some milliseconds); nuisances of the pixels need a new tracking run. Values are for the
+longest segment, as in `accuracy.py`, with the same cached sequences.
 
 Rows are kept in a folder, one file each, under the fingerprint of the package's code, and not run again.
 
@@ -37,7 +38,7 @@ from common import table
 from nuisance_kinds import BASE_IMU, KINDS, UNDISTURBED, Nuisance
 from sequences import DEFAULT_CACHE, code_of, sequence, tracked
 
-#: One with much rotation, one with little, one with bright light and dark.
+#: One with much rotation, one with little, one with a high dynamic range.
 _SCENES = ("suite_boxes_6dof", "suite_poster_translation", "suite_hdr_poster")
 _RESULTS = Path(tempfile.gettempdir()) / "asyneio-nuisances"
 COLUMNS = {
@@ -50,14 +51,14 @@ COLUMNS = {
     "NEES position": ".2f",
     "NEES orientation": ".2f",
 }
-#: No run may be lost; the median of the factors, and each of them, may be this large.
+#: Targets: no run is lost; maximum median of the factors, and maximum of each factor.
 MEDIAN_FACTOR, LARGEST_FACTOR = 1.5, 3.0
 
 Row = dict[str, float | str]
 
 
 def disturbed(base: EventSimulation, nuisance: Nuisance) -> EventSimulation:
-    """The sequence with a nuisance; its events are changed where the nuisance is one of the pixels."""
+    """The sequence with a nuisance; its events are changed if the nuisance concerns the pixels."""
     scenario = with_imu(base.scenario, BASE_IMU)
     if nuisance.scenario:
         scenario = nuisance.scenario(scenario)
@@ -75,25 +76,25 @@ def disturbed(base: EventSimulation, nuisance: Nuisance) -> EventSimulation:
 def observations(
     base: EventSimulation, simulation: EventSimulation, nuisance: Nuisance, config: Config, cache: Path
 ) -> RecordArray:
-    """What the front end makes of the events, in the clock that the calibration says is the IMU's.
+    """Observations of the front end, in the IMU clock according to the calibration.
 
-    Unless the events are changed it is the undisturbed run's; a stamp of the camera is all that an error of
-    the time shift moves.
+    Unless the events are changed, they are those of the reference run; an error of the time shift only shifts
+    the timestamps.
     """
     if nuisance.events:
-        # A cache of its own: the fingerprint of a sequence does not know what was done to its events.
+        # A separate cache, because the fingerprint of a sequence does not include the change of its events.
         return tracked(simulation, config, cache / "nuisances" / nuisance.name).observations
     undisturbed = disturbed(base, UNDISTURBED)
     found = tracked(undisturbed, config, cache).observations.copy()
-    told, true = simulation.recording.calibration, undisturbed.recording.calibration
-    assert told is not None
+    used, true = simulation.recording.calibration, undisturbed.recording.calibration
+    assert used is not None
     assert true is not None
-    found["t_ns"] += told.timeshift_ns - true.timeshift_ns
+    found["t_ns"] += used.timeshift_ns - true.timeshift_ns
     return found
 
 
 def row_of(base: EventSimulation, nuisance: Nuisance, cache: Path) -> Row:
-    """Run a sequence with a nuisance; columns of which there is no figure are missing."""
+    """Run a sequence with a nuisance; columns without a value are missing."""
     config = Config.model_validate({name: dict(values) for name, values in nuisance.config.items()})
     started = time.perf_counter()
     simulation = disturbed(base, nuisance)
@@ -118,19 +119,19 @@ def kept(path: Path, base: EventSimulation, nuisance: Nuisance, cache: Path) -> 
 
 
 def with_factor(row: Row, undisturbed: Row) -> Row:
-    """The row with its mean position error as a multiple of the undisturbed run's; infinite without one."""
+    """The row with its mean position error relative to the reference run; infinite without estimates."""
     own, other = row.get("MPE %"), undisturbed.get("MPE %")
     if not isinstance(other, float):
         return row
     return {**row, "factor": own / other if isinstance(own, float) else float("inf")}
 
 
-def verdict(rows: dict[str, Row]) -> str:
-    """How the factors and losses compare with what is asked for."""
+def comparison(rows: dict[str, Row]) -> str:
+    """Factors and losses compared with the targets."""
     factors = [float(row["factor"]) for row in rows.values() if "factor" in row]
     lost = [name for name, row in rows.items() if row.get("lost") or row["failure"]]
     if not factors:
-        return "no factors: no nuisance was run, or the undisturbed run has no estimates"
+        return "no factors: no nuisance was run, or the reference run has no estimates"
     wide = [name for name, row in rows.items() if float(row.get("factor", 0.0)) > LARGEST_FACTOR]
     return (
         f"median factor {np.median(factors):.2f} (at most {MEDIAN_FACTOR:g}), largest {max(factors):.2f} "
@@ -139,7 +140,7 @@ def verdict(rows: dict[str, Row]) -> str:
 
 
 def fingerprint() -> str:
-    """Changes with the code of the package and of the nuisances."""
+    """Hash of the code of the package and of the nuisances."""
     digest = hashlib.sha256()
     for path in sorted(Path(asyneio.__path__[0]).rglob("*.py")):
         digest.update(code_of(path).encode())
@@ -152,7 +153,7 @@ def _cells(row: Row) -> list[str]:
 
 
 def _campaign(options: argparse.Namespace) -> tuple[list[list[str]], dict[str, Row], list[str]]:
-    """Cells of the table, all rows but the undisturbed by sequence and nuisance, and failures."""
+    """Cells of the table, all rows except the reference by sequence and nuisance, and failures."""
     names = [UNDISTURBED.name, *(name for name in options.only or KINDS if name != UNDISTURBED.name)]
     folder = options.results / fingerprint()
     cells, rows, notes = [], {}, []
@@ -176,20 +177,20 @@ def _campaign(options: argparse.Namespace) -> tuple[list[list[str]], dict[str, R
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run what is missing, print the table and how it compares with what is asked for."""
+    """Run the missing rows, and print the table and the comparison with the targets."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--scenes", nargs="+", default=_SCENES, choices=EVENT_SCENARIOS, metavar="SCENE")
     parser.add_argument("--only", nargs="+", choices=KINDS, metavar="NAME", help=", ".join(KINDS))
-    parser.add_argument("--seconds", type=float, help="of each sequence; its own unless given")
+    parser.add_argument("--seconds", type=float, help="of each sequence; default: its own")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of events and observations")
     parser.add_argument("--results", type=Path, default=_RESULTS, help="of rows that were run")
     parser.add_argument("--markdown", type=Path, help="also write the table here")
     options = parser.parse_args(arguments)
     cells, rows, notes = _campaign(options)
     text = table(["sequence", "nuisance", *COLUMNS], cells)
-    text = "\n".join([text, "", verdict(rows), *([""] if notes else []), *notes]) + "\n"
+    text = "\n".join([text, "", comparison(rows), *([""] if notes else []), *notes]) + "\n"
     print(f"\n{text}")
     if options.markdown:
         write_text(options.markdown, text)

@@ -1,9 +1,9 @@
-"""Does the window find the camera's time offset and rotation again, and what does it cost to look for them?
+"""Online estimation of the camera's time offset and rotation: accuracy and cost.
 
-Inspection: `simulated`: tracks and IMU of a known motion, true noise told, calibration made wrong on purpose;
-`real`: real IMU and tracks (`tumvi_calib`), whose provider's calibration was fitted against motion capture.
-Rows: what the calibration was spoilt by, whether it was estimated, errors of the estimate at 10 s and at the
-end, NEES of the last estimate (4 dof), and the accuracy of the causal trajectory.
+Evidence: `simulated`: tracks and IMU of a known motion, true noise in the settings, calibration with
+deliberate errors; `real`: real IMU and tracks (`tumvi_calib`), whose calibration by the provider was fitted
+against motion capture. Rows: error of the calibration, whether it was estimated, errors of the estimate at 10
+s and at the end, NEES of the last estimate (4 dof), and the accuracy of the causal trajectory.
 
     python benchmarks/online_calibration.py simulated [--seeds 3] [--seconds 20] [--motion moderate]
     python benchmarks/online_calibration.py real
@@ -42,7 +42,7 @@ _HEADER = [
     "ATE cm",
     "orientation deg",
 ]
-#: (seconds, degrees): truth minus what the recording says.
+#: (seconds, degrees): truth minus the calibration of the recording.
 _SIMULATED = ((0.0, 0.0), (0.005, 1.0), (-0.005, 1.0))
 _REAL = ((0.0, 0.0), (0.003, 0.0), (-0.003, 0.0), (0.0, 1.0), (0.003, 1.0))
 
@@ -57,7 +57,7 @@ class Outcome:
 
 
 def spoilt(recording: Recording, offset_s: float, turn: FloatArray) -> Recording:
-    """A recording that is `offset_s` and `turn` (3,) [rad] away from the truth."""
+    """A recording whose calibration is wrong by `offset_s` and `turn` (3,) [rad]."""
     observations = recording.observations.copy()
     observations["t_ns"] -= round(offset_s * NS_PER_S)
     T_b_c = recording.calibration.T_b_c.copy()
@@ -67,10 +67,10 @@ def spoilt(recording: Recording, offset_s: float, turn: FloatArray) -> Recording
 
 
 def track(recording: Recording, config: Config) -> Outcome:
-    """A whole run.
+    """A complete run.
 
     Raises:
-        RuntimeError: the odometry failed or never started.
+        RuntimeError: the odometry failed or was not initialized.
     """
     odometry = Odometry(config, recording.calibration)
     interval_ns = round(config.window.knot_interval_s * NS_PER_S)
@@ -88,7 +88,7 @@ def track(recording: Recording, config: Config) -> Outcome:
             outcome.cameras.append(camera)
             seconds.append((packet.t_end_ns - start_ns) / NS_PER_S)
     if not seconds:
-        raise RuntimeError(f"{recording.name}: never started: {report.reason}")
+        raise RuntimeError(f"{recording.name}: not initialized: {report.reason}")
     return replace(outcome, seconds=np.array(seconds))
 
 
@@ -132,7 +132,7 @@ def row(
     at_ten = int(np.argmin(np.abs(outcome.seconds - 10.0)))
     turned = np.degrees(np.linalg.norm(errors[:, 1:4], axis=1))
     sigma = errors[-1, 4:]
-    # The marginal sigmas only: enough to tell an estimate that does not know what it claims.
+    # Only the marginal sigmas, which suffice to detect an inconsistent estimate.
     nees = float(np.sum((errors[-1, :4] / sigma) ** 2)) if sigma.all() else float("nan")
     if recording.ground_truth is None:
         raise RuntimeError(f"{recording.name} has no ground truth")

@@ -1,7 +1,7 @@
-"""What tracks that lie and a faulty IMU cost: accuracy with them over accuracy without, seed by seed.
+"""Effect of outlier tracks and IMU faults: ratio of the accuracy with and without them, for each seed.
 
-Evidence: simulation at the level of tracks (40 static tracks alive, 0.2 px, a cheap IMU at 200 Hz). Tracks on
-a moving object come on top of the static ones, so that nothing else differs.
+Evidence: simulation of tracks (40 live static tracks, 0.2 px, an inexpensive IMU at 200 Hz). Tracks on a
+moving object are added to the static ones, so that nothing else differs.
 
     python benchmarks/outliers.py [--seeds 5] [--seconds 6] [--cases object,imu,tracks]
 """
@@ -56,7 +56,7 @@ def _spikes(simulation: Simulation, seed: int) -> Recording:
 
 def _saturation(simulation: Simulation, _seed: int) -> Recording:
     def clipped(samples: RecordArray, least: float) -> RecordArray:
-        """At 80 % of the peak, but at no less than a sensor could have: gravity itself must fit."""
+        """Range limit at 80 % of the peak, but large enough for gravity."""
         return saturated(samples, max(0.8 * float(np.abs(samples["xyz"]).max()), least))
 
     recording = simulation.recording
@@ -71,8 +71,8 @@ _CASES: dict[str, Callable[[Simulation, int], Recording]] = {
     "object 0.2 m/s at 1.5 m": _object(0.2, 1.5),
     "object 0.7 m/s at 2 m": _object(0.7, 2.0),
     "object 1.5 m/s at 2.5 m": _object(1.5, 2.5),
-    "tracks: 10 % of nothing": _tracks(0.1, 30.0, 150.0),
-    "tracks: 30 % of nothing": _tracks(0.3, 30.0, 150.0),
+    "tracks: 10 % false": _tracks(0.1, 30.0, 150.0),
+    "tracks: 30 % false": _tracks(0.3, 30.0, 150.0),
     "tracks: 30 % sliding": _tracks(0.3, 5.0, 20.0),
     "imu: 1 % spikes": _spikes,
     "imu: saturation at 80 %": _saturation,
@@ -80,7 +80,7 @@ _CASES: dict[str, Callable[[Simulation, int], Recording]] = {
 
 
 def _error_cm(recording: Recording) -> float:
-    """Position RMSE, or not a number where the run is not whole."""
+    """Position RMSE, or NaN if the run is incomplete."""
     try:
         return 100.0 * score(recording, run(recording, _CONFIG)).position_m.rmse
     except RuntimeError:
@@ -111,14 +111,14 @@ def _ratios(task: tuple[int, float, tuple[str, ...]]) -> list[float]:
 
 
 def main() -> None:
-    """Print a table: a column a seed, the median at the end."""
+    """Print a table with a column per seed, and the median."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--cases", default="", help="beginnings of the names, separated by commas")
+    parser.add_argument("--cases", default="", help="prefixes of the names, separated by commas")
     arguments = parser.parse_args()
     wanted = tuple(arguments.cases.split(","))
     cases = tuple(name for name in _CASES if name.startswith(wanted))

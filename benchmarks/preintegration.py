@@ -1,10 +1,10 @@
-"""Preintegration by GPs against the midpoint rule and the zero-order hold: accuracy over 0.2 s, and time.
+"""Preintegration by GPs, midpoint rule and zero-order hold: accuracy over 0.2 s, and time.
 
 Evidence: simulation, errors against the analytic motion. `fast` is the motion that Le Gentil and
-Vidal-Calleja (IJRR 2023) simulate: three sinusoids of 3 to 5 m/s a velocity axis between 0.7 and 3.1 Hz, one
-of 0.75 to 1 rad an Euler angle between 0.5 and 1 Hz; their noise is 0.002 rad/s, 0.02 m/s^2 a sample.
-`shaken` has two sinusoids of 1 to 4 Hz a coordinate, about 10 m/s^2 and 4 rad/s. The noise `none` shows what
-is left of the rule alone.
+Vidal-Calleja (IJRR 2023) simulate: three sinusoids of 3 to 5 m/s per velocity axis between 0.7 and 3.1 Hz,
+one of 0.75 to 1 rad per Euler angle between 0.5 and 1 Hz; their noise is 0.002 rad/s and 0.02 m/s^2 per
+sample. `shaken` has two sinusoids of 1 to 4 Hz per coordinate, about 10 m/s^2 and 4 rad/s. The noise `none`
+shows the error of the method alone.
 
     python benchmarks/preintegration.py [--windows 200]
 """
@@ -33,12 +33,12 @@ _DURATION = 0.2
 _RATES = (100.0, 200.0, 1000.0)
 _Rule = Callable[[ImuWindow, FloatArray, SampleNoise], Preintegration]
 _RULES: dict[str, _Rule] = {"hold": zero_order_hold, "midpoint": midpoint, "GPP": gp_preintegration}
-#: Standard deviation of a sample where there is no noise: far below what any rule resolves.
+#: Standard deviation of a sample without noise: far below the errors of all methods.
 _NONE = SampleNoise(1e-9, 1e-8)
 
 
 def fast(rng: np.random.Generator) -> AnalyticMotion:
-    """Up to 60 m/s^2 an axis and 6 rad/s."""
+    """Up to 60 m/s^2 per axis and 6 rad/s."""
     low = 0.7 + 0.8 * np.arange(3)
     hz = np.vstack([rng.uniform(low, low + 0.8, (3, 3)), np.ones((3, 3))])
     hz[3:, 0] = rng.uniform(0.5, 1.0, 3)
@@ -60,7 +60,7 @@ def shaken(rng: np.random.Generator) -> AnalyticMotion:
 def sampled(
     motion: AnalyticMotion, start: float, rate_hz: float, noise: SampleNoise, rng: np.random.Generator
 ) -> ImuWindow:
-    """Samples over the interval and three periods beyond either end."""
+    """Samples over the interval and three periods beyond both ends."""
     t = np.arange(-3, round(_DURATION * rate_hz) + 4) / rate_hz
     omega, force = motion.angular_velocity_b(start + t), specific_force_b(motion, start + t, _GRAVITY)
     return ImuWindow(
@@ -82,7 +82,7 @@ def position_error_mm(motion: AnalyticMotion, start: float, r: FloatArray) -> fl
 def errors_mm(
     draw: Callable[[np.random.Generator], AnalyticMotion], rate_hz: float, noise: SampleNoise, windows: int
 ) -> dict[str, float]:
-    """RMS position error of each rule."""
+    """RMS position error of each method."""
     errors: dict[str, list[float]] = {name: [] for name in _RULES}
     for seed in range(windows):
         rng = np.random.default_rng(seed)
@@ -101,7 +101,7 @@ def accuracy(windows: int) -> list[list[str]]:
         for rate in _RATES:
             density = {
                 "none": _NONE,
-                "0.002, 0.02 a sample": SampleNoise(0.002, 0.02),
+                "0.002, 0.02 per sample": SampleNoise(0.002, 0.02),
                 "1.7e-4, 2e-3 /√Hz": SampleNoise(1.7e-4 * rate**0.5, 2e-3 * rate**0.5),
                 "1e-3, 1e-2 /√Hz": SampleNoise(1e-3 * rate**0.5, 1e-2 * rate**0.5),
             }

@@ -1,8 +1,8 @@
-"""Propagation of a real IMU by the zero-order hold, the midpoint rule and GPs, against motion capture.
+"""Propagation of real IMU samples by zero-order hold, midpoint rule and GPs, against motion capture.
 
-Evidence: real. EuRoC V1_01 (200 Hz, gentle), from its ground truth's state and biases at 20 Hz: the pose
-after an interval, propagated with the samples, against the ground truth's. What remains at best is the noise
-of the samples and of the ground truth itself.
+Evidence: real. EuRoC V1_01 (200 Hz, gentle): from the true states and biases at 20 Hz, the pose after an
+interval is propagated with the samples and compared with the ground truth. The lower limit of the error is
+the noise of the samples and of the ground truth.
 
     python benchmarks/propagation.py [--every 4]
 """
@@ -26,7 +26,7 @@ from common import data_folder, table
 _GRAVITY_W = np.array([0.0, 0.0, -9.81])
 _INTERVALS = (0.1, 0.2, 0.5)
 _RATE_HZ = 200.0
-#: Densities of the recording's sensor file, times the root of the rate.
+#: Densities of the recording's sensor file, times the square root of the rate.
 _NOISE = SampleNoise(1.6968e-4 * _RATE_HZ**0.5, 2e-3 * _RATE_HZ**0.5)
 _BEYOND_NS = 15_000_000
 _Rule = Callable[[ImuWindow, FloatArray, SampleNoise], Preintegration]
@@ -40,7 +40,7 @@ def load() -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
 
 
 def _read(path: Path) -> tuple[IntArray, FloatArray]:
-    """Nanoseconds, which a float cannot hold, and the other columns."""
+    """Times as integer nanoseconds, and the other columns as floats."""
     with path.open() as file:
         rows = [line.split(",", 1) for line in file if line.strip() and not line.startswith("#")]
     t_ns = np.array([int(row[0]) for row in rows], dtype=np.int64)
@@ -48,7 +48,8 @@ def _read(path: Path) -> tuple[IntArray, FloatArray]:
 
 
 def window_between(t_ns: IntArray, samples: FloatArray, start: int, end: int) -> ImuWindow | None:
-    """Samples of the interval and of three periods around it; none where the recording has not got them."""
+    """Samples of the interval and of three periods around it; empty if the recording does not contain
+    them."""
     first, last = np.searchsorted(t_ns, [start - _BEYOND_NS, end + _BEYOND_NS])
     if t_ns[first] > start or t_ns[last - 1] < end:
         return None
@@ -60,7 +61,7 @@ def window_between(t_ns: IntArray, samples: FloatArray, start: int, end: int) ->
 def errors(
     interval: float, every: int, data: tuple[IntArray, FloatArray, IntArray, FloatArray]
 ) -> dict[str, FloatArray]:
-    """Errors (n,2) of rotation [deg] and position [mm] of each rule."""
+    """Errors (n,2) of rotation [deg] and position [mm] of each method."""
     imu_t, imu, truth_t, truth = data
     steps = round(interval * 20.0)
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in _RULES}

@@ -1,9 +1,8 @@
-"""Gyroscope and accelerometer at different, offset rates: what it costs.
+"""Effect of different and offset rates of gyroscope and accelerometer.
 
-Evidence: simulation. The same motions, tracks and noise densities, once with both sensors at 1000 Hz
-on common
-times, once with the gyroscope at 1000 Hz and the accelerometer at 190 Hz, 1.7 ms later; and at 200 Hz both,
-as another reference.
+Evidence: simulation. The same motions, tracks and noise densities with both sensors at 1000 Hz and common
+times, with the gyroscope at 1000 Hz and the accelerometer at 190 Hz, 1.7 ms later, and with both at 200 Hz
+for reference.
 
     python benchmarks/rates.py [--seeds 6] [--seconds 15]
 """
@@ -41,7 +40,7 @@ def ate_cm(seed: int, rates: tuple[float, float, float], seconds: float) -> floa
 
 
 def main() -> None:
-    """Print the mean ATE of each choice of rates and its ratio to the first."""
+    """Print the mean ATE for each choice of rates, and its ratio to the first."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

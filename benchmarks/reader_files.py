@@ -1,4 +1,4 @@
-"""Files for the benchmark of readers, made of one set of events; real ones where there are."""
+"""Files for the benchmark of readers: generated from one set of events, and real ones if available."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _US = 1000
 
 @dataclass(frozen=True)
 class BenchmarkFile:
-    """A file, what it is, and the libraries (names in `reader_libraries`) that read it as well."""
+    """A file, its title, and other libraries (names in `reader_libraries`) that read it."""
 
     title: str
     path: Path
@@ -27,7 +27,7 @@ class BenchmarkFile:
 
 
 def make_recording(count: int) -> EventRecording:
-    """Events as of a moving camera: bursts in rows, about one a microsecond, from 1 s on."""
+    """Events like those of a moving camera: bursts in rows, about one per microsecond, from 1 s on."""
     rng = np.random.default_rng(0)
     events = np.zeros(count, dtype=EVENT_DTYPE)
     events["t_ns"] = (1_000_000 + np.cumsum(rng.integers(0, 3, count))) * _US
@@ -39,7 +39,7 @@ def make_recording(count: int) -> EventRecording:
 
 
 def make_files(folder: Path, count: int, real: Path | None) -> list[BenchmarkFile]:
-    """One file of each format that can be made here, then the real ones."""
+    """One file of each format that can be generated, then the real ones."""
     folder.mkdir(parents=True, exist_ok=True)
     recording = make_recording(count)
     files: list[BenchmarkFile] = []
@@ -83,11 +83,11 @@ def make_files(folder: Path, count: int, real: Path | None) -> list[BenchmarkFil
 
 
 def _made(write: Callable[[Path, RecordArray], None], path: Path, events: RecordArray) -> bool:
-    """False, and said, where a file cannot be made for want of a library."""
+    """Whether a file could be generated; prints a message if a library is missing."""
     try:
         write(path, events)
     except ImportError as error:
-        print(f"{path.name} is left out: {error}")
+        print(f"{path.name} is skipped: {error}")
         return False
     return True
 
@@ -121,7 +121,7 @@ def write_evt2(path: Path, events: RecordArray) -> None:
 
 
 def write_evt3(path: Path, events: RecordArray) -> None:
-    """EVT 3.0 of single events: a time, a row where one changes, a column for each."""
+    """EVT 3.0 with single events: a time and a row if they change, and a column for each event."""
     t_us, y = events["t_ns"] // _US, events["y"].astype(np.int64)
     new_time = np.concatenate([[True], t_us[1:] != t_us[:-1]])
     new_high = np.concatenate([[True], t_us[1:] >> 12 != t_us[:-1] >> 12])
@@ -141,7 +141,7 @@ def write_evt3(path: Path, events: RecordArray) -> None:
 
 
 def write_dsec(path: Path, events: RecordArray) -> None:
-    """As DSEC publishes its files, with its codec."""
+    """The layout and the codec of the DSEC data set."""
     import hdf5plugin
 
     _columns(path, "events", events, "<u4", {**hdf5plugin.Blosc(cname="zstd")})
@@ -157,7 +157,7 @@ def write_mvsec(path: Path, events: RecordArray) -> None:
 
 
 def write_m3ed(path: Path, events: RecordArray) -> None:
-    """Chunks of 40 000, LZF, as in the data set's tool."""
+    """Chunks of 40 000 with LZF, as in the tool of the data set."""
     _columns(path, "prophesee/left", events, "<i8", {"compression": "lzf", "chunks": (40_000,)})
 
 

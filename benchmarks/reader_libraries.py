@@ -1,7 +1,7 @@
-"""Other libraries that read files of events, each through the calls of its documentation.
+"""Other libraries that read event files, called as in their documentation.
 
-Each function reads all events of a file and returns how many there are, the first and the last time [us].
-Several are under other licences than ours: they run in a process of their own (`readers.py`).
+Each function reads all events of a file and returns their number, the first and the last time [us].
+Several have other licences than asyneio, and run in separate processes (`readers.py`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def _of(t_us: np.ndarray) -> Summary:
 
 
 def ours(path: Path) -> Summary:
-    """asyneio: every piece, as it comes from the decoder."""
+    """asyneio: all pieces as returned by the decoder."""
     from asyneio.io import ReadOptions
     from asyneio.io.open_recording import open_contents
 
@@ -34,7 +34,7 @@ def ours(path: Path) -> Summary:
 
 
 def numpy_loadtxt(path: Path) -> Summary:
-    """What the data set's own tools do."""
+    """As in the tools of the data set."""
     return _of(np.loadtxt(path)[:, 0] * 1e6)
 
 
@@ -76,7 +76,7 @@ def evt3(path: Path) -> Summary:
 
 
 def aedat(path: Path) -> Summary:
-    """The package behind our worker, in this process."""
+    """The package used by our worker, in this process."""
     import aedat as library
 
     pieces = [packet["events"]["t"] for packet in library.Decoder(str(path)) if "events" in packet]
@@ -113,7 +113,7 @@ def h5py_mvsec(path: Path) -> Summary:
 
 
 def rosbags(path: Path) -> Summary:
-    """Every message deserialised into objects, with the definitions in the bag."""
+    """All messages deserialised to objects, with the definitions in the bag."""
     from rosbags.highlevel import AnyReader
 
     times: list[float] = []

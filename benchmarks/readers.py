@@ -1,14 +1,15 @@
-"""Speed of the readers: million events a second, beside other libraries on the same files in the same run.
+"""Speed of the readers in million events per second, and of other libraries on the same files in the same
+run.
 
     python benchmarks/readers.py [--events 3e6] [--repeats 5] [--folder DIR] [--data DIR] [--only TITLE]
         [--markdown FILE]
 
-Each reader runs in a process of its own, once to warm up and then so many times; medians. "Mev/s" is by the
-clock on the wall, "Mev/s of CPU" by the processor time of the reader and of the processes that it starts,
-which does not depend on what else the machine is doing. Ours decodes piece by piece, without the checks that
-follow; the others give whole arrays. What they say of count, first and last time must agree.
+Each reader runs in a separate process, once for warm-up and then repeatedly; values are medians. "Mev/s" is
+by wall-clock time, "Mev/s of CPU" by the CPU time of the reader and its child processes, which does not
+depend on other load. Our readers decode in pieces, without the checks that follow; the others return whole
+arrays. Count, first and last time must agree.
 
-Evidence: files made here of the same events, and the real ones of `--data`.
+Evidence: files generated from the same events, and the real ones of `--data`.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ from reader_files import BenchmarkFile, make_files
 from reader_libraries import LIBRARIES
 
 HEADER = ["file", "Mev", "reader", "Mev/s", "Mev/s of CPU", "ratio of CPU", "start s"]
-_BAR_MEV_S = 20.0
+_TARGET_MEV_S = 20.0
 _TEXT = "UZH text"
 
 
 def one(name: str, path: Path, repeats: int) -> None:
-    """In the child: read again and again; JSON of the times on standard output."""
+    """In the child process: read repeatedly; JSON of the times on standard output."""
     started = time.perf_counter()
     summary = LIBRARIES[name](path)
     first_s = time.perf_counter() - started
@@ -49,13 +50,13 @@ def one(name: str, path: Path, repeats: int) -> None:
 
 
 def _cpu_s() -> float:
-    """Processor time of this process and of those it has waited for."""
+    """CPU time of this process and its finished child processes."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
 def measured(name: str, path: Path, repeats: int) -> dict[str, list[float]] | str:
-    """Times of one reader, or why there are none."""
+    """Times of one reader, or the reason of its failure."""
     command = [sys.executable, __file__, "--one", name, str(path), "--repeats", str(repeats)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -80,8 +81,8 @@ def rows(file: BenchmarkFile, repeats: int) -> list[list[str]]:
         )
         wall, cpu = (count / statistics.median(result[kind]) / 1e6 for kind in ("wall", "cpu"))
         ratio = statistics.median(result["cpu"]) / statistics.median(reference["cpu"])
-        # What is too small says more of opening a file than of decoding it.
-        missed = name == "asyneio" and cpu < _BAR_MEV_S and file.title != _TEXT and count >= 1e6
+        # Times of small files are dominated by opening them.
+        missed = name == "asyneio" and cpu < _TARGET_MEV_S and file.title != _TEXT and count >= 1e6
         found.append(
             [
                 file.title if name == "asyneio" else "",
@@ -103,11 +104,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--events", type=float, default=3e6, help="of the files made here")
+    parser.add_argument("--events", type=float, default=3e6, help="of the generated files")
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--folder", type=Path, help="for the files made here; else a temporary one")
+    parser.add_argument("--folder", type=Path, help="for the generated files; default: a temporary one")
     parser.add_argument("--data", type=Path, default=os.environ.get("ASYNEIO_DATA"), help="real recordings")
-    parser.add_argument("--only", nargs="*", default=[], help="titles of files begin with one of these")
+    parser.add_argument("--only", nargs="*", default=[], help="prefixes of the titles of files")
     parser.add_argument("--markdown", type=Path, help="also write the table here")
     parser.add_argument("--one", nargs=2, metavar=("READER", "FILE"), help=argparse.SUPPRESS)
     options = parser.parse_args()

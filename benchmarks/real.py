@@ -1,10 +1,10 @@
-"""Real IMU and real feature tracks (`tumvi_calib`): causal accuracy, and its ratio to a full-batch bound.
+"""Real IMU and real feature tracks (`tumvi_calib`): causal accuracy, and ratio to a full-batch bound.
 
 Evidence: real IMU and tracks with motion capture. Each track is cut into pieces of at most 1 s with new ids.
 
     python benchmarks/real.py [--sensitivity]
 
-`--sensitivity` repeats the run with other settings, to show what the figure owes to them.
+`--sensitivity` repeats the run with other settings, to show their effect.
 """
 
 from __future__ import annotations

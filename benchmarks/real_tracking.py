@@ -1,14 +1,14 @@
-"""Feature tracks on real events: against a slider's straight line, against a gyroscope, counts and pictures.
+"""Feature tracks on real events: straightness on a slider, rotation against a gyroscope, counts and images.
 
 Evidence: real events of a DAVIS240C (slider_depth, ecd_excerpts), a DAVIS240 with its IMU (davis240_imu) and
 a DVS128 (dvs128).
 
     python benchmarks/real_tracking.py [--trackers gradient haste] [--pictures DIR] [--markdown FILE]
 
-Slider: the camera moves along its x axis, so that every undistorted track is a horizontal line; deviations
-are RMS across it. Rotation: in-plane rotation of all tracks over 50 ms against the gyroscope about the
-optical axis, whose clock is known to 10 ms only; the scene is a star of straight edges, along which tracks
-know their place badly, so that their covariance is what makes them useful.
+Slider: the camera moves along its x axis, so every undistorted track is a horizontal line; deviations are RMS
+across it. Rotation: in-plane rotation of all tracks over 50 ms against the gyroscope about the optical axis,
+whose clock is known to 10 ms only. The scene is a star of straight edges; positions along an edge are
+uncertain, so weighting by the covariance matters.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ import numpy as np
 import scipy.io
 
 from asyneio.config import FrontendConfig
-from asyneio.evaluation.tracks_lives import Tracks, group_tracks
-from asyneio.evaluation.tracks_motion import compare_rates, line_deviation, rotation_rates
+from asyneio.evaluation.tracks import Tracks, group_tracks
 from asyneio.frontend import gyroscope_in_camera
 from asyneio.geometry.camera import CameraModel
 from asyneio.io import open_recording
@@ -30,6 +29,7 @@ from asyneio.pipeline.track import TrackRun, summarize_tracks, track_recording
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, CameraIntrinsics, EventRecording, FloatArray
 from asyneio.viz.tracks import TrackScene, render_tracks
 from common import data_folder, table
+from track_motion import compare_rates, line_deviation, rotation_rates
 
 SLIDER = "slider_depth"
 ROTATION = "davis240_imu/IMU_rotDisk.aedat"
@@ -64,12 +64,12 @@ def load(name: str) -> EventRecording:
         return _dvs128(path)
     recording = open_recording(path)
     if not isinstance(recording, EventRecording):
-        raise RuntimeError(f"{path} holds tracks, not events")
+        raise RuntimeError(f"{path} contains tracks, not events")
     return recording
 
 
 def undistorted(tracks: Tracks, camera: CameraIntrinsics) -> FloatArray:
-    """Positions (N,2) [px] as a lens without distortion would see them."""
+    """Undistorted positions (N,2) [px]."""
     xy, _, _ = CameraModel(camera).undistort(tracks.uv)
     return xy * [camera.fx, camera.fy]
 
@@ -87,12 +87,12 @@ def slider_report(run: TrackRun, recording: EventRecording) -> str:
     travel = np.abs(position[tracks.last, 0] - position[tracks.first, 0])
     return "\n".join(
         (
-            f"* {_met(level.rms < 0.4)}: RMS {level.rms:.3f} px across the horizontal, bar 0.4 px; "
+            f"* {_met(level.rms < 0.4)}: RMS {level.rms:.3f} px across the horizontal, target 0.4 px; "
             f"{fitted.rms:.3f} px across a line fitted to each track ({level.tracks} tracks with at least "
             f"{_MIN_OBSERVATIONS} of {level.observations} observations); tracks travel "
             f"{np.percentile(travel, 90):.1f} px (90th percentile)",
             f"* {_met(float(np.median(life_s)) > 0.05)}: median age {1e3 * np.median(life_s):.0f} ms "
-            f"over all {life_s.size} tracks, bar 50 ms of {_duration_s(recording):.2f} s; "
+            f"over all {life_s.size} tracks, target 50 ms of {_duration_s(recording):.2f} s; "
             f"{1e3 * np.median(followed):.0f} ms over the {followed.size} observed more than once",
         )
     )
@@ -111,7 +111,7 @@ def rotation_report(run: TrackRun, recording: EventRecording) -> str:
         lines.append(
             f"* {_met(found.correlation > 0.97)}, {'weighted by covariance' if weighted else 'unweighted'}: "
             f"correlation {found.correlation:.4f} over {found.intervals} intervals (median of "
-            f"{np.median(rates.features):.0f} tracks), bar 0.97; slope {found.slope:.3f}, RMS of the "
+            f"{np.median(rates.features):.0f} tracks), target 0.97; slope {found.slope:.3f}, RMS of the "
             f"difference {np.rad2deg(found.rms):.2f} deg/s, tracks later by {1e3 * found.lag_s:.0f} ms "
             f"(then {found.correlation_at_lag:.4f})"
         )
@@ -137,12 +137,12 @@ def row(run: TrackRun, recording: EventRecording) -> list[str]:
 
 
 def main() -> None:
-    """Print the table and the comparisons of each tracker; draw pictures where asked."""
+    """Print the table and the comparisons of each tracker; draw images if requested."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--trackers", nargs="+", default=["gradient", "haste"], choices=["gradient", "haste"])
-    parser.add_argument("--pictures", type=Path, help="folder for pictures of the tracks")
+    parser.add_argument("--pictures", type=Path, help="folder for images of the tracks")
     parser.add_argument("--markdown", type=Path, help="also write the tables here")
     options = parser.parse_args()
     parts = []

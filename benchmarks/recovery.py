@@ -1,15 +1,15 @@
-"""Faults of the stream: sequence of states, time to recovery, growth of the error.
+"""Faults of the data streams: sequence of states, time to recovery, growth of the error.
 
-Evidence: simulation, MEMS noise, default configuration, causal estimates; of tracks and IMU for the motions
-of track scenarios, of events and IMU, with the front end, for those of event scenarios (`event_fast`, ...).
+Evidence: simulation, MEMS noise, default configuration, causal estimates; with tracks and IMU for track
+scenarios, with events, front end and IMU for event scenarios (`event_fast`, ...).
 
     python benchmarks/recovery.py [--seeds 3] [--faults blackout dropout cut kidnapped noise]
         [--motions moderate event_fast ...] [--cache DIR]
 
-Columns: states with the second each began (- initialising, T tracking, D degraded, L lost); seconds from the
-end of the fault until TRACKING; largest position error of the first segment while not TRACKING, and after the
-fault; largest multiple of the claimed standard deviation; RMSE of each segment, aligned on its own; whether
-the run counts as whole.
+Columns: states with the second at which each began (- initializing, T tracking, D degraded, L lost); seconds
+from the end of the fault until TRACKING; largest position error of the first segment while not TRACKING, and
+after the fault; largest error in estimated standard deviations; RMSE of each segment, aligned individually;
+whether the run is complete.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from sequences import DEFAULT_CACHE, sequence
 
 AnyRecording: TypeAlias = Recording | EventRecording
 
-#: Lives and rates as the front end's tracks have them.
+#: Lifetimes and rates of the front end's tracks.
 _TRACKS = TrackSpec(features_alive=60, mean_life_s=0.5, spacing_px=1.5, min_spacing_s=0.02, max_spacing_s=0.1)
 _LETTERS = {Health.INITIALIZING: "-", Health.TRACKING: "T", Health.DEGRADED: "D", Health.LOST: "L"}
 #: Begin and end of each fault, and end of the run [s].
@@ -83,12 +83,12 @@ def dropout(recording: AnyRecording, begin_ns: int, end_ns: int, seed: int) -> A
 
 
 def cut(recording: AnyRecording, begin_ns: int, end_ns: int, seed: int) -> AnyRecording:
-    """Nothing at all for a while."""
+    """No events and no inertial samples."""
     return dropout(blackout(recording, begin_ns, end_ns, seed), begin_ns, end_ns, seed)
 
 
 def kidnap(recording: AnyRecording, begin_ns: int, end_ns: int, seed: int) -> AnyRecording:
-    """The same, and stamps do not tell of it."""
+    """The same without a gap in the timestamps."""
     return kidnapped(recording, begin_ns, end_ns)
 
 
@@ -96,10 +96,10 @@ def noise(recording: AnyRecording, begin_ns: int, end_ns: int, seed: int) -> Any
     """Observations off by 8 px.
 
     Raises:
-        RuntimeError: the recording holds events.
+        RuntimeError: the recording contains events.
     """
     if isinstance(recording, EventRecording):
-        raise RuntimeError(f"{recording.name} holds events; noise is put on observations")
+        raise RuntimeError(f"{recording.name} contains events; this fault needs observations")
     observations = recording.observations.copy()
     bad = (observations["t_ns"] >= begin_ns) & (observations["t_ns"] < end_ns)
     rng = np.random.default_rng(seed)
@@ -133,7 +133,7 @@ def _row(seed: int, fault: str, motion: str, cache: Path) -> list[str]:
     over_ns = begin_ns if fault == "kidnapped" else end_ns
     assert recording.ground_truth is not None
     first, *others = result.run.segments()
-    # What is estimated until the cut is noticed is of a place that the truth has left.
+    # Until the cut is detected, estimates continue from the position before it.
     first = [e for e in first if e.t_ns <= begin_ns] if fault == "kidnapped" else first
     offset, multiple = _errors(first, result, recording.ground_truth)
     tracking = {r.t_ns for r in result.run.reports if r.health is Health.TRACKING}
@@ -156,7 +156,7 @@ def _row(seed: int, fault: str, motion: str, cache: Path) -> list[str]:
 
 
 def _recovery(result: RunResult, begin_ns: int, over_ns: int) -> str:
-    """Seconds from the end of the fault until TRACKING again; "unnoticed" where nothing else ever was."""
+    """Seconds from the end of the fault until TRACKING again; "unnoticed" without any other state."""
     later = [r for r in result.run.reports if r.t_ns > begin_ns]
     noticed = next((r.t_ns for r in later if r.health is not Health.TRACKING), None)
     if noticed is None:
@@ -168,10 +168,10 @@ def _recovery(result: RunResult, begin_ns: int, over_ns: int) -> str:
 def _errors(
     estimates: list[Estimate], result: RunResult, truth: PoseTrajectory
 ) -> tuple[FloatArray, FloatArray]:
-    """Position errors (N,) [m] relative to the segment's origin, and in claimed standard deviations."""
+    """Position errors (N,) [m] relative to the segment's origin, and in estimated standard deviations."""
     origin = result.origin_of(estimates[0].segment)
     assert origin is not None
-    # No estimate is older than the origin; it takes part in the alignment only.
+    # No estimate is older than the origin, which is used for the alignment only.
     matched = associate(pose_trajectory([origin, *estimates]), truth)
     aligned = align(AlignmentKind.ORIGIN, matched.estimate, matched.truth).apply(matched.estimate)
     offset = np.linalg.norm(aligned.position - matched.truth.position, axis=1)[1:]
@@ -186,7 +186,7 @@ def _rmse(estimates: list[Estimate], truth: PoseTrajectory) -> float:
 
 
 def _sequence(result: RunResult, start_ns: int) -> str:
-    """States with the second each began."""
+    """States with the second at which each began."""
     reports = result.run.reports
     changes = [reports[0], *(b for a, b in pairwise(reports) if a.health is not b.health)]
     return " ".join(f"{_LETTERS[r.health]}{(r.t_ns - start_ns) / NS_PER_S:.1f}" for r in changes)

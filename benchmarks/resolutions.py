@@ -1,12 +1,12 @@
 """The same scene and motion seen by sensors of three sizes through one lens, with the same defaults.
 
-Evidence: simulation. The view is equally wide at all sizes. The default scene is the boxes of the suite with
-print as fine as the pixels of the largest sensor. The pixels themselves (thresholds, noise, refractory time)
+Evidence: simulation. The field of view is the same at all sizes. The default scene is the boxes of the suite
+with textures as fine as the pixels of the largest sensor. Thresholds, noise and refractory time of the pixels
 are those of the DAVIS240C.
 
 Tracking errors are distances to the surface point that the first observation of a track sees, at an age of
 0.3 to 0.5 s, in pixels and in angle. `apart deg`: from a tracked feature to the nearest other one, median.
-ns/event is time of the front end's thread by the clock on the wall.
+ns/event is the wall-clock time of the front end's thread.
 
     python benchmarks/resolutions.py [--scenes suite_fine_6dof] [--sizes 240x180 640x480 1280x720]
         [--seeds N ...] [--seconds 6] [--largest-step PX] [--config FILE] [--cache DIR] [--markdown FILE]
@@ -24,17 +24,17 @@ from scipy.spatial import cKDTree
 
 from accuracy import figures
 from asyneio.config import load_config
-from asyneio.evaluation.tracks import age_table, track_errors
-from asyneio.evaluation.tracks_lives import Tracks
+from asyneio.evaluation.tracks import Tracks
 from asyneio.io.parsing.atomic import write_text
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import EVENT_SCENARIOS, EventSimulation
 from asyneio.simulation.events.scenario import at_resolution
 from common import table
 from sequences import DEFAULT_CACHE, cached_sequence
+from track_errors import age_table, track_errors
 
 SIZES = {"240x180": (240, 180), "640x480": (640, 480), "1280x720": (1280, 720)}
-#: Columns and how their numbers are written.
+#: Columns and the formats of their numbers.
 COLUMNS = {
     "Mev/s": ".1f",
     "ns/event": ".0f",
@@ -54,9 +54,9 @@ COLUMNS = {
 }
 #: Index of the ages 0.3 to 0.5 s, and their limits.
 _AGES, _AGE_S = 3, (0.3, 0.5)
-#: As two pixels of the smallest sensor.
+#: Angle of two pixels of the smallest sensor.
 _GOOD_RAD = 0.010
-#: How often it is looked where features are.
+#: Sampling interval of the distances between features.
 _LOOK_NS = 50_000_000
 
 
@@ -117,7 +117,7 @@ def row(simulation: EventSimulation, result: RunResult) -> dict[str, float]:
 
 
 def _spread(tracks: Tracks) -> tuple[float, float]:
-    """Tracks alive, and pixels from one to the nearest other one: medians over time."""
+    """Number of live tracks, and distance [px] to the nearest other one: medians over time."""
     t_ns, uv = tracks.observations["t_ns"], tracks.uv
     alive, apart = [], []
     for now_ns in range(int(t_ns.min()), int(t_ns.max()), _LOOK_NS):

@@ -2,10 +2,10 @@
 
     python benchmarks/run.py [--repeats 30]
 
-One 20-knot window with 100 landmarks, 3 000 observations at their own times and a 200 Hz IMU; in gtsam the
-equivalent discrete problem (see gtsam_window.py). The samples of an interval are projected onto six values a
-sensor beforehand, as the estimator does; gtsam has preintegrated them. Whole runs beside gtsam's incremental
-smoother: gtsam_fixed_lag.py.
+One 20-knot window with 100 landmarks, 3 000 observations at individual times and a 200 Hz IMU, and the
+equivalent discrete problem in gtsam (see gtsam_window.py). The samples of an interval are projected to six
+values per sensor in advance, as in the estimator; in gtsam they are preintegrated. For complete runs beside
+gtsam's incremental smoother, see gtsam_fixed_lag.py.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ def median_seconds(
 
 
 def without_observations(problem: Problem) -> Problem:
-    """The same window, blind."""
+    """The same window without observations."""
     return problem._replace(visual=problem.visual._replace(start=np.zeros_like(problem.visual.start)))
 
 
 def inertial_seconds(problem: Problem, repeats: int) -> float:
-    """The values of both sensors in one interval, linearised, mean over the window."""
+    """Linearisation of the inertial values of one interval, mean over the window."""
     intervals = len(problem.model.dt)
     local = np.empty((intervals, 5, 6))
     space = problem.model.motion_model.space

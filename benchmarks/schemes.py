@@ -1,7 +1,7 @@
-"""The four inertial schemes at several knot intervals on a real IMU and real feature tracks (`tumvi_calib`).
+"""The four inertial schemes at several knot intervals, on a real IMU and real feature tracks (`tumvi_calib`).
 
 Evidence: real IMU and tracks with motion capture; each track is cut into pieces of at most 1 s with new ids.
-One parameter set; only scheme and knot interval change. Speeds are those of runs that share the machine with
+One parameter set; only scheme and knot interval change. Speeds are for runs in parallel with
 `--jobs` - 1 others.
 
     python benchmarks/schemes.py [--knots 0.025 0.05 0.1 0.2] [--jobs 1] [--markdown FILE]
@@ -18,7 +18,7 @@ from asyneio.io import read_tracks_folder
 from asyneio.io.parsing.atomic import write_text
 from common import ACCURACY_HEADER, accuracy_cells, data_folder, parallel, table
 
-_BAR_CM = 0.4
+_TARGET_CM = 0.4
 _HEADER = ["scheme", "knots s", *ACCURACY_HEADER]
 
 
@@ -34,7 +34,7 @@ def _row(case: tuple[str, float]) -> list[str]:
 
 
 def main() -> None:
-    """Print the table, and the best row against the bar."""
+    """Print the table, and the best row against the target."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -47,9 +47,9 @@ def main() -> None:
     rows = parallel(_row, cases, "tumvi_calib", jobs=options.jobs)
     whole = [row for row in rows if row[3]]
     best = min(whole, key=lambda row: float(row[2]))
-    met = "met" if float(best[2]) <= _BAR_CM else "MISSED"
-    verdict = f"{met}: best ATE {best[2]} cm ({best[0]}, knots {best[1]} s), bar {_BAR_CM} cm"
-    text = f"{table(_HEADER, rows)}\n\n* {verdict}\n* {len(whole)} of {len(rows)} runs whole\n"
+    met = "met" if float(best[2]) <= _TARGET_CM else "MISSED"
+    summary = f"{met}: best ATE {best[2]} cm ({best[0]}, knots {best[1]} s), target {_TARGET_CM} cm"
+    text = f"{table(_HEADER, rows)}\n\n* {summary}\n* {len(whole)} of {len(rows)} runs complete\n"
     print(text)
     if options.markdown:
         write_text(options.markdown, text)

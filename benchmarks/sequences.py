@@ -1,9 +1,8 @@
-"""Simulated sequences of events, kept on disk, and what the front end made of them.
+"""Cache of simulated event sequences, and of the observations that the front end extracts from them.
 
-Sequences are simulated once and opened as a memory map from then on. Only the events are kept, as a flat
-`.npy` file; motion, world and inertial samples are made anew in a second.
-A file is named after its scenario and a fingerprint of what the simulator makes of it, so that neither can
-change unnoticed.
+Sequences are simulated once and then opened as a memory map. Only the events are cached, as a flat `.npy`
+file; motion, world and inertial samples take about a second. The name of a file contains the scenario and a
+fingerprint of the simulated data, so that changes of either are noticed.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from asyneio.simulation import EVENT_SCENARIOS, EventScenario, EventSimulation, 
 from asyneio.studies.simulated import fingerprint
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 
-#: Where sequences are kept unless told otherwise.
+#: Default folder of the cache.
 DEFAULT_CACHE = Path(tempfile.gettempdir()) / "asyneio-sequences"
 
 
@@ -39,14 +38,14 @@ def sequence(
     cache: Path,
     pause_s: tuple[float, float] | None = None,
 ) -> EventSimulation:
-    """A simulated sequence, from the cache where it is there.
+    """A simulated sequence, from the cache if possible.
 
     Args:
         scene: name of a scenario.
-        seed: added to the scenario's own.
-        seconds: length; None for the scenario's own.
+        seed: added to the scenario's seed.
+        seconds: duration; None for that of the scenario.
         cache: folder.
-        pause_s: begin and end of a rest.
+        pause_s: beginning and end of a stationary phase.
     """
     base = EVENT_SCENARIOS[scene]
     duration_s = base.duration_s if seconds is None else seconds
@@ -55,7 +54,7 @@ def sequence(
 
 
 def cached_sequence(scenario: EventScenario, cache: Path) -> EventSimulation:
-    """Any scenario, its events from the cache where they are there."""
+    """Any scenario, with its events from the cache if possible."""
     simulation = simulate_events(scenario, np.empty(0, dtype=EVENT_DTYPE))
     path = cache / f"{simulation.recording.name}-{scenario.duration_s:g}-{fingerprint(simulation)}.npy"
     if not path.is_file():
@@ -84,7 +83,7 @@ def _is_text(node: ast.AST) -> bool:
 
 
 def _write_events(stream: IO[bytes], chunks: Iterator[RecordArray]) -> None:
-    """An `.npy` file of one array, never more than a chunk of it in memory."""
+    """Write an array to an `.npy` file, with at most one chunk of it in memory."""
     _write_header(stream, 0)
     start, count = stream.tell(), 0
     for chunk in chunks:
@@ -96,7 +95,7 @@ def _write_events(stream: IO[bytes], chunks: Iterator[RecordArray]) -> None:
 
 
 def _write_header(stream: IO[bytes], count: int) -> None:
-    # NumPy pads headers to a fixed alignment and leaves room for the digits of the length.
+    # NumPy pads headers to a fixed alignment and reserves space for the digits of the length.
     description = {
         "descr": np.lib.format.dtype_to_descr(EVENT_DTYPE),
         "fortran_order": False,
@@ -107,21 +106,20 @@ def _write_header(stream: IO[bytes], count: int) -> None:
 
 @dataclass(frozen=True)
 class TrackedRun:
-    """What the front end made of a sequence: observations (OBSERVATION_DTYPE, IMU clock) as an estimator is
-    given them, and the seconds it took."""
+    """Observations of the front end (OBSERVATION_DTYPE, IMU clock) as given to an estimator, and the seconds
+    they took."""
 
     observations: RecordArray
     seconds: float
 
 
 def tracked(simulation: EventSimulation, config: Config, cache: Path | None) -> TrackedRun:
-    """The observations of a front end that nobody tells which tracks are of use, from the cache where they
-    are there.
+    """The observations of a front end without feedback on outliers, from the cache if possible.
 
     Args:
-        simulation: of `sequence`; its recording's calibration may have been changed.
-        config: of the run; its front end and knot interval decide what comes out.
-        cache: folder; None to track anew.
+        simulation: result of `sequence`; the calibration of its recording may have been changed.
+        config: configuration of the run; its front end and knot interval determine the result.
+        cache: folder; None to track without a cache.
     """
     recording = simulation.recording
     key = hashlib.sha256(fingerprint(simulation).encode())

@@ -1,18 +1,18 @@
-"""Standing still for a minute: how far does the estimate wander, and does it go on afterwards?
+"""Stationary for a minute: drift of the estimate, and recovery afterwards.
 
-Evidence: simulation with exact truth; biases walk. Feature tracks and IMU, or, with `--events SCENE`, events
-and IMU through the front end. As with an event camera there are no tracks while nothing moves; `--frames`
-keeps them, as of a camera with frames. Measured from the first to the last knot at rest: how far the estimate
-moved at most, and its error against the truth at both ends. The two differ: a gyroscope at rest tells its
-bias, and what is learned of the bias corrects the pose that was reached with it. `--before 0` rests from the
-start, when there is nothing to correct: all that moves is drift.
+Evidence: simulation with exact ground truth and random-walk biases; feature tracks and IMU or, with `--events
+SCENE`, events, front end and IMU. There are no tracks while nothing moves, as with an event camera;
+`--frames` keeps them, as with a frame camera. From the first to the last stationary knot: largest motion of
+the estimate, and its error at both ends. The two differ: the bias of a stationary gyroscope is observable,
+and its correction also corrects the pose that depends on it. `--before 0` is stationary from the beginning,
+so that there is nothing to correct and all motion is drift.
 
-With `--starts`, what rests of some lengths are worth to a start: every run begins at rest and then moves.
-Time from the begin of motion to the first estimate (negative: during the rest), relative error of scale and
-MPE (yaw and position aligned) of the estimates in motion; medians over seeds, and the worst.
+With `--starts`: effect of a stationary phase on initialization. Every run begins stationary and then moves.
+Time from the beginning of motion to the first estimate (negative: in the stationary phase), relative error of
+scale and MPE (yaw and position aligned) of the estimates in motion; medians over seeds, and the worst.
 
-With `--moving`, how often scenes of events that never rest are taken to do so before a start, and how fast
-the sensor was then.
+With `--moving`: how often event scenes that are always in motion are detected as stationary before
+initialization, and the speed of the sensor at that time.
 
     python benchmarks/standing_still.py [--seeds 2] [--before 12] [--seconds 60] [--scheme gpif] [--frames]
         [--events SCENE] [--cache DIR]
@@ -45,24 +45,24 @@ from common import parallel, run, table
 from sequences import DEFAULT_CACHE, sequence, tracked
 
 _AFTER_S = 8.0
-#: The end of a rest may be noticed so late: motion begins softly.
+#: Maximum delay until the end of a stationary phase is detected: motion begins slowly.
 _LATE_NS = 200_000_000
-#: An event camera sees features move again after about a pixel of motion.
+#: Image motion until an event camera observes features again.
 _UNSEEN_S = 0.15
 
 
-#: A start is looked at for so long after the begin of motion [s].
+#: Duration after the beginning of motion in which initialization is observed [s].
 _STARTED_S = 6.0
-#: Scenes of events are as long for all rests up to this one [s].
+#: Event scenes have the same duration for all stationary phases up to this one [s].
 _LONGEST_S = 1.5
-#: Of an event camera at rest only what it sees as it is switched on is kept [s].
+#: Duration of the kept tracks of a stationary event camera after it is switched on [s].
 _SWITCHED_ON_S = 0.05
-#: Length of a scene in motion [s].
+#: Duration of a scene in motion [s].
 _MOVING_S = 12.0
 
 
 def simulated(seed: int, before_s: float, rest_s: float, motion: str = "moderate") -> Simulation:
-    """A run with a pause, with as many observations as consistency needs."""
+    """A run with a stationary phase, with the observations of the consistency benchmark."""
     base = SCENARIOS[motion]
     return simulate(
         replace(
@@ -81,7 +81,7 @@ def simulated(seed: int, before_s: float, rest_s: float, motion: str = "moderate
 def without_tracks_at_rest(
     recording: Recording, begin_ns: int, end_ns: int, first_s: float = 0.2
 ) -> Recording:
-    """The recording as an event camera would have made it; tracks of the first `first_s` are kept."""
+    """The recording as by an event camera; tracks of the first `first_s` are kept."""
     t_ns = recording.observations["t_ns"]
     # A run begins with the first observation, whatever comes before it.
     first_ns = t_ns[0] + round(first_s * NS_PER_S)
@@ -138,13 +138,13 @@ def _errors(
 
 
 def _yaw(C: FloatArray) -> FloatArray:
-    """Turn about the vertical of rotations (...,3,3) or poses that are nearly one about it."""
+    """Yaw of rotations (...,3,3) or poses that are nearly about the vertical."""
     return np.asarray(np.arctan2(C[..., 1, 0] - C[..., 0, 1], C[..., 0, 0] + C[..., 1, 1]))
 
 
 def _error_after(simulation: Simulation | EventSimulation, estimates: list[Estimate], end_ns: int) -> float:
-    """Largest difference [m] between the ways gone since the rest, estimated and true, both in the axes that
-    the body has at its end."""
+    """Largest difference [m] between estimated and true motion since the end of the stationary phase, in the
+    body axes at that time."""
     after = [e for e in estimates if e.t_ns >= end_ns]
     truth = simulation.truth.at([e.t_ns for e in after]).T_w_b
     return float(np.linalg.norm(_way(np.array([e.T_w_b for e in after])) - _way(truth), axis=1).max())
@@ -155,8 +155,8 @@ def _way(T: FloatArray) -> FloatArray:
 
 
 class StartAfterRest(NamedTuple):
-    """Seconds from the begin of motion to the first estimate; errors of the estimates in motion, relative, in
-    percent; segments. NaN where there was no start."""
+    """Seconds from the beginning of motion to the first estimate; relative errors of the estimates in motion
+    [percent]; number of segments. NaN without initialization."""
 
     after_s: float
     scale: float
@@ -167,7 +167,7 @@ class StartAfterRest(NamedTuple):
 def start_after_rest(
     seed: int, rest_s: float, motion: str, events: str | None, cache: Path
 ) -> StartAfterRest:
-    """One run that begins at rest."""
+    """One run that begins stationary."""
     simulation: Simulation | EventSimulation
     if events is None:
         simulation = simulated(seed, 0.0, rest_s, motion)
@@ -190,11 +190,11 @@ def start_after_rest(
 
 
 def starts_table(rests_s: list[float], seeds: int, motion: str, events: str | None, cache: Path) -> str:
-    """A row for each length of rest."""
+    """A row for each duration of the stationary phase."""
     rows = []
     for rest_s in rests_s:
         task = partial(start_after_rest, rest_s=rest_s, motion=motion, events=events, cache=cache)
-        found = np.array(parallel(task, range(seeds), f"rest of {rest_s:g} s", jobs=1))
+        found = np.array(parallel(task, range(seeds), f"stationary for {rest_s:g} s", jobs=1))
         started = found[np.isfinite(found[:, 0])]
         scale = np.abs(started[:, 1])
         rows.append(
@@ -213,7 +213,7 @@ def starts_table(rests_s: list[float], seeds: int, motion: str, events: str | No
 
 
 def moving_row(scene: str, cache: Path) -> list[str]:
-    """What the detector of rests says of a scene in motion that it knows nothing of."""
+    """False detections of the stationary detector for a scene in motion, before initialization."""
     simulation = sequence(scene, 0, _MOVING_S, cache)
     config, recording = Config(), simulation.recording
     interval_ns = round(config.window.knot_interval_s * NS_PER_S)
@@ -232,17 +232,17 @@ def moving_row(scene: str, cache: Path) -> list[str]:
         noise.learn_until(packet.t_end_ns)
         detector.update(raw, packet.t_end_ns, packet.t_end_ns, None, noise.when_stationary())
         speeds.append(_most_speed(simulation, packet.t_end_ns - interval_ns, packet.t_end_ns))
-        if detector.phase is not None and detector.stationary:
-            rests = [r for r in rests if r.start_ns != detector.phase.start_ns] + [detector.phase]
-    found = [_most_speed(simulation, r.start_ns, r.end_ns) for r in rests]
-    lengths = [(r.end_ns - r.start_ns) / NS_PER_S for r in rests]
-    told = [f"{length:.1f} s at {100 * v:.1f}" for length, v in zip(lengths, found, strict=True)]
+        if detector.rest is not None and detector.still:
+            rests = [r for r in rests if r.since_ns != detector.rest.since_ns] + [detector.rest]
+    found = [_most_speed(simulation, r.since_ns, r.until_ns) for r in rests]
+    lengths = [(r.until_ns - r.since_ns) / NS_PER_S for r in rests]
+    wrong = [f"{length:.1f} s at {100 * v:.1f}" for length, v in zip(lengths, found, strict=True)]
     return [
         scene,
         str(count),
         f"{100 * np.mean(speeds):.1f}, {100 * np.min(speeds):.1f}",
         str(len(rests)),
-        ", ".join(told) or "-",
+        ", ".join(wrong) or "-",
     ]
 
 
@@ -259,12 +259,12 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--before", type=float, default=12.0, help="seconds of motion before")
-    parser.add_argument("--seconds", type=float, default=60.0, help="of standing still")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of the stationary phase")
     parser.add_argument("--scheme", default="gpif")
-    parser.add_argument("--frames", action="store_true", help="tracks at rest too")
+    parser.add_argument("--frames", action="store_true", help="keep tracks while stationary")
     parser.add_argument("--events", choices=sorted(EVENT_SCENARIOS), help="scene, in place of tracks")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE, help="of the scenes")
-    parser.add_argument("--starts", type=float, nargs="+", metavar="SECONDS", help="of rest before motion")
+    parser.add_argument("--starts", type=float, nargs="+", metavar="SECONDS", help="stationary before motion")
     parser.add_argument("--moving", nargs="+", choices=sorted(EVENT_SCENARIOS), metavar="SCENE")
     parser.add_argument("--motion", default="moderate", choices=sorted(SCENARIOS), help="of `--starts`")
     o = parser.parse_args()
@@ -287,7 +287,7 @@ def main() -> None:
     header = [
         "seed",
         "noticed after s",
-        "knots at rest, wrongly",
+        "stationary knots, false ones",
         "moved mm at most",
         "error mm, begin / end",
         "yaw moved deg at most",
@@ -295,7 +295,7 @@ def main() -> None:
         f"error cm in {_AFTER_S:g} s after",
         "segments",
     ]
-    print(table(header, parallel(task, range(o.seeds), f"rest of {o.seconds:g} s", jobs=1)))
+    print(table(header, parallel(task, range(o.seeds), f"stationary for {o.seconds:g} s", jobs=1)))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Random starts to be judged: simulated tracks of drawn motions, and tracks that the front end made of
+"""Random cases for initialization: simulated tracks of random motions, and front-end tracks of simulated
 events."""
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, FloatArray, RecordArray, 
 from sequences import sequence, tracked
 from true_tracks import as_tracks
 
-#: A start is looked for in the first 4 s, and watched for another 2 s.
+#: Initialization is expected in the first 4 s, and then monitored for 2 s.
 CASE_S = 6.2
-#: Mean life of a track [s]: half of them die within 0.35 s.
+#: Mean lifetime of a track [s]: half of them end within 0.35 s.
 _MEAN_LIFE_S = 0.35 / np.log(2.0)
 #: Scale is observable if over the first three seconds the acceleration varies by three times the
 #: accelerometer's bias (m/s^2, standard deviation) and a track of mean life shows four standard deviations of
 #: parallax (px).
 OBSERVABLE_ACCELERATION = 0.3
 OBSERVABLE_PARALLAX_PX = 2.0
-#: Noise of simulated tracks: what a front end that gives 30-50 observations a second leaves.
+#: Noise of simulated tracks, as of a front end with 30 to 50 observations per second.
 _TRACKS = TrackSpec(
     features_alive=75,
     mean_life_s=_MEAN_LIFE_S,
@@ -41,7 +41,7 @@ _TRACKS = TrackSpec(
 
 @dataclass(frozen=True)
 class Case:
-    """A recording that begins where the estimator is switched on, its truth, and what was drawn.
+    """A recording that begins when the estimator is switched on, its ground truth, and the random parameters.
 
     `speed` [m/s], `depth` [m], `acceleration` [m/s^2] (standard deviation over three seconds), `parallax_px`
     of a track of mean life, from the true speed and the depth.
@@ -57,7 +57,7 @@ class Case:
 
     @property
     def observable(self) -> bool:
-        """Whether the motion shows scale, by the true motion alone."""
+        """Whether scale is observable, from the true motion."""
         seen = self.parallax_px >= OBSERVABLE_PARALLAX_PX
         return bool(self.acceleration >= OBSERVABLE_ACCELERATION and seen)
 
@@ -73,8 +73,8 @@ def _case(recording: Recording, truth: Truth, start_ns: int, depth: float) -> Ca
 def _landmarks(
     motion: AnalyticMotion, camera: PinholeCamera, T_b_c: FloatArray, depth: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Points (N,3) seen from random places of the way at 0.6 to 1.8 times `depth`, none nearer than a third
-    of it."""
+    """Points (N,3) seen from random positions of the path at 0.6 to 1.8 times `depth`, none nearer than a
+    third of it."""
     count = 4000
     T = motion.T_w_b(rng.uniform(0.0, CASE_S, count)) @ T_b_c
     ahead = np.column_stack([rng.uniform(-0.75, 0.75, count), rng.uniform(-0.6, 0.6, count), np.ones(count)])
@@ -132,7 +132,7 @@ class _About(AnalyticMotion):
 def _with_drifting_tracks(
     observations: RecordArray, share: float, together: bool, rng: np.random.Generator
 ) -> RecordArray:
-    """A share of the tracks drifts at 10 to 60 px/s from birth on: each on its own, or all alike (an
+    """Make a share of the tracks drift at 10 to 60 px/s from birth on, individually or all alike (an
     object)."""
     out = observations.copy()
     _, first, member = np.unique(out["id"], return_index=True, return_inverse=True)
@@ -192,7 +192,7 @@ def simulated(number: int, variant: str) -> Case:
     return _case(recording, inertial.truth, scenario.start_ns, depth)
 
 
-#: Typical distance [m] of what the camera sees in the sequences of events.
+#: Typical distance [m] of the scene in the event sequences.
 _EVENT_DEPTH_M = 2.5
 
 
@@ -202,7 +202,7 @@ def from_events(scene: str, number: int, cache: Path, tracks_cache: Path) -> Cas
     run = tracked(simulation, Config(), tracks_cache)
     recording, truth = as_tracks(simulation.recording, run.observations), simulation.truth
     rng = np.random.default_rng([number, simulation.scenario.seed])
-    # Less what the simulator holds and the front end needs to begin.
+    # Minus the time that the simulator and the front end need at the beginning.
     latest_s = simulation.scenario.duration_s - CASE_S - 0.5
     start_ns = truth.start_ns + round(rng.uniform(0.3, latest_s) * NS_PER_S)
 

@@ -1,10 +1,10 @@
-"""Random starts in motion: how often, how soon and how well the estimator starts, and why not.
+"""Random initializations in motion: success rate, delay, accuracy, and reasons of failures.
 
 Evidence: simulation. `tracks`, `bad_tracks`, `moving_object`, `clock`, `rotation` and `still` are simulated
-tracks (start_cases.py says what is drawn); names of the suite's scenes are tracks that the front end made of
-simulated events, switched on at random instants. Every case runs the odometry until it starts or 4 s are
-over, and for 2 s more after a start: a wrong one should be told by then. Scale: least-squares factor between
-the window's displacements and the true ones, in the first body frame.
+tracks (see start_cases.py for the random parameters); names of the suite's scenes are front-end tracks of
+simulated events, switched on at random times. Every case runs the odometry until it initializes or 4 s are
+over, and for 2 s more after an initialization, within which a wrong one should be detected. Scale:
+least-squares factor between the window's displacements and the true ones, in the first body frame.
 
     python benchmarks/starts.py [--conditions tracks suite_boxes_6dof] [--cases 200] [--first 0] [--jobs 2]
         [--results FILE] [--cache DIR] [--markdown FILE]
@@ -36,19 +36,19 @@ from start_cases import CASE_S, Case, from_events, simulated
 
 SIMULATED = ("tracks", "bad_tracks", "moving_object", "clock", "rotation", "still")
 SCENES = tuple(scenario.name for scenario in SUITE)
-#: Without translation any start is a failure of judgement; at rest it is right, and says nothing of scale.
+#: Without translation any initialization is wrong; a stationary one is correct, and has no scale.
 ROTATION, STILL = "rotation", "still"
 UNOBSERVABLE = (ROTATION, STILL)
-#: A start is wanted within [s]; a scale further off is a wrong start.
+#: Target for the delay [s]; a larger error of scale is a wrong initialization.
 WITHIN_S = 3.0
-#: After so long nobody waits any more; a start is watched for so long: a wrong one must be told by then [s].
+#: Timeout of an initialization, and time in which a wrong one must be detected [s].
 LATEST_S, WATCHED_S = 4.0, 2.0
 WRONG_SCALE = 0.25
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one case; NaN where it did not start. Seconds are of this processor except `after_s`."""
+    """Outcome of one case; NaN without initialization. Seconds are CPU time except `after_s`."""
 
     condition: str
     number: int
@@ -62,21 +62,21 @@ class Outcome:
     scale_error: float
     gravity_deg: float
     path_error: float
-    told: bool
+    detected: bool
     reasons: tuple[str, ...]
-    refusal_seconds: tuple[float, ...]
+    rejection_seconds: tuple[float, ...]
     success_seconds: float
 
 
 def outcome(condition: str, number: int, case: Case, config: Config) -> Outcome:
-    """The odometry over a case: until it has started, and `WATCHED_S` longer."""
+    """Run the odometry over a case until it is initialized, and `WATCHED_S` longer."""
     recording, interval_ns = case.recording, round(config.window.knot_interval_s * NS_PER_S)
     odometry = Odometry(config, recording.calibration)
     drawn = (case.observable, case.speed, case.depth, case.acceleration, case.parallax_px)
     reasons: list[str] = []
-    refusals: list[float] = []
+    rejections: list[float] = []
     started: tuple[float, float, float, float] | None = None
-    success_s, told = float("nan"), False
+    success_s, detected = float("nan"), False
     for packet in packets(
         recording, case.start_ns, interval_ns, int((CASE_S - 0.15) * NS_PER_S) // interval_ns
     ):
@@ -85,7 +85,7 @@ def outcome(condition: str, number: int, case: Case, config: Config) -> Outcome:
         estimates, report = odometry.process(packet)
         seconds = time.process_time() - began
         if started is not None:
-            told |= report.health in (Health.DEGRADED, Health.LOST)
+            detected |= report.health in (Health.DEGRADED, Health.LOST)
             if after_s > started[0] + WATCHED_S or report.health is Health.LOST:
                 break
         elif estimates:
@@ -94,15 +94,15 @@ def outcome(condition: str, number: int, case: Case, config: Config) -> Outcome:
             break
         else:
             reasons.append(report.reason)
-            refusals.append(seconds)
+            rejections.append(seconds)
     nan = float("nan")
     figures = started or (nan, nan, nan, nan)
-    rest = (told, tuple(reasons), tuple(refusals), success_s)
+    rest = (detected, tuple(reasons), tuple(rejections), success_s)
     return Outcome(condition, number, *drawn, started is not None, *figures, *rest)
 
 
 def errors(odometry: Odometry, case: Case) -> tuple[float, float, float]:
-    """Relative error of scale and of velocity over the window just started, gravity's error [deg]."""
+    """Relative errors of scale and velocity over the first window, and error of gravity [deg]."""
     trajectory = odometry.trajectory()
     assert isinstance(trajectory, GPTrajectory)
     first_ns, last_ns = int(trajectory.t_ns[0]), int(trajectory.t_ns[-1])
@@ -127,7 +127,7 @@ def run_case(condition: str, number: int, cache: str) -> Outcome:
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
-    """Bounds of a share with 95 % confidence (Wilson's score interval)."""
+    """95 % confidence interval of a share (Wilson's score interval)."""
     if count == 0:
         return 0.0, 1.0
     z, p = 1.96, hits / count
@@ -137,17 +137,23 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
 
 
 HEADER = ["starts", "cases", "within 3 s", "95 %", "after s: median, 90 %", "scale %: median, 90 %, worst"]
-HEADER += ["gravity deg: median, 90 %", "wrong", "wrong and not told", "refusal s: median, most", "success s"]
+HEADER += [
+    "gravity deg: median, 90 %",
+    "wrong",
+    "wrong and undetected",
+    "rejected attempt s: median, maximum",
+    "success s",
+]
 
 
 def row(name: str, outcomes: Sequence[Outcome]) -> list[str]:
-    """The figures of some cases."""
+    """The statistics of some cases."""
     started = [o for o in outcomes if o.started]
     soon = sum(o.after_s <= WITHIN_S for o in started)
     low, high = wilson(soon, len(outcomes))
     scale = np.abs([o.scale_error for o in started])
     wrong = [o for o in started if o.condition == ROTATION or abs(o.scale_error) > WRONG_SCALE]
-    refusals = [s for o in outcomes for s in o.refusal_seconds if s > 1e-3]
+    rejections = [s for o in outcomes for s in o.rejection_seconds if s > 1e-3]
     return [
         name,
         str(len(outcomes)),
@@ -157,8 +163,8 @@ def row(name: str, outcomes: Sequence[Outcome]) -> list[str]:
         _percentiles(100 * scale, (50, 90, 100), 1),
         _percentiles([o.gravity_deg for o in started], (50, 90), 2),
         str(len(wrong)),
-        str(sum(not o.told for o in wrong)),
-        _percentiles(refusals, (50, 100), 2),
+        str(sum(not o.detected for o in wrong)),
+        _percentiles(rejections, (50, 100), 2),
         _percentiles([o.success_seconds for o in started], (50, 100), 2),
     ]
 
@@ -169,7 +175,7 @@ def _percentiles(values: Iterable[float], which: tuple[int, ...], digits: int) -
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """Tables by condition, by what shows scale, and of the last reason of those that did not start in
+    """Tables by condition and observability of scale, and the last reasons of cases not initialized in
     time."""
     rows = []
     for name in dict.fromkeys(o.condition for o in outcomes):
@@ -185,13 +191,13 @@ def summary(outcomes: Sequence[Outcome]) -> str:
             reasons["".join(c for c in (o.reasons or ("",))[-1] if not c.isdigit())[:70]] += 1
     lines = [f"{count} x {reason}" for reason, count in reasons.most_common()]
     return (
-        f"{table(HEADER, rows)}\n\nLast reason of observable cases that did not start in time:\n\n"
+        f"{table(HEADER, rows)}\n\nLast reason of observable cases that were not initialized in time:\n\n"
         + "\n".join(lines)
     )
 
 
 def main() -> None:
-    """Run what is not in the results yet, print the tables."""
+    """Run the cases without results, and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

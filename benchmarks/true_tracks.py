@@ -1,4 +1,4 @@
-"""True parts in place of estimated ones: what would the odometry be with perfect tracks?"""
+"""Replace parts of the input by true ones, to measure the odometry with perfect tracks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from asyneio.types import (
     Recording,
 )
 
-#: Time between observations of a true track that lives on [ns], and how long it may live.
+#: Time between observations of a true track [ns], and its maximum lifetime.
 _STEP_NS = 20_000_000
 _LONGEST_NS = 2 * NS_PER_S
 
@@ -23,10 +23,10 @@ _LONGEST_NS = 2 * NS_PER_S
 def true_tracks(
     simulation: EventSimulation, observations: RecordArray, noise_px: float, alive: int | None
 ) -> Recording:
-    """The recording with the features' true positions and white noise in place of what was tracked.
+    """The recording with true positions of the features and white noise in place of the tracked ones.
 
-    `alive` None: at the same times. Else every feature is observed as long as it is visible, and new ones
-    begin only while fewer than `alive` live. Features on something that moves go with it.
+    `alive` None: at the same times. Otherwise, every feature is observed as long as it is visible, and new
+    ones begin only while fewer than `alive` are live. Features on moving objects move with them.
     """
     recording = simulation.recording
     assert recording.calibration is not None
@@ -53,7 +53,7 @@ def true_tracks(
 
 
 def static_observations(simulation: EventSimulation, observations: RecordArray) -> RecordArray:
-    """The observations of the tracks that began on nothing that moves."""
+    """The observations of the tracks that began on static surfaces."""
     recording = simulation.recording
     assert recording.calibration is not None
     order = np.lexsort((observations["t_ns"], observations["id"]))

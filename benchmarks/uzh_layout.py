@@ -1,7 +1,7 @@
-"""Simulated sequences laid out like the download of the UZH event camera data set: a folder, a zip, a bag.
+"""Simulated sequences in the layouts of the UZH event camera data set: a folder, a zip, a bag.
 
-Evidence: simulation. The layout is that of the data set: no file tells extrinsics or noise of the IMU, and
-the truth is the pose of the camera. `asyneio bench uzh --data DIR` then runs on them as on the real ones.
+Evidence: simulation. As in the data set, no file contains extrinsics or noise of the IMU, and the ground
+truth is the pose of the camera. `asyneio bench uzh --data DIR` runs on these as on the real ones.
 
     python benchmarks/uzh_layout.py DIR [--seconds 10] [--cache DIR]
     asyneio bench uzh --data DIR
@@ -26,13 +26,13 @@ from sequences import DEFAULT_CACHE, sequence
 
 #: Rate [Hz] of the motion capture.
 _TRUTH_HZ = 200
-#: What the data set has of each recording, beside events.
+#: Parts of each recording of the data set in addition to events.
 _KALIBR = ("camchain-imucam.yaml", "imu.yaml")
 _KINDS = {"boxes_6dof": "folder", "poster_6dof": "zip", "dynamic_6dof": "bag"}
 
 
 def like_uzh(simulation: EventSimulation, name: str, seconds: float) -> EventRecording:
-    """The first seconds of a sequence; truth of the camera, on its clock."""
+    """The first seconds of a sequence, with the ground truth of the camera in its clock."""
     recording = simulation.recording
     calibration = recording.calibration
     assert calibration is not None

@@ -1,4 +1,4 @@
-"""The window of gtsam_window.py as this package sees it: the same motion, points and densities, but every
+"""The window of gtsam_window.py for this package: the same motion, points and densities, with every
 observation at its own time on the continuous trajectory."""
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def _weights(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _inertial(value: FloatArray, density: float) -> Inertial:
-    """Samples of each interval as the estimator takes them by default: projected onto a few values."""
+    """Samples of each interval as in the estimator's default: projected to a few values."""
     t = (np.arange(len(value)) + 0.5) / IMU_HZ
     noise = SensorNoise(density, float(IMU_HZ))
     of_interval = np.array_split(np.arange(len(t)), KNOTS - 1)

@@ -1,4 +1,4 @@
-"""What must come of the cases of `benchmarks/cases.py`: one module for each group of kinds."""
+"""Expected results of the cases of `benchmarks/cases.py`: one module for each group of kinds."""
 
 from __future__ import annotations
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from case_expectations.step import Expectations, Step
 
 _READ = (r"\d{5} events", r"0 FAIL")
-#: Advice that does not fit a file whose columns are read.
+#: Advice that is wrong for a file whose columns are read.
 _GUESSES = (r"record again", r"several streams", r"split the file")
-#: Events and samples are read and fit each other; the start needs more than the 1.2 s of these recordings.
+#: Events and samples are read and overlap; initialization needs more than the 1.2 s of these recordings.
 _TOO_SHORT = Step(
     "asyneio run data -o out",
     status=(0, 1),

@@ -1,13 +1,13 @@
-"""Truth, trajectories, exports of the IMU, bags and calibrations: kinds F, G, H, I, J and K.
+"""Ground truth, trajectories, IMU exports, bags and calibrations: kinds F, G, H, I, J and K.
 
-Some inertial files and one calibration stand under other kinds in the cases' README (A, B, C, D).
+Some inertial files and one calibration are listed under other kinds in the cases' README (A, B, C, D).
 """
 
 from __future__ import annotations
 
 from case_expectations.step import Expectations, Step
 
-#: What the estimate of kind G is from its truth, whoever wrote the two.
+#: Errors of the estimate of kind G, for all file formats.
 _SAME = (r"ATE\) . 1\.750 cm", r"orientation error, RMSE . 0\.009 deg")
 _USABLE = r"usable for asyneio run and asyneio track: 0 FAIL"
 _DOCTOR = "asyneio doctor data"
@@ -15,7 +15,7 @@ _SAMPLES = "asyneio doctor data --samples data/imu.csv"
 _TRACK = "asyneio track data -o out"
 _TRACKS = ("out/tracks.csv",)
 _CHAIN = "data/camchain-imucam.yaml"
-#: The cures that are followed are ours.
+#: Commands that apply the proposed fixes.
 _FIX_SHIFT = f"sed -i 's/timeshift_cam_imu: 2.4/timeshift_cam_imu: 0.0024/' {_CHAIN}; "
 _INDENT = "sed -i 's/^[a-z]/  &/; s/^  cam0/cam0/' data/flat.yaml; "
 _NOISE = (
@@ -28,12 +28,14 @@ _TRUTH: Expectations = {
     "T01": (
         Step(_TRACK, files=_TRACKS, says=(r"skipped 80 line\(s\) without a pose",)),
         Step(
-            _DOCTOR, says=(r"160 true poses", _USABLE), silent=(r"no inertial samples", r"calibration: none")
+            _DOCTOR,
+            says=(r"160 ground-truth poses", _USABLE),
+            silent=(r"no inertial samples", r"calibration: none"),
         ),
     ),
     "T04": (
         Step(_TRACK, files=_TRACKS, says=(r"3 further column",)),
-        Step(_DOCTOR, says=(r"240 true poses", _USABLE)),
+        Step(_DOCTOR, says=(r"240 ground-truth poses", _USABLE)),
     ),
     "Z06": (
         Step(_TRACK, files=_TRACKS, says=(r"not used as ground truth: .*groundtruth\.txt",)),
@@ -106,7 +108,7 @@ _BAGS: Expectations = {
             own=True, says=(r"0 FAIL",),
         ),
     ),
-    "B10b": (Step(_DOCTOR, says=(r"30 true poses", r"ground truth from the poses of /gt_path")),),
+    "B10b": (Step(_DOCTOR, says=(r"30 ground-truth poses", r"poses of /gt_path were taken as truth")),),
     "B15": (
         Step(_DOCTOR, says=(r"94992 events, 1200 samples", r"rec_0\.bag, rec_1\.bag are consecutive", _USABLE)),
     ),

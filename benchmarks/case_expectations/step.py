@@ -1,4 +1,4 @@
-"""One command of a case and what must come of it."""
+"""One command of a case and its expected result."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Step:
-    """A command of a case, and the expectations of it.
+    """A command of a case, and its expectations.
 
-    Patterns are regular expressions, without regard to case. They are searched in standard output and
-    standard error together, after every run of blanks and line ends has become one blank.
+    Patterns are case-insensitive regular expressions. They are searched in the combined standard output and
+    standard error, in which all white space is replaced by single blanks.
 
     Attributes:
         run: command for bash, run in the case's folder; `data` is the input.
-        status: exit statuses that are right.
+        status: accepted exit statuses.
         says: patterns that must all be found.
         silent: patterns none of which may be found.
-        files: glob patterns in the case's folder, each of which must match a file afterwards.
+        files: glob patterns in the folder of the case; each must match a file afterwards.
         absent: glob patterns that must match nothing afterwards.
-        own: the command is ours (a cure that is followed, for instance), not one of the case's README.
+        own: the command is not from the README of the case (for example, it applies a proposed fix).
         seconds: the command must end within this time.
-        root: the command needs the rights of root, and is left out without them.
+        root: the command needs root privileges, and is skipped without them.
     """
 
     run: str

@@ -147,7 +147,7 @@ def test_it_goes_on_where_it_stopped(
 def test_a_short_part_does_not_pass_for_the_whole(asyneio: Asyneio, data: Path, tmp_path: Path) -> None:
     status, out, _ = asyneio("bench", "uzh", "--data", data, "-o", tmp_path / "out", "--seconds", "2")
     assert status == 0
-    assert "Ours are of the first 2 s of each sequence, theirs of all: they do not compare." in out
+    assert "Ours are over the first 2 s of each sequence, theirs over all of it: not comparable." in out
     found = json.loads((tmp_path / "out" / "results.json").read_text())["sequences"]["boxes_6dof"]
     assert found["duration_s"] == pytest.approx(1.9, abs=0.15)
     # Two seconds contain no pose of the seconds 3-8, to which SE(3) is fitted.
@@ -228,11 +228,11 @@ def test_what_is_found(tmp_path: Path) -> None:
     }
     named = find_sequences(tmp_path, ("shapes_rotation",), 5.0)
     assert [(task.sequence, task.seconds) for task in named] == [("shapes_rotation", 5.0)]
-    with pytest.raises(StudyError, match="no sequence urban, walk below"):
+    with pytest.raises(StudyError, match="no sequence urban, walk in"):
         find_sequences(tmp_path, ("urban", "boxes_6dof", "walk"))
-    with pytest.raises(StudyError, match=r"no sequence of the UZH data set below .*by the data set's names"):
+    with pytest.raises(StudyError, match=r"no sequence of the UZH data set in .*with the data set's names"):
         find_sequences(tmp_path / "hdr_boxes")
-    with pytest.raises(StudyError, match="is no folder"):
+    with pytest.raises(StudyError, match="is not a folder"):
         find_sequences(tmp_path / "absent")
 
 
@@ -317,10 +317,10 @@ def test_the_gate_of_speed(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(speed_report, "_BASELINE", tmp_path / "absent.json")
     status, _, err = asyneio(*command, "-o", tmp_path / "first.json")
     assert status == 0
-    assert "note: not compared with the baseline: this copy of the package holds none" in err
+    assert "note: not compared with the baseline: this copy of the package contains none" in err
     status, _, err = asyneio(*command, "--gate", "1.5")
     assert status == 1
-    assert "the gate needs a baseline: this copy of the package holds none" in err
+    assert "the gate needs a baseline: this copy of the package contains none" in err
     first = json.loads((tmp_path / "first.json").read_text())
     for kind in ("relative", "relative_cpu"):
         first[kind] = {name: 1.0 for name in first[kind]} | {"estimator": 1e-6, "front end": 1e6}

@@ -1,4 +1,4 @@
-"""`asyneio doctor` as its users type it: text, JSON, exit status; no file makes it fail otherwise."""
+"""`asyneio doctor` on the command line: text, JSON, exit status; no input makes it crash."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ def test_json_has_the_documented_keys(asyneio: Asyneio, folder: Path) -> None:
     status, out, _ = asyneio("doctor", folder, "--json")
     assert status == 0
     found = json.loads(out)
-    keys = "recording worst usable_for headline summary verdicts repairs events seconds reading_s"
+    keys = "recording worst usable_for headline summary results repairs events seconds reading_s"
     assert set(found) == set(keys.split())
     assert found["usable_for"] == ["run", "track"]
     assert found["events"] == 30_000
-    for verdict in found["verdicts"]:
-        assert set(verdict) == {"check", "severity", "measured", "expected", "cure", "values", "prevents"}
-        assert verdict["severity"] in Severity.__members__
-        # What is amiss says what to do.
-        assert verdict["severity"] in ("OK", "NOTE") or verdict["cure"] or verdict["check"] == "recording"
-    checks = [verdict["check"] for verdict in found["verdicts"]]
+    for result in found["results"]:
+        assert set(result) == {"check", "severity", "measured", "expected", "fix", "values", "prevents"}
+        assert result["severity"] in Severity.__members__
+        # Every problem comes with a fix.
+        assert result["severity"] in ("OK", "NOTE") or result["fix"] or result["check"] == "recording"
+    checks = [result["check"] for result in found["results"]]
     assert len(set(checks)) == len(checks)
 
 
-def test_a_fail_is_the_exit_status_and_a_warning_is_not(asyneio: Asyneio, folder: Path) -> None:
+def test_fail_sets_the_exit_status_and_warning_does_not(asyneio: Asyneio, folder: Path) -> None:
     (folder / "imu.txt").unlink()
     status, out, _ = asyneio("doctor", folder)
     assert status == 0
@@ -63,7 +63,7 @@ def test_a_fail_is_the_exit_status_and_a_warning_is_not(asyneio: Asyneio, folder
     assert err == ""
 
 
-def test_nothing_there(asyneio: Asyneio, tmp_path: Path) -> None:
+def test_missing_recording(asyneio: Asyneio, tmp_path: Path) -> None:
     for path, words in ((tmp_path / "none", "does not exist"), (tmp_path, "no file")):
         status, out, err = asyneio("doctor", path)
         assert status == 1
@@ -71,14 +71,14 @@ def test_nothing_there(asyneio: Asyneio, tmp_path: Path) -> None:
         assert err == ""
 
 
-def test_a_calibration_elsewhere(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
+def test_a_calibration_in_another_folder(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
     for name in ("camchain-imucam.yaml", "imu.yaml"):
         (folder / name).rename(tmp_path / name)
     given_files = ("--calibration", tmp_path / "camchain-imucam.yaml", "--imu", tmp_path / "imu.yaml")
     status, out, _ = asyneio("doctor", folder, *given_files, "--json")
-    verdicts = {verdict["check"]: verdict["severity"] for verdict in json.loads(out)["verdicts"]}
+    results = {result["check"]: result["severity"] for result in json.loads(out)["results"]}
     assert status == 0
-    assert verdicts["calibration"] == "OK"
+    assert results["calibration"] == "OK"
 
 
 @settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -98,21 +98,21 @@ def test_a_calibration_elsewhere(asyneio: Asyneio, folder: Path, tmp_path: Path)
         ["a.bin", "events.txt", "imu.csv", "imu.txt", "tracks.csv", "camchain-imucam.yaml", "calib.txt"]
     ),
 )
-def test_no_bytes_make_it_fail_otherwise(tmp_path: Path, head: bytes, rest: bytes, name: str) -> None:
+def test_arbitrary_bytes_do_not_crash_it(tmp_path: Path, head: bytes, rest: bytes, name: str) -> None:
     folder = tmp_path / "fuzz"
     folder.mkdir(exist_ok=True)
     for old in folder.iterdir():
         old.unlink()
     (folder / name).write_bytes(head + rest)
     for path in (folder, folder / name):
-        diagnosis = examine(path)
-        assert diagnosis.verdicts
-        json.dumps(diagnosis.to_dict(), allow_nan=False)
+        report = examine(path)
+        assert report.results
+        json.dumps(report.to_dict(), allow_nan=False)
 
 
 @settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
-def test_damage_anywhere_in_a_recording_is_borne(
+def test_damage_anywhere_in_a_recording_does_not_crash_it(
     tmp_path: Path, rng: np.random.Generator, data: st.DataObject
 ) -> None:
     folder = tmp_path / "damaged"
@@ -125,14 +125,14 @@ def test_damage_anywhere_in_a_recording_is_borne(
     at = data.draw(st.integers(0, len(whole) - 1))
     try:
         file.write_bytes(whole[:at] + data.draw(st.binary(max_size=30)) + whole[at + 20 :])
-        diagnosis = examine(file if file.suffix == ".h5" else folder)
-        json.dumps(diagnosis.to_dict(), allow_nan=False)
-        assert diagnosis.verdicts
+        report = examine(file if file.suffix == ".h5" else folder)
+        json.dumps(report.to_dict(), allow_nan=False)
+        assert report.results
     finally:
         file.write_bytes(whole)
 
 
-def test_absurd_readings_are_borne(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_impossible_readings_do_not_crash_it(tmp_path: Path, rng: np.random.Generator) -> None:
     recording = make_event_recording(rng, 5000)
     for row, (stamp, reading) in enumerate([(0, 1e300), (0, np.inf), (2**62, 1.0), (0, np.nan)]):
         gyroscope = recording.gyroscope.copy()

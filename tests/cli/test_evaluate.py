@@ -88,7 +88,7 @@ def test_quaternions_with_w_first_are_named_and_the_cure_works(asyneio: Asyneio,
     assert " ".join(columns) in said
     status, out, err = asyneio("evaluate", mine, estimate, *columns)
     assert status == 0
-    assert "stands first in" not in err
+    assert "is first in" not in err
     assert "0.000 deg" in out
 
 

@@ -1,4 +1,4 @@
-"""One clean recording, simulated once, for all faults that are injected into it."""
+"""A clean simulated recording, into which the tests inject faults."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from asyneio.types import CameraIntrinsics, Distortion, EventRecording
 SMALL = CameraIntrinsics(
     100.0, 100.0, 62.0, 47.0, 128, 96, Distortion.RADTAN, (-0.368, 0.151, -0.0003, -0.0008)
 )
-#: The camera looks along the IMU's y axis: exchanging it for its inverse is no small error.
+#: The camera looks along the IMU's y axis, so that using the inverse rotation is a large error.
 C_B_C = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 TIMESHIFT_NS = 20_000_000
 
 
 def simulate_clean() -> EventRecording:
-    """Two seconds of turning to and fro in a room, both sensors at 500 Hz, camera 20 ms behind the IMU."""
+    """Two seconds of rotation back and forth in a room, both sensors at 500 Hz, camera 20 ms behind the
+    IMU."""
     T_b_c = np.eye(4)
     T_b_c[:3, :3] = C_B_C
     T_b_c[:3, 3] = [0.02, -0.01, 0.03]
@@ -48,7 +49,7 @@ def clean_recording() -> EventRecording:
 
 @pytest.fixture(scope="session")
 def clean(clean_recording: EventRecording, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the clean recording; not to be changed."""
+    """Folder of the clean recording; must not be changed."""
     folder = tmp_path_factory.mktemp("doctor") / "clean"
     write_uzh_folder(clean_recording, folder)
     return folder
@@ -56,7 +57,7 @@ def clean(clean_recording: EventRecording, tmp_path_factory: pytest.TempPathFact
 
 @pytest.fixture(scope="session")
 def short(clean_recording: EventRecording, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first quarter of a second of it, a third of its events, for faults that do not need the motion."""
+    """A third of the events of its first 0.25 s, for faults that do not need motion."""
     first_ns = int(clean_recording.events["t_ns"][0])
     end_ns = first_ns + 250_000_000
     folder = tmp_path_factory.mktemp("doctor") / "short"

@@ -1,4 +1,4 @@
-"""Rotation and offset from rates alone, against what made them; the rate of a cloud of turning points."""
+"""Rotation and offset from simulated rates, against the truth; the rate of rotating points."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SECONDS = 4.0
 
 
 def rate_at(t: FloatArray) -> FloatArray:
-    """A turn about changing axes, (N,3) rad/s."""
+    """Angular rates about changing axes (N,3) [rad/s]."""
     return np.stack([0.8 * np.sin(3.1 * t), 0.6 * np.cos(4.3 * t + 0.3), 0.7 * np.sin(2.2 * t + 1.0)], axis=1)
 
 
@@ -34,8 +34,8 @@ def gyroscope_of(
 def camera_rates(
     C_c_b: FloatArray, offset_s: float, rng: np.random.Generator, axis: bool = False
 ) -> CameraRates:
-    """What a camera sees in 60 windows of 30 ms, whose clock is behind by `offset_s`, with noise and a slow
-    leak of its translation about x and y."""
+    """Rates of a camera in 60 windows of 30 ms, with a clock behind by `offset_s`, noise, and a slow leak of
+    its translation about x and y."""
     start = np.linspace(0.2, SECONDS - 0.3, 60)
     middle = start + 0.015 + offset_s
     rate = rate_at(middle) * ([0.0, 0.0, 1.0] if axis else [1.0, 1.0, 1.0])
@@ -46,7 +46,7 @@ def camera_rates(
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_rotation_and_offset_are_found_whatever_was_claimed(seed: int) -> None:
+def test_rotation_and_offset_are_found_for_any_claimed_rotation(seed: int) -> None:
     rng = np.random.default_rng(seed)
     true, claimed = Rotation.random(2, random_state=seed).as_matrix()
     offset_s = rng.uniform(-0.06, 0.06)
@@ -55,7 +55,7 @@ def test_rotation_and_offset_are_found_whatever_was_claimed(seed: int) -> None:
     found = align(camera_rates(true, offset_s, rng), gyroscope_of(rate_at(t), t, rng, bias), claimed, 0.0)
     assert found is not None
     error = np.degrees(Rotation.from_matrix(found.C_c_b @ true.T).magnitude())
-    # The leak limits the figure, more than noise does.
+    # The leak limits the accuracy more than the noise does.
     assert error < 4.0
     assert error < 4.0 * np.linalg.norm(found.sigma_deg)
     assert found.offset_s == pytest.approx(offset_s, abs=0.004)
@@ -65,7 +65,7 @@ def test_rotation_and_offset_are_found_whatever_was_claimed(seed: int) -> None:
     )
 
 
-def test_a_turn_about_one_axis_tells_two_directions(rng: np.random.Generator) -> None:
+def test_two_directions_are_observable_from_a_rotation_about_one_axis(rng: np.random.Generator) -> None:
     true = RIGHT_ANGLES[5]
     t = np.arange(0.0, SECONDS, 0.002)
     gyroscope = gyroscope_of(rate_at(t) * [0.0, 0.0, 1.0], t, rng)
@@ -73,13 +73,13 @@ def test_a_turn_about_one_axis_tells_two_directions(rng: np.random.Generator) ->
     found = align(camera_rates(true, 0.0, rng, axis=True), gyroscope, claimed, 0.0)
     assert found is not None
     assert np.count_nonzero(found.sigma_deg <= 12.0) == 2
-    # What is told agrees with any turn about that axis.
+    # The observable directions agree with any rotation about that axis.
     assert found.error_deg(claimed, 12.0) < 6.0
     tilted = Rotation.from_rotvec(true @ [1.0, 0.0, 0.0]).as_matrix() @ true
     assert found.error_deg(tilted, 12.0) == pytest.approx(57.3, abs=8.0)
 
 
-def test_rest_tells_nothing(rng: np.random.Generator) -> None:
+def test_nothing_is_observable_from_a_stationary_sensor(rng: np.random.Generator) -> None:
     t = np.arange(0.0, SECONDS, 0.002)
     still = camera_rates(np.eye(3), 0.0, rng)
     still = dataclasses.replace(still, omega=0.02 * rng.standard_normal((60, 3)))
@@ -100,7 +100,7 @@ def test_degrees_show_in_the_scale(rng: np.random.Generator) -> None:
     assert 1.0 / found.scale == pytest.approx(57.3, rel=0.2)
 
 
-def test_mistakes_have_names(rng: np.random.Generator) -> None:
+def test_common_mistakes_are_named(rng: np.random.Generator) -> None:
     claimed = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     t = np.arange(0.0, SECONDS, 0.002)
     for true, words in (
@@ -116,7 +116,7 @@ def test_mistakes_have_names(rng: np.random.Generator) -> None:
         assert bool(words) == bool(mistake)
 
 
-def test_there_are_24_turns_by_right_angles_each_with_a_name() -> None:
+def test_the_24_rotations_by_right_angles_have_distinct_names() -> None:
     assert len(RIGHT_ANGLES) == 24
     assert np.array_equal(RIGHT_ANGLES[0], np.eye(3))
     names = {describe_axes(turn) for turn in RIGHT_ANGLES}
@@ -131,23 +131,23 @@ def test_there_are_24_turns_by_right_angles_each_with_a_name() -> None:
 
 
 @pytest.mark.parametrize("omega", [(0.0, 0.0, 1.5), (1.0, -0.4, 0.3), (-0.2, 0.8, -1.0)])
-def test_the_sharpest_picture_is_that_of_the_true_rate(
+def test_the_true_rate_gives_the_sharpest_image(
     omega: tuple[float, float, float], rng: np.random.Generator
 ) -> None:
-    """Points at rest that fire at random while the camera turns exactly."""
+    """Static points that fire at random times while the camera rotates."""
     true = np.array(omega)
     points = np.column_stack([rng.uniform(-0.6, 0.6, (150, 2)), np.ones(150)])
     t = np.sort(rng.uniform(0.0, 0.05, 6000))
     seen = Rotation.from_rotvec(-(t - 0.025)[:, None] * true).apply(points[rng.integers(0, 150, t.size)])
     xy = seen[:, :2] / seen[:, 2:]
     focal = 200.0
-    # Pixels are whole.
+    # Events have integer pixels.
     found, gain = find_rate(np.rint(xy * focal) / focal, t, float(np.linalg.norm(true)), focal)
     np.testing.assert_allclose(found, true, atol=0.04)
     assert gain > 0.3
 
 
-def test_rates_of_tracks_bear_outliers_and_a_translation(rng: np.random.Generator) -> None:
+def test_rates_of_tracks_are_robust_to_outliers_and_translation(rng: np.random.Generator) -> None:
     camera = CameraIntrinsics(200.0, 200.0, 160.0, 120.0, 320, 240)
     true = np.array([0.3, -0.5, 0.8])
     points = np.column_stack([rng.uniform(-0.5, 0.5, (40, 2)), np.ones(40)]) * rng.uniform(3.0, 9.0, (40, 1))

@@ -1,4 +1,4 @@
-"""Checks that no injected fault reaches, on figures made for them."""
+"""Checks on synthetic data, for cases that the injected faults do not cover."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.io.recordings import make_calibration
 OK, NOTE, WARNING, FAIL = Severity.OK, Severity.NOTE, Severity.WARNING, Severity.FAIL
 
 
-def evidence(events: RecordArray | None = None, **parts: object) -> Inspection:
+def inspection(events: RecordArray | None = None, **parts: object) -> Inspection:
     figures = None
     if events is not None:
         scan = EventScan()
@@ -48,7 +48,7 @@ def scattered(
     )
 
 
-def verdict(found: CheckResult | None) -> CheckResult:
+def result(found: CheckResult | None) -> CheckResult:
     assert found is not None
     return found
 
@@ -64,43 +64,43 @@ def verdict(found: CheckResult | None) -> CheckResult:
         ((240, 180), (240, 180), OK, "240 x 180"),
     ],
 )
-def test_a_wrong_resolution_is_named_with_the_likely_sensor(
+def test_a_wrong_resolution_is_reported_with_the_likely_sensor(
     rng: np.random.Generator, size: tuple[int, int], declared: tuple[int, int], severity: Severity, words: str
 ) -> None:
     camera = CameraIntrinsics(200.0, 200.0, 120.0, 90.0, *declared)
-    found = verdict(check_resolution(evidence(scattered(rng, 60_000, size), camera=camera)))
+    found = result(check_resolution(inspection(scattered(rng, 60_000, size), camera=camera)))
     assert found.severity is severity
-    assert words in f"{found.measured} {found.cure}"
+    assert words in f"{found.measured} {found.fix}"
 
 
-def test_two_sizes_are_one_too_many(rng: np.random.Generator) -> None:
+def test_two_different_declared_sizes_fail(rng: np.random.Generator) -> None:
     camera = CameraIntrinsics(200.0, 200.0, 120.0, 90.0, 346, 260)
-    found = verdict(
-        check_resolution(evidence(scattered(rng, 30_000, (240, 180)), camera=camera, size=(240, 180)))
+    found = result(
+        check_resolution(inspection(scattered(rng, 30_000, (240, 180)), camera=camera, size=(240, 180)))
     )
     assert found.severity is FAIL
     assert "the recording 240 x 180, the calibration 346 x 260" in found.measured
 
 
 @pytest.mark.parametrize("lamp_hz", [50.0, 60.0, 100.0, 120.0])
-def test_lamps_are_heard(rng: np.random.Generator, lamp_hz: float) -> None:
+def test_lamp_flicker_is_detected(rng: np.random.Generator, lamp_hz: float) -> None:
     t = np.sort(rng.uniform(0.0, 4.0, 200_000))
     kept = t[rng.random(t.size) < 0.5 * (1.0 + 0.4 * np.cos(2.0 * np.pi * lamp_hz * t))]
     t_ns = np.round(kept * 1e6).astype(np.int64) * 1000
     events = pack_events(t_ns, *rng.integers(0, 100, (2, t_ns.size)), t_ns % 2000 == 0)
-    found = verdict(check_flicker(evidence(events)))
+    found = result(check_flicker(inspection(events)))
     assert found.severity is WARNING
     assert list(found.values["lines"]) == [f"{lamp_hz:g}"]
     assert found.values["lines"][f"{lamp_hz:g}"] == pytest.approx(0.4, abs=0.05)
 
 
-def test_noise_and_slow_motion_are_no_lamp(rng: np.random.Generator) -> None:
-    assert verdict(check_flicker(evidence(scattered(rng, 100_000, (100, 100))))).severity is OK
+def test_noise_and_slow_motion_are_not_flicker(rng: np.random.Generator) -> None:
+    assert result(check_flicker(inspection(scattered(rng, 100_000, (100, 100))))).severity is OK
     t = np.sort(rng.uniform(0.0, 4.0, 200_000))
     kept = t[rng.random(t.size) < 0.5 * (1.0 + 0.9 * np.cos(2.0 * np.pi * 3.0 * t))]
     t_ns = np.round(kept * 1e6).astype(np.int64) * 1000
     events = pack_events(t_ns, *rng.integers(0, 100, (2, t_ns.size)), t_ns % 2000 == 0)
-    assert verdict(check_flicker(evidence(events))).severity is OK
+    assert result(check_flicker(inspection(events))).severity is OK
 
 
 @pytest.mark.parametrize(("factor", "severity"), [(1, OK), (10**-3, FAIL), (10**6, FAIL)])
@@ -109,17 +109,17 @@ def test_an_impossible_rate_is_a_wrong_unit(
 ) -> None:
     events = scattered(rng, 200_000, (50, 40), 1.0)
     events["t_ns"] = events["t_ns"].astype(np.float64) * factor
-    assert verdict(check_event_clock(evidence(events))).severity is severity
+    assert result(check_event_clock(inspection(events))).severity is severity
 
 
-def test_few_events_are_no_recording(rng: np.random.Generator) -> None:
-    assert verdict(check_event_rate(evidence(scattered(rng, 10, (9, 9))))).severity is FAIL
+def test_too_few_events_fail(rng: np.random.Generator) -> None:
+    assert result(check_event_rate(inspection(scattered(rng, 10, (9, 9))))).severity is FAIL
 
 
-def test_a_hot_pixel_among_few_is_a_note(rng: np.random.Generator) -> None:
+def test_one_hot_pixel_is_a_note(rng: np.random.Generator) -> None:
     events = scattered(rng, 40_000, (100, 80))
     events["x"][::100], events["y"][::100] = 7, 9
-    found = verdict(check_hot_pixels(evidence(events)))
+    found = result(check_hot_pixels(inspection(events)))
     assert found.severity is NOTE
     assert (found.values["worst"][0]["x"], found.values["worst"][0]["y"]) == (7, 9)
 
@@ -129,15 +129,15 @@ def test_a_hot_pixel_among_few_is_a_note(rng: np.random.Generator) -> None:
     [
         (Distortion.RADTAN, (-0.368, 0.151, -0.0003, -0.0008), OK),
         (Distortion.EQUIDISTANT, (-0.02, 0.01, -0.01, 0.002), OK),
-        # The two mistaken for each other.
+        # The two models confused.
         (Distortion.EQUIDISTANT, (-0.368, 0.151, -0.0003, -0.0008), WARNING),
         (Distortion.RADTAN, (-0.02, 0.01, -0.05, 0.03), WARNING),
         (Distortion.RADTAN, (-1.5, 0.0, 0.0, 0.0), FAIL),
     ],
 )
-def test_lenses(model: Distortion, coefficients: tuple[float, ...], severity: Severity) -> None:
+def test_plausible_distortion(model: Distortion, coefficients: tuple[float, ...], severity: Severity) -> None:
     camera = CameraIntrinsics(110.0, 110.0, 119.5, 89.5, 240, 180, model, coefficients)
-    found = verdict(check_lens(evidence(camera=camera)))
+    found = result(check_lens(inspection(camera=camera)))
     assert found.severity is severity, found
 
 
@@ -151,15 +151,15 @@ def test_lenses(model: Distortion, coefficients: tuple[float, ...], severity: Se
         ((199.0, 199.0, 30.0, 90.0), WARNING),
     ],
 )
-def test_focal_lengths(intrinsics: tuple[float, float, float, float], severity: Severity) -> None:
-    found = verdict(check_focal_length(evidence(camera=CameraIntrinsics(*intrinsics, 240, 180))))
+def test_plausible_focal_length(intrinsics: tuple[float, float, float, float], severity: Severity) -> None:
+    found = result(check_focal_length(inspection(camera=CameraIntrinsics(*intrinsics, 240, 180))))
     assert found.severity is severity
 
 
 @pytest.mark.parametrize(
     ("factor", "severity"), [(1.0, OK), (1 / 30.0, WARNING), (1 / 300.0, FAIL), (300.0, WARNING)]
 )
-def test_noise_at_rest_against_what_is_declared(
+def test_stationary_noise_against_the_declared_density(
     rng: np.random.Generator, factor: float, severity: Severity
 ) -> None:
     calibration = make_calibration()
@@ -176,20 +176,20 @@ def test_noise_at_rest_against_what_is_declared(
         "streams": InertialStreams(streams[0], streams[1], ()),
         "calibration": dataclasses.replace(calibration, noise=noise),
     }
-    found = verdict(check_noise(evidence(**parts)))
+    found = result(check_noise(inspection(**parts)))
     assert found.severity is severity, found
     assert found.values["densities"]["gyroscope"] == pytest.approx(2e-4, rel=0.15)
-    assert found.values["at_rest"]
+    assert found.values["stationary"]
 
 
-def test_truth_of_another_clock_is_told(rng: np.random.Generator) -> None:
+def test_ground_truth_of_another_clock_is_reported(rng: np.random.Generator) -> None:
     events = scattered(rng, 5000, (50, 40))
     t_ns = np.arange(0, 4_000_000_000, 10_000_000)
     position = np.column_stack([t_ns * 1e-9, np.zeros((t_ns.size, 2))])
     quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (t_ns.size, 1))
     truth = PoseTrajectory(t_ns, position, quaternion)
-    assert verdict(check_truth(evidence(events, truth=truth))).severity is OK
+    assert result(check_truth(inspection(events, truth=truth))).severity is OK
     later = dataclasses.replace(truth, t_ns=t_ns + 10**12)
-    assert verdict(check_truth(evidence(events, truth=later))).severity is WARNING
+    assert result(check_truth(inspection(events, truth=later))).severity is WARNING
     torn = dataclasses.replace(truth, position=100.0 * position)
-    assert verdict(check_truth(evidence(events, truth=torn))).severity is WARNING
+    assert result(check_truth(inspection(events, truth=torn))).severity is WARNING

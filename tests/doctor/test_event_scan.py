@@ -1,4 +1,4 @@
-"""Figures of events against plain numpy, whatever the stream holds and however it is cut."""
+"""Statistics of events against plain numpy, for any stream and any division into pieces."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def scanned(events: RecordArray, pieces: int = 1) -> EventFigures:
     st.integers(1, 7),
     st.integers(0, 2**32 - 1),
 )
-def test_figures_are_those_of_numpy(steps: list[int], pieces: int, seed: int) -> None:
+def test_statistics_match_numpy(steps: list[int], pieces: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    # Mostly forwards, sometimes back.
+    # Mostly forward, sometimes back.
     t_ns = 10**18 + np.cumsum([step if step > 0 or k % 5 == 0 else -step for k, step in enumerate(steps)])
     events = make(t_ns, rng, side=4)
     found = scanned(events, pieces)
@@ -58,45 +58,45 @@ def test_figures_are_those_of_numpy(steps: list[int], pieces: int, seed: int) ->
     assert found.bins.sum() == t_ns.size
 
 
-def test_steps_of_time_are_joined_without_losing_any(
+def test_time_steps_are_merged_without_loss(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(event_scan, "MAX_BINS", 64)
     t_ns = np.sort(rng.integers(0, 10**11, 5000))
     found = scanned(make(t_ns, rng), 9)
     assert found.bin_ns == 2 * 10**9 // 2**9 * 2**9 or found.bin_ns >= 10**11 // 64
-    wanted = np.bincount((t_ns - t_ns[0]) // found.bin_ns)
-    np.testing.assert_array_equal(found.bins, wanted)
+    expected = np.bincount((t_ns - t_ns[0]) // found.bin_ns)
+    np.testing.assert_array_equal(found.bins, expected)
 
 
-def test_the_tick_of_the_clock(rng: np.random.Generator) -> None:
+def test_clock_tick(rng: np.random.Generator) -> None:
     for tick_ns in (1, 1000, 1_000_000, 10**9):
         t_ns = np.sort(rng.integers(0, 10**6, 3000)) * tick_ns + 123
         assert scanned(make(t_ns, rng), 4).tick_ns == tick_ns
 
 
-def test_absurd_stamps_and_places_are_counted_and_do_no_harm(rng: np.random.Generator) -> None:
+def test_impossible_timestamps_and_positions_are_counted(rng: np.random.Generator) -> None:
     events = make(np.arange(1000) * 1000, rng)
     events["t_ns"][[3, 500]] = 2**63 - 1, -(2**63)
     events["x"][7] = 65_535
     found = scanned(events, 3)
-    assert (found.count, found.absurd_stamps, found.absurd_places) == (1000, 2, 1)
+    assert (found.count, found.impossible_stamps, found.impossible_positions) == (1000, 2, 1)
     assert found.last_ns == 999_000
 
 
-def test_a_pixel_twice_at_one_time(rng: np.random.Generator) -> None:
+def test_repeated_events_are_counted(rng: np.random.Generator) -> None:
     events = make(np.arange(1000) * 1000, rng)
-    assert scanned(events).twice == 0
-    assert scanned(np.repeat(events, 2)).twice == 1000
+    assert scanned(events).repeated == 0
+    assert scanned(np.repeat(events, 2)).repeated == 1000
 
 
-def test_large_sensors_make_room(rng: np.random.Generator) -> None:
+def test_pixel_maps_grow_with_the_sensor(rng: np.random.Generator) -> None:
     events = make(np.arange(3000) * 1000, rng, side=1200)
     assert scanned(events, 5).counts.sum() == 3000
 
 
 @pytest.mark.parametrize("rate_hz", [2e3, 1e5, 3e6])
-def test_excerpts_are_spread_over_all_and_few(rng: np.random.Generator, rate_hz: float) -> None:
+def test_excerpts_are_few_and_spread_over_the_stream(rng: np.random.Generator, rate_hz: float) -> None:
     excerpts = Excerpts()
     seconds = 1_500_000 / rate_hz
     t_ns = np.sort(rng.integers(0, round(seconds * 1e9), 1_500_000))
@@ -113,5 +113,5 @@ def test_excerpts_are_spread_over_all_and_few(rng: np.random.Generator, rate_hz:
     for part in found:
         assert np.all(np.diff(part["t_ns"]) >= 0)
         assert part["t_ns"][-1] - part["t_ns"][0] <= 250_000_000
-    # Enough of the stream for a picture each.
+    # Enough events for an image each.
     assert np.median([part.size for part in found]) > min(400, 0.2 * rate_hz)

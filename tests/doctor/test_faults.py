@@ -1,4 +1,4 @@
-"""One clean recording, one fault at a time: the doctor names it, and finds nothing in the clean one."""
+"""One fault at a time in a clean recording: the doctor reports it, and reports nothing for the clean one."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 import yaml
 
-from asyneio.doctor import CheckResult, Diagnosis, Severity, examine
+from asyneio.doctor import CheckResult, Report, Severity, examine
 
 NOTE, WARNING, FAIL = Severity.NOTE, Severity.WARNING, Severity.FAIL
 Injection = Callable[[Path], None]
 
 
-def verdict_of(diagnosis: Diagnosis, check: str) -> CheckResult:
-    found = [verdict for verdict in diagnosis.verdicts if verdict.check == check]
-    assert len(found) == 1, f"{check}: {[v.check for v in diagnosis.verdicts]}"
+def result_of(report: Report, check: str) -> CheckResult:
+    found = [result for result in report.results if result.check == check]
+    assert len(found) == 1, f"{check}: {[v.check for v in report.results]}"
     return found[0]
 
 
-def said(verdict: CheckResult) -> str:
-    return f"{verdict.measured} {verdict.expected} {verdict.cure}"
+def text_of(result: CheckResult) -> str:
+    return f"{result.measured} {result.expected} {result.fix}"
 
 
 def copy_of(folder: Path, target: Path) -> Path:
@@ -31,7 +31,7 @@ def copy_of(folder: Path, target: Path) -> Path:
     return target
 
 
-# What goes wrong with the samples: rows of t ax ay az gx gy gz.
+# Faults of the samples: rows of t ax ay az gx gy gz.
 
 
 def samples(change: Callable[[np.ndarray], np.ndarray], header: str = "") -> Injection:
@@ -90,7 +90,7 @@ def without_gravity(rows: np.ndarray) -> np.ndarray:
     return rows
 
 
-# What goes wrong with the events: rows of t x y p.
+# Faults of the events: rows of t x y p.
 
 
 def events(change: Callable[[np.ndarray], np.ndarray], stamps: str = "%.9f") -> Injection:
@@ -137,7 +137,7 @@ def with_a_pause(rows: np.ndarray) -> np.ndarray:
     return rows[(t < 0.05) | (t > 0.2)]
 
 
-# What goes wrong with the calibration.
+# Faults of the calibration.
 
 
 def camera(**changes: object) -> Injection:
@@ -176,19 +176,19 @@ def inverse(T: np.ndarray) -> np.ndarray:
 
 
 def mirrored(T: np.ndarray) -> np.ndarray:
-    # As an image mirrored left to right does: the axial vector of the turn reverses about y and z.
+    # Like an image mirrored left to right: the angular velocity changes sign about y and z.
     T[:3, 1:3] *= -1.0
     return T
 
 
-def test_the_clean_recording_has_nothing(clean: Path) -> None:
-    diagnosis = examine(clean)
-    assert [v for v in diagnosis.verdicts if v.severity > Severity.OK] == []
-    assert diagnosis.usable_for == ("run", "track")
-    extrinsics = verdict_of(diagnosis, "extrinsics")
+def test_the_clean_recording_passes(clean: Path) -> None:
+    report = examine(clean)
+    assert [v for v in report.results if v.severity > Severity.OK] == []
+    assert report.usable_for == ("run", "track")
+    extrinsics = result_of(report, "extrinsics")
     assert extrinsics.values["error_deg"] < 3.0
-    assert extrinsics.values["told_axes"] == 3
-    assert verdict_of(diagnosis, "time offset").values["found_s"] == pytest.approx(0.020, abs=0.004)
+    assert extrinsics.values["observable_axes"] == 3
+    assert result_of(report, "time offset").values["found_s"] == pytest.approx(0.020, abs=0.004)
 
 
 @pytest.mark.parametrize(
@@ -199,14 +199,14 @@ def test_the_clean_recording_has_nothing(clean: Path) -> None:
         (camera(timeshift_cam_imu=-0.020), "time offset", WARNING, "the sign of timeshift_cam_imu"),
     ],
 )
-def test_motion_names_what_is_wrong_with_the_calibration(
+def test_calibration_faults_are_found_from_the_motion(
     clean: Path, tmp_path: Path, inject: Injection, check: str, severity: Severity, words: str
 ) -> None:
     folder = copy_of(clean, tmp_path / "faulty")
     inject(folder)
-    found = verdict_of(examine(folder), check)
+    found = result_of(examine(folder), check)
     assert found.severity is severity
-    assert words in said(found)
+    assert words in text_of(found)
 
 
 @pytest.mark.parametrize(
@@ -224,64 +224,64 @@ def test_motion_names_what_is_wrong_with_the_calibration(
         (samples(stamps_at_half_steps), "clocks", WARNING, "half as long"),
         (samples(pause), "imu gaps", WARNING, "82.0 ms"),
         (samples(dead_axis), "imu axes", FAIL, "gyroscope y: dead"),
-        (samples(saturated), "imu range", WARNING, "end of the range"),
+        (samples(saturated), "imu range", WARNING, "saturated"),
         (samples(exchanged_in_time), "imu order", NOTE, "1 step(s) back"),
         (samples(another_clock), "clocks", FAIL, "do not overlap"),
-        (events(in_microseconds, "%d"), "event clock", FAIL, "microseconds taken for seconds"),
+        (events(in_microseconds, "%d"), "event clock", FAIL, "microseconds read as seconds"),
         (events(with_hot_pixel), "hot pixels", WARNING, "x = 30, y = 40"),
         (events(set_back), "event times", FAIL, "time jumps backwards by 0.3"),
         (events(set_back), "event order", WARNING, "split the file"),
         (events(transposed), "resolution", FAIL, "x and y exchanged"),
-        (events(all_brighter), "polarity", WARNING, "the sign was lost"),
+        (events(all_brighter), "polarity", WARNING, "the polarity was lost"),
         (events(repeated), "repeated events", WARNING, "twice"),
         (events(with_a_pause), "event pauses", WARNING, "1 pause(s), 0.15"),
         (camera(resolution=[100, 80]), "resolution", FAIL, "x = 127, y = 95"),
         (camera(resolution=[346, 260]), "resolution", WARNING, "346 x 260"),
         (camera(distortion_coeffs=[-1.5, 0.0, 0.0, 0.0]), "calibration", FAIL, "folds inside the image"),
-        (camera(intrinsics=[1.0, 1.0, 62.0, 47.0]), "focal length", FAIL, "deg across"),
+        (camera(intrinsics=[1.0, 1.0, 62.0, 47.0]), "focal length", FAIL, "field of view"),
         (camera(T_imu_cam="none"), "calibration", FAIL, "T_imu_cam"),
         (noise(3000.0), "imu noise", WARNING, "too large"),
     ],
 )
-def test_each_fault_is_named(
+def test_each_fault_is_reported(
     short: Path, tmp_path: Path, inject: Injection, check: str, severity: Severity, words: str
 ) -> None:
     folder = copy_of(short, tmp_path / "faulty")
     inject(folder)
-    found = verdict_of(examine(folder), check)
-    assert found.severity is severity, said(found)
-    assert words in said(found)
+    found = result_of(examine(folder), check)
+    assert found.severity is severity, text_of(found)
+    assert words in text_of(found)
 
 
-def test_gravity_tells_the_order_of_columns_without_names(short: Path, tmp_path: Path) -> None:
+def test_the_order_of_unnamed_columns_is_found_from_gravity(short: Path, tmp_path: Path) -> None:
     folder = copy_of(short, tmp_path / "other")
     samples(columns_swapped)(folder)
-    diagnosis = examine(folder)
-    assert verdict_of(diagnosis, "imu units").severity is Severity.OK
-    assert "imu.txt: gyroscope first (from gravity), time in s" in diagnosis.repairs
+    report = examine(folder)
+    assert result_of(report, "imu units").severity is Severity.OK
+    assert "imu.txt: gyroscope first, as gravity says; time in s" in report.repairs
 
 
-def test_the_short_one_is_but_short(short: Path) -> None:
-    diagnosis = examine(short)
-    assert [v.check for v in diagnosis.verdicts if v.severity > NOTE] == ["duration"]
-    assert diagnosis.usable_for == ("track",)
+def test_a_short_recording_only_lacks_duration(short: Path) -> None:
+    report = examine(short)
+    assert [v.check for v in report.results if v.severity > NOTE] == ["duration"]
+    assert report.usable_for == ("track",)
 
 
-def test_what_is_spoilt_does_not_hide_the_rest(short: Path, tmp_path: Path) -> None:
+def test_unreadable_files_do_not_hide_the_others(short: Path, tmp_path: Path) -> None:
     folder = copy_of(short, tmp_path / "faulty")
     (folder / "imu.txt").write_text("nothing\n" * 100)
     (folder / "camchain-imucam.yaml").write_text("cam0: [1, 2")
-    diagnosis = examine(folder)
-    assert diagnosis.worst is FAIL
-    assert "camchain-imucam.yaml" in verdict_of(diagnosis, "calibration").measured
-    assert verdict_of(diagnosis, "event rate").severity < WARNING
-    assert verdict_of(diagnosis, "hot pixels").severity is Severity.OK
+    report = examine(folder)
+    assert report.worst is FAIL
+    assert "camchain-imucam.yaml" in result_of(report, "calibration").measured
+    assert result_of(report, "event rate").severity < WARNING
+    assert result_of(report, "hot pixels").severity is Severity.OK
 
 
-def test_a_file_cut_off_is_examined_up_to_there(short: Path, tmp_path: Path) -> None:
+def test_a_truncated_file_is_checked_up_to_the_damage(short: Path, tmp_path: Path) -> None:
     folder = copy_of(short, tmp_path / "cut")
     whole = (folder / "events.txt").read_bytes()
     (folder / "events.txt").write_bytes(whole[: len(whole) // 2] + b"1000.3 1")
-    diagnosis = examine(folder)
-    assert any("truncated" in text for text in diagnosis.repairs)
-    assert verdict_of(diagnosis, "event order").severity is Severity.OK
+    report = examine(folder)
+    assert any("cut off" in text for text in report.repairs)
+    assert result_of(report, "event order").severity is Severity.OK

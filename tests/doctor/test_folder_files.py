@@ -1,4 +1,5 @@
-"""Every file of a folder is told: used or not, and why; a reader's refusal stays, whatever else was found."""
+"""Every file of a folder is reported, used or not; a reader's failure is kept even if other data are
+found."""
 
 from __future__ import annotations
 
@@ -20,19 +21,19 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
 
 def test_files_used_and_not_used(folder: Path) -> None:
     (folder / "notes.md").write_text("about this recording")
-    plain = next(v for v in examine(folder).verdicts if v.check == "files")
+    plain = next(v for v in examine(folder).results if v.check == "files")
     assert plain.severity is Severity.OK
     assert "events.txt (events)" in plain.measured
     assert "imu.txt (inertial samples)" in plain.measured
     (folder / "other.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
-    told = next(v for v in examine(folder).verdicts if v.check == "files")
-    assert told.severity is Severity.NOTE
-    assert "other.bag (a ROS 1 bag: another recording)" in told.measured
-    assert set(told.values["unused"]) == {"notes.md", "other.bag"}
+    result = next(v for v in examine(folder).results if v.check == "files")
+    assert result.severity is Severity.NOTE
+    assert "other.bag (a ROS 1 bag: another recording)" in result.measured
+    assert set(result.values["unused"]) == {"notes.md", "other.bag"}
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "text"),
     [
         (
             "rec.raw",
@@ -44,51 +45,53 @@ def test_files_used_and_not_used(folder: Path) -> None:
         ("rec.h5", b"\x89HDF\r\n\x1a\n" + bytes(100), "rec.h5"),
     ],
 )
-def test_a_refusal_stays_beside_inertial_samples(folder: Path, name: str, content: bytes, said: str) -> None:
+def test_a_failure_is_kept_beside_inertial_samples(
+    folder: Path, name: str, content: bytes, text: str
+) -> None:
     (folder / "events.txt").unlink()
     (folder / name).write_bytes(content)
-    diagnosis = examine(folder)
-    assert diagnosis.worst is Severity.FAIL
-    assert said in diagnosis.headline
-    assert diagnosis.headline.startswith("not usable as it is; first cause: ")
+    report = examine(folder)
+    assert report.worst is Severity.FAIL
+    assert text in report.headline
+    assert report.headline.startswith("not usable as it is; first cause: ")
 
 
-def test_inertial_samples_alone_are_no_failure(folder: Path) -> None:
+def test_inertial_samples_alone_do_not_fail(folder: Path) -> None:
     (folder / "events.txt").unlink()
     assert examine(folder).worst < Severity.FAIL
 
 
-def test_what_the_reader_gave_up_on_is_not_judged_again(folder: Path) -> None:
+def test_a_reader_failure_is_reported_once(folder: Path) -> None:
     lines = (folder / "events.txt").read_text().splitlines()
     (folder / "events.txt").write_text("\n".join(line.replace(".", ",").replace(" ", ";") for line in lines))
-    diagnosis = examine(folder)
-    assert [v.check for v in diagnosis.verdicts if v.severity is Severity.FAIL] == ["events"]
-    assert "decimal commas" in diagnosis.headline
-    assert not any("record again" in verdict.cure for verdict in diagnosis.verdicts)
+    report = examine(folder)
+    assert [v.check for v in report.results if v.severity is Severity.FAIL] == ["events"]
+    assert "decimal commas" in report.headline
+    assert not any("record again" in result.fix for result in report.results)
 
 
-def test_named_samples_that_are_not_there_leave_the_rest(folder: Path) -> None:
-    diagnosis = examine(folder, ReadOptions(samples="absent.csv"))
-    assert [v.check for v in diagnosis.verdicts if v.severity is Severity.FAIL] == ["inertial samples"]
-    assert "absent.csv (--samples) does not exist" in diagnosis.headline
-    assert diagnosis.events > 0
-    assert any(verdict.check == "event rate" for verdict in diagnosis.verdicts)
+def test_missing_named_samples_do_not_hide_the_rest(folder: Path) -> None:
+    report = examine(folder, ReadOptions(samples="absent.csv"))
+    assert [v.check for v in report.results if v.severity is Severity.FAIL] == ["inertial samples"]
+    assert "there is no file absent.csv" in report.headline
+    assert report.events > 0
+    assert any(result.check == "event rate" for result in report.results)
 
 
 @pytest.mark.parametrize("name", ["imu.csv", "imu.txt"])
 def test_unreadable_samples_do_not_hide_the_events(folder: Path, name: str) -> None:
     (folder / "imu.txt").unlink()
     (folder / name).write_text("t;gx;gy;gz;ax;ay;az\n" + "2020-09-13T12:26:40;1;2;3;4;5;6\n" * 40)
-    diagnosis = examine(folder)
-    assert diagnosis.worst is Severity.FAIL
-    assert diagnosis.events > 0
-    assert name in diagnosis.headline
-    assert any(verdict.check == "event rate" for verdict in diagnosis.verdicts)
+    report = examine(folder)
+    assert report.worst is Severity.FAIL
+    assert report.events > 0
+    assert name in report.headline
+    assert any(result.check == "event rate" for result in report.results)
 
 
-def test_a_malformed_calibration_leaves_the_lens(folder: Path) -> None:
+def test_a_malformed_calibration_file_does_not_hide_the_intrinsics(folder: Path) -> None:
     (folder / "imu.yaml").write_text("a: [1,\n")
-    diagnosis = examine(folder)
-    assert diagnosis.headline.startswith("not usable as it is; first cause: calibration: ")
-    assert "imu.yaml" in diagnosis.headline
-    assert any(verdict.check == "lens" for verdict in diagnosis.verdicts)
+    report = examine(folder)
+    assert report.headline.startswith("not usable as it is; first cause: calibration: ")
+    assert "imu.yaml" in report.headline
+    assert any(result.check == "lens" for result in report.results)

@@ -1,4 +1,4 @@
-"""Scale of the gyroscope and focal length by the picture; offsets of seconds; unrelated motions."""
+"""Gyroscope scale and focal length from the image motion; offsets of seconds; unrelated motions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CAMERA = CameraIntrinsics(200.0, 200.0, 160.0, 120.0, 320, 240)
 
 
 @pytest.mark.parametrize(("scale", "focal"), [(1.0, 1.0), (2.0, 1.0), (1.0, 1.05), (0.5, 0.9)])
-def test_roll_tells_the_gyroscope_and_turns_across_the_lens(
+def test_roll_gives_the_gyroscope_scale_and_other_rotations_the_focal_length(
     scale: float, focal: float, rng: np.random.Generator
 ) -> None:
     true = 0.7 * rng.standard_normal((64, 3))
@@ -27,22 +27,22 @@ def test_roll_tells_the_gyroscope_and_turns_across_the_lens(
     found = gains_of(seen, scale * true, np.ones(63), 40.0)
     assert found.gyroscope == pytest.approx(scale, rel=0.02)
     assert found.focal == pytest.approx(focal, rel=0.025)
-    assert found.gyroscope_told
-    assert found.focal_told
+    assert found.gyroscope_observable
+    assert found.focal_observable
 
 
-def test_translation_keeps_the_focal_length_from_being_told(rng: np.random.Generator) -> None:
+def test_the_focal_length_is_not_observable_under_translation(rng: np.random.Generator) -> None:
     true = 0.4 * rng.standard_normal((64, 3))
     leak = np.column_stack([0.3 * rng.standard_normal((64, 2)), np.zeros(64)])
     found = gains_of(true + leak + 0.02 * rng.standard_normal((64, 3)), true, np.ones(63), 40.0)
-    assert found.gyroscope_told
-    assert not found.focal_told
-    assert not gains_of(true * 0.0, true * 0.01, np.ones(63), 40.0).gyroscope_told
+    assert found.gyroscope_observable
+    assert not found.focal_observable
+    assert not gains_of(true * 0.0, true * 0.01, np.ones(63), 40.0).gyroscope_observable
 
 
 def tracks(rng: np.random.Generator) -> tuple[np.ndarray, FloatArray]:
-    """A camera that circles before points at 1 to 4 m: observations at 50 Hz, and its rate, constant for each
-    quarter of a second (20,3)."""
+    """Observations at 50 Hz of points at 1 to 4 m by a camera that moves around them, and its angular rates
+    (20,3), each constant for 0.25 s."""
     rates = 0.9 * rng.standard_normal((20, 3))
     points = np.column_stack([rng.uniform(-2, 2, (500, 2)), rng.uniform(1.0, 4.0, 500)])
     C, r = Rotation.identity(), np.zeros(3)
@@ -56,14 +56,14 @@ def tracks(rng: np.random.Generator) -> tuple[np.ndarray, FloatArray]:
         inside = np.flatnonzero(ahead & (uv > 0).all(axis=1) & (uv < [320, 240]).all(axis=1))
         noisy = uv[inside] + 0.2 * rng.standard_normal((inside.size, 2))
         rows += [(round(t * 1e9), n, *pixel, (0.0, 0.0, 0.0)) for n, pixel in zip(inside, noisy, strict=True)]
-        # Turning to the left it moves to the right, as who walks round a table does.
+        # It moves to the right while it rotates to the left, as around a table.
         r = r + 0.02 * C.apply([-0.8 * rate[1], 0.8 * rate[0], 0.1])
         C = C * Rotation.from_rotvec(0.02 * rate)
     return np.array(rows, dtype=OBSERVATION_DTYPE), rates
 
 
 @pytest.mark.parametrize(("scale", "focal"), [(1.0, 1.0), (2.0, 1.0), (1.0, 1.05)])
-def test_tracks_tell_both_though_the_camera_circles(
+def test_tracks_give_both_while_the_camera_moves_around_the_scene(
     scale: float, focal: float, rng: np.random.Generator
 ) -> None:
     observations, rates = tracks(rng)
@@ -74,7 +74,7 @@ def test_tracks_tell_both_though_the_camera_circles(
     assert found is not None
     assert found.gyroscope == pytest.approx(scale, rel=0.01)
     assert found.focal == pytest.approx(focal, rel=0.02)
-    assert found.focal_told
+    assert found.focal_observable
     assert gains_of_tracks(pairs.of(times.start_ns < 1e9), body[times.start_ns < 1e9], np.eye(3), 1.0) is None
 
 
@@ -92,7 +92,7 @@ def test_an_offset_of_seconds_is_found(offset_s: float, rng: np.random.Generator
 
 
 def irregular(t: FloatArray) -> FloatArray:
-    """A turn (N,3) that does not repeat itself."""
+    """Angular rates (N,3) that do not repeat."""
     rng = np.random.default_rng(5)
     hertz, phase = rng.uniform(0.2, 1.5, (9, 3)), rng.uniform(0.0, 6.28, (9, 3))
     return np.asarray(0.4 * np.sin(6.28 * hertz * t[:, None, None] + phase).sum(axis=1))

@@ -68,14 +68,14 @@ def test_stamps_from_zero_are_an_offset_not_a_unit() -> None:
     truth = wander(100, 20.0)
     # Stamps are 1e9 times smaller on average, but the run is as long.
     estimate = dataclasses.replace(truth, t_ns=truth.t_ns - START_NS)
-    with pytest.raises(EvaluationError, match=r"the truth starts \+1600000000\.000 s from the estimate"):
+    with pytest.raises(EvaluationError, match=r"the ground truth starts \+1600000000\.000 s from"):
         associate(estimate, truth)
 
 
 def test_an_offset_of_the_clock_is_named() -> None:
     truth = wander(100, 20.0)
     estimate = dataclasses.replace(truth, t_ns=truth.t_ns + 3_600_000_000_000)
-    with pytest.raises(EvaluationError, match=r"the truth starts -3600\.000 s from the estimate"):
+    with pytest.raises(EvaluationError, match=r"the ground truth starts -3600\.000 s from the estimate"):
         associate(estimate, truth)
 
 

@@ -173,7 +173,7 @@ def test_improper_covariances_are_refused(spoil: str) -> None:
 
 
 def test_empty_or_misshapen_input_is_refused(honest: list[Nees]) -> None:
-    with pytest.raises(EvaluationError, match="did the run ever initialise"):
+    with pytest.raises(EvaluationError, match="check that the run was initialized"):
         nees([], true_states)
     estimates = [dataclasses.replace(e, covariance=np.eye(15)) for e in estimates_with_errors(0)]
     with pytest.raises(EvaluationError, match=r"shape \(15, 15\); expected \(24, 24\)"):

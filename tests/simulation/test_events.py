@@ -20,7 +20,7 @@ from asyneio.simulation.events import worlds
 from asyneio.simulation.events.render import empty_frame, render
 from asyneio.simulation.events.scenario import SUITE
 from asyneio.simulation.events.sensor import make_pixels
-from asyneio.simulation.events.source import Stage, event_chunks, set_stage
+from asyneio.simulation.events.source import Seeds, Stage, event_chunks, set_stage
 from asyneio.simulation.events.textures import procedural_texture
 from asyneio.simulation.events.worlds import build_world
 from asyneio.types import EVENT_DTYPE, RecordArray
@@ -29,7 +29,7 @@ from tests.simulation.event_worlds import IDEAL, SMALL, STRAIGHT, drifting, smal
 SCENARIO = small_scenario(motion="moderate")
 
 
-SEEDS = np.random.SeedSequence(0).spawn(3)
+SEEDS = Seeds.of(0)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def stage() -> Stage:
 def events_of(stage: Stage, **changes: object) -> RecordArray:
     """Events of another scenario in the same world."""
     changed = dataclasses.replace(stage, scenario=dataclasses.replace(stage.scenario, **changes))
-    return np.concatenate(list(event_chunks(changed, SEEDS[2])))
+    return np.concatenate(list(event_chunks(changed, SEEDS.sensor)))
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_events_add_up_to_the_change_of_the_light(stage: Stage) -> None:
     for t_us in (0, round(SCENARIO.duration_s * 1e6)):
         render(stage.world, stage.view, stage.T_w_c(np.array([t_us]))[0], frame)
         logs.append(np.log(frame.intensity.ravel() + IDEAL.dark_intensity))
-    pixels = make_pixels(IDEAL, SMALL, frame.intensity, 1.0, np.random.default_rng(SEEDS[2]))
+    pixels = make_pixels(IDEAL, SMALL, frame.intensity, 1.0, np.random.default_rng(SEEDS.sensor))
     answered = pixels.on * per_pixel(events, 1) - pixels.off * per_pixel(events, 0)
     left = logs[1] - logs[0] - answered
     assert np.all(left < pixels.on + 1e-4)
@@ -106,7 +106,7 @@ def test_events_add_up_to_the_change_of_the_light(stage: Stage) -> None:
     assert np.abs(logs[1] - logs[0]).max() > 4.0 * IDEAL.threshold_on
 
 
-def test_thresholds_differ_as_told() -> None:
+def test_thresholds_have_the_given_mismatch() -> None:
     spec = SensorSpec(threshold_mismatch=0.04)
     pixels = make_pixels(spec, SMALL, np.ones((72, 100), np.float32), 1.0, np.random.default_rng(0))
     for values, mean in ((pixels.on, spec.threshold_on), (pixels.off, spec.threshold_off)):
@@ -122,7 +122,7 @@ def test_a_pixel_is_blind_for_the_refractory_time(stage: Stage, run: EventSimula
     assert unlimited.size > run.recording.events.size
 
 
-def test_still_scene_shows_only_noise_at_the_told_rate(stage: Stage) -> None:
+def test_a_static_scene_gives_only_noise_at_the_given_rate(stage: Stage) -> None:
     spec = dataclasses.replace(IDEAL, shot_noise_hz=4.0, leak_hz=1.0, hot_pixels=3, hot_pixel_hz=200.0)
     still = dataclasses.replace(stage, motion=drifting((0.0, 0.0, 0.0)))
     events = events_of(still, sensor=spec, illumination=1e-5, duration_s=1.9)
@@ -182,7 +182,7 @@ def test_no_ready_scenario_leaves_the_free_space(name: str, monkeypatch: pytest.
     # Plain surfaces: textures take long to draw and do not matter here.
     monkeypatch.setattr(worlds, "procedural_texture", lambda *_: np.ones((1, 1)))
     for seed in range(3):
-        set_stage(EVENT_SCENARIOS[name], np.random.SeedSequence(seed).spawn(6))
+        set_stage(EVENT_SCENARIOS[name], Seeds.of(seed))
 
 
 def test_the_suite_shares_rig_and_length_but_no_motion() -> None:
@@ -229,5 +229,5 @@ def test_photographs_are_rendered(monkeypatch: pytest.MonkeyPatch, data_dir: Pat
 
 def test_photographs_are_asked_for_and_missed(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
     monkeypatch.setenv("ASYNEIO_DATA", str(tmp_path))
-    with pytest.raises(SimulationError, match="holds no PNG file"):
+    with pytest.raises(SimulationError, match="contains no PNG file"):
         next(stream_events(small_scenario(photographs=True)))

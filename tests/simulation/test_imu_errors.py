@@ -379,7 +379,7 @@ def test_the_simulated_mpu6150_is_like_a_real_one(data_dir: Path) -> None:
     ],
 )
 def test_impossible_errors_are_refused(change: dict[str, float]) -> None:
-    with pytest.raises(SimulationError, match="expected no negative figure"):
+    with pytest.raises(SimulationError, match="expected no negative value"):
         StreamErrors(**change)
 
 
@@ -389,7 +389,7 @@ def test_a_delay_shorter_than_the_filters_own_is_refused() -> None:
 
 
 def test_impossible_vibration_is_refused() -> None:
-    with pytest.raises(SimulationError, match="as many amplitudes"):
+    with pytest.raises(SimulationError, match="equal numbers of amplitudes"):
         Vibration(87.0, (1.0,), (0.1, 0.2))
 
 

@@ -12,7 +12,7 @@ from asyneio.simulation import EVENT_SCENARIOS, AnalyticMotion, PinholeCamera, P
 from asyneio.simulation.events import worlds
 from asyneio.simulation.events.render import empty_frame, render
 from asyneio.simulation.events.schedule import plan_block
-from asyneio.simulation.events.source import Stage, event_chunks, set_stage
+from asyneio.simulation.events.source import Seeds, Stage, event_chunks, set_stage
 from asyneio.simulation.events.textures import procedural_texture
 from asyneio.simulation.events.world import World
 from asyneio.simulation.motion import Motion
@@ -103,7 +103,7 @@ def test_its_pace_of_rendering_is_as_fine_as_the_cameras() -> None:
     assert np.mean(np.abs(counts[0] - counts[1]) <= 1) > 0.99
 
 
-def test_no_step_moves_the_image_of_a_body_by_more_than_told() -> None:
+def test_no_step_moves_the_image_of_a_body_by_more_than_the_limit() -> None:
     scenario = small_scenario(camera=STRAIGHT)
     grey = [np.full((32, 32), 0.5)] * 2
     world = with_motion(walls(grey, [3.0, 1.2], [16.0, 0.6]), swinging(), first=1)
@@ -182,7 +182,7 @@ def test_a_point_of_a_turning_body_is_where_its_pose_puts_it(t_ns: int) -> None:
 @pytest.mark.parametrize("name", ["suite_dynamic_6dof", "suite_dynamic_translation"])
 def test_twins_differ_in_the_person_alone(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(worlds, "procedural_texture", lambda *_: np.ones((1, 1)))
-    seeds = np.random.SeedSequence(EVENT_SCENARIOS[name].seed).spawn(6)
+    seeds = Seeds.of(EVENT_SCENARIOS[name].seed)
     walking, standing, nobody = (
         set_stage(EVENT_SCENARIOS[name + twin], seeds) for twin in ("", "_standing", "_nobody")
     )
@@ -207,7 +207,7 @@ def test_people_are_kept_at_a_distance() -> None:
     with pytest.raises(SimulationError, match=r"the camera comes within 0\.2 m of moving body 1"):
         set_stage(
             small_scenario(person="standing", person_spot_m=(0.2, 0.0, 0.0)),
-            np.random.SeedSequence(0).spawn(6),
+            Seeds.of(0),
         )
     with pytest.raises(SimulationError, match="person 'dog' is unknown"):
         small_scenario(person="dog")

@@ -14,9 +14,18 @@ from scipy.optimize import brentq
 from asyneio.simulation import SensorSpec, simulate_events
 from asyneio.simulation.events import source
 from asyneio.simulation.events.readout import Readout, ReadoutCounts
-from asyneio.simulation.events.response import Curve, Light, curve_value, first_crossing, light_at, respond
+from asyneio.simulation.events.response import (
+    Curve,
+    Light,
+    Span,
+    Square,
+    curve_value,
+    first_crossing,
+    light_at,
+    respond,
+)
 from asyneio.simulation.events.sensor import Circuit, EventBuffer, Pixels, make_pixels
-from asyneio.simulation.events.source import event_chunks, set_stage
+from asyneio.simulation.events.source import Seeds, event_chunks, set_stage
 from asyneio.types import CameraIntrinsics, FloatArray, IntArray, RecordArray
 from tests.simulation.event_worlds import IDEAL, SMALL, drifting, small_scenario
 
@@ -34,7 +43,9 @@ def drive(
     buffer, t, k = EventBuffer.of_size(1 << 20), [], []
     for begin, end in pairwise(t_us):
         picture[:] = intensity(end)
-        count = respond(picture, light, (0, 0), 64, (begin, end), Circuit.of(spec), pixels, buffer, 0)
+        count = respond(
+            picture, light, Square(0, 0, 64), Span(begin, end), Circuit.of(spec), pixels, buffer, 0
+        )
         t.append(buffer.t_us[:count].copy())
         k.append(buffer.pixel[:count].copy())
     return pixels, np.concatenate(t), np.concatenate(k)
@@ -134,12 +145,12 @@ def test_lamps_make_events_at_their_frequency_where_nothing_moves(rate_hz: float
 
 
 def test_a_scenario_has_lamps() -> None:
-    seeds = np.random.SeedSequence(0).spawn(6)
+    seeds = Seeds.of(0)
     stage = dataclasses.replace(
         set_stage(small_scenario(sensor=IDEAL), seeds), motion=drifting((0.0, 0.0, 0.0))
     )
     lit = dataclasses.replace(stage, scenario=dataclasses.replace(stage.scenario, flicker_depth=0.3))
-    steady, flickering = (np.concatenate(list(event_chunks(one, seeds[2]))) for one in (stage, lit))
+    steady, flickering = (np.concatenate(list(event_chunks(one, seeds.sensor))) for one in (stage, lit))
     assert steady.size == 0
     # From 0.7 to 1.17: a swing of twice the threshold, hundred times a second, at every pixel.
     assert 2 * 30 * 7200 * 0.9 < flickering.size < 6 * 30 * 7200
@@ -222,13 +233,13 @@ def test_a_run_reports_what_its_readout_lost() -> None:
 
 
 def test_threads_shares_and_buffers_change_no_event(monkeypatch: pytest.MonkeyPatch) -> None:
-    seeds = np.random.SeedSequence(3).spawn(6)
+    seeds = Seeds.of(3)
     stage = set_stage(small_scenario(duration_s=0.1), seeds)
-    usual = np.concatenate(list(event_chunks(stage, seeds[2])))
+    usual = np.concatenate(list(event_chunks(stage, seeds.sensor)))
     monkeypatch.setattr(source, "_THREADS", 1)
     monkeypatch.setattr(source, "_SHARES", 3)
     monkeypatch.setattr(source, "_BUFFER", 64 * 128 + 10)
-    alone = np.concatenate(list(event_chunks(stage, seeds[2])))
+    alone = np.concatenate(list(event_chunks(stage, seeds.sensor)))
     np.testing.assert_array_equal(usual, alone)
 
 
@@ -244,8 +255,8 @@ def paced(step_px: float, longest_s: float) -> RecordArray:
         largest_step_px=step_px,
         longest_step_s=longest_s,
     )
-    seeds = np.random.SeedSequence(5).spawn(6)
-    return np.concatenate(list(event_chunks(set_stage(scenario, seeds), seeds[2])))
+    seeds = Seeds.of(5)
+    return np.concatenate(list(event_chunks(set_stage(scenario, seeds), seeds.sensor)))
 
 
 def unmatched(events: RecordArray, reference: RecordArray) -> tuple[float, FloatArray]:

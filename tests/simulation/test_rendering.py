@@ -14,7 +14,7 @@ from asyneio.simulation import PinholeCamera, PointTruth
 from asyneio.simulation.events.rays import lens_row, pixel_grid, pixel_rays
 from asyneio.simulation.events.render import empty_frame, render
 from asyneio.simulation.events.schedule import plan_block
-from asyneio.simulation.events.source import Stage, set_stage
+from asyneio.simulation.events.source import Seeds, Stage, set_stage
 from asyneio.simulation.events.view import view_of
 from asyneio.types import CameraIntrinsics, Distortion, FloatArray
 from tests.simulation.event_worlds import SMALL, STRAIGHT, drifting, small_scenario, stage_of, walls
@@ -38,7 +38,7 @@ def picture(stage: Stage, t_us: int = 0) -> FloatArray:
 
 @functools.cache
 def near() -> Stage:
-    return set_stage(small_scenario(), np.random.SeedSequence(4).spawn(2))
+    return set_stage(small_scenario(), Seeds.of(4))
 
 
 @pytest.mark.parametrize("camera", [SMALL, STRAIGHT, FISHEYE])
@@ -110,7 +110,7 @@ def test_fine_texture_far_away_is_smooth_not_noise(rng: np.random.Generator) -> 
     assert np.corrcoef(first.ravel(), second.ravel())[0, 1] > 0.8
 
 
-def test_no_step_moves_the_image_by_more_than_told() -> None:
+def test_no_step_moves_the_image_by_more_than_the_limit() -> None:
     stage, scenario = near(), near().scenario
     truth, frame = truth_of(stage), empty_frame(stage.view)
     rows, columns = np.mgrid[4 : SMALL.height : 8, 4 : SMALL.width : 8]
@@ -140,5 +140,5 @@ def test_no_step_moves_the_image_by_more_than_told() -> None:
 
 
 def test_a_lens_that_cannot_be_inverted_is_refused() -> None:
-    with pytest.raises(SimulationError, match="pixels see nothing"):
+    with pytest.raises(SimulationError, match="pixels have no viewing ray"):
         view_of(dataclasses.replace(SMALL, coefficients=(-0.9, 0.0, 0.0, 0.0)))

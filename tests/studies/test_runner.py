@@ -99,7 +99,7 @@ def test_results_of_other_code_are_kept_but_named(tmp_path: Path, monkeypatch: p
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_failed_tasks_are_told_and_tried_again(
+def test_failed_tasks_are_reported_and_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jobs: int
 ) -> None:
     broken = tmp_path / "broken"
@@ -128,7 +128,7 @@ def test_nothing_but_failures_still_has_an_index(tmp_path: Path, monkeypatch: py
 
 
 def test_a_killed_process_is_an_error_in_words(tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match=r"killed.*start the command again"):
+    with pytest.raises(StudyError, match=r"killed.*run the command again"):
         run(stub.stub_study(measure=stub.measure_and_die), tmp_path, jobs=2)
 
 

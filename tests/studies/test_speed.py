@@ -166,7 +166,7 @@ def test_a_baseline_is_checked(tmp_path: Path) -> None:
     path = tmp_path / "other.json"
     for text in ("no JSON", "[]", '{"relative": {}}', json.dumps(_found(front_end=0.0))):
         path.write_text(text)
-        with pytest.raises(StudyError, match="is no baseline"):
+        with pytest.raises(StudyError, match="is not a baseline"):
             read_baseline(path)
     path.write_text(json.dumps(_found()))
     assert read_baseline(path) == _found()

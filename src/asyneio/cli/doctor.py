@@ -1,4 +1,4 @@
-"""`asyneio doctor`: is a recording usable, and if not, what is to be done?"""
+"""`asyneio doctor`: check whether a recording is usable, and report how to fix it if it is not."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from asyneio.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from asyneio.doctor.result import Diagnosis
+    from asyneio.doctor.result import Report
 
 _STYLES = {"OK": "green", "NOTE": "cyan", "WARNING": "yellow", "FAIL": "bold red"}
 
 
 def doctor(
     recording: Annotated[
-        Path, typer.Argument(help="A recording of any kind, inertial samples or a calibration alone.")
+        Path, typer.Argument(help="A recording of any format, or inertial samples or a calibration alone.")
     ],
     calibration: CalibrationOption = None,
     imu: ImuOption = None,
@@ -34,10 +34,10 @@ def doctor(
     samples: SamplesOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
 ) -> None:
-    """Examine a recording as it stands in its files.
+    """Check a recording as it is stored in its files.
 
-    Each check says OK, NOTE (good to know), WARNING (results suffer) or FAIL (not usable as it is), with what
-    was measured, what was expected and a cure. The exit status is 1 where a check says FAIL, else 0.
+    Each check reports OK, NOTE (good to know), WARNING (results will suffer) or FAIL (not usable as it is),
+    with the measured and expected values and a fix. The exit status is 1 if any check reports FAIL, else 0.
     """
     import json
 
@@ -45,38 +45,36 @@ def doctor(
     from asyneio.doctor import Severity, examine
     from asyneio.io import ReadOptions
 
-    with share_progress("examining") as progress:
-        diagnosis = examine(
-            recording, ReadOptions(calibration, imu, events, samples, camera, preset), progress
-        )
+    with share_progress("checking") as progress:
+        report = examine(recording, ReadOptions(calibration, imu, events, samples, camera, preset), progress)
     if as_json:
-        typer.echo(json.dumps(diagnosis.to_dict(), indent=2, allow_nan=False))
+        typer.echo(json.dumps(report.to_dict(), indent=2, allow_nan=False))
     else:
-        _show(diagnosis)
-    if diagnosis.worst is Severity.FAIL:
+        _show(report)
+    if report.worst is Severity.FAIL:
         raise typer.Exit(1)
 
 
-def _show(diagnosis: Diagnosis) -> None:
-    """CheckResult by verdict, then what a run would tell, then the summary, on standard output."""
+def _show(report: Report) -> None:
+    """Print the headline, each result, the messages of a run, and the summary."""
     from rich.console import Console
     from rich.padding import Padding
     from rich.text import Text
 
     console = Console(highlight=False)
-    console.print(Text(diagnosis.headline, style="bold"))
-    for verdict in diagnosis.verdicts:
-        name = verdict.severity.name
-        line = Text.assemble((f"{name:8}", _STYLES[name]), (f"{verdict.check}: ", "bold"), verdict.measured)
+    console.print(Text(report.headline, style="bold"))
+    for result in report.results:
+        name = result.severity.name
+        line = Text.assemble((f"{name:8}", _STYLES[name]), (f"{result.check}: ", "bold"), result.measured)
         console.print(line)
-        for label, text in (("expected", verdict.expected), ("cure", verdict.cure)):
+        for label, text in (("expected", result.expected), ("fix", result.fix)):
             if text:
                 console.print(
                     Padding(Text.assemble((f"{label}: ", "dim"), text), (0, 0, 0, 10), expand=False)
                 )
-    for text in diagnosis.repairs:
-        console.print(Text.assemble(("a run would tell: ", "dim"), text))
-    speed = diagnosis.events / max(diagnosis.reading_s, 1e-9) / 1e6
-    took = f"{diagnosis.seconds:.1f} s"
-    took += f", events read at {speed:.1f} Mev/s" if diagnosis.events else ""
-    console.print(Text.assemble((f"{diagnosis.summary}", "bold"), f" ({took})"))
+    for text in report.repairs:
+        console.print(Text.assemble(("a run would report: ", "dim"), text))
+    speed = report.events / max(report.reading_s, 1e-9) / 1e6
+    took = f"{report.seconds:.1f} s"
+    took += f", events read at {speed:.1f} Mev/s" if report.events else ""
+    console.print(Text.assemble((f"{report.summary}", "bold"), f" ({took})"))

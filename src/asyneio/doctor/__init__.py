@@ -1,6 +1,6 @@
-"""Is a recording usable, and if not, what is to be done?"""
+"""Check whether a recording is usable, and report how to fix it if it is not."""
 
 from asyneio.doctor.examination import examine
-from asyneio.doctor.result import CheckResult, Diagnosis, Severity
+from asyneio.doctor.result import CheckResult, Report, Severity
 
-__all__ = ["CheckResult", "Diagnosis", "Severity", "examine"]
+__all__ = ["CheckResult", "Report", "Severity", "examine"]

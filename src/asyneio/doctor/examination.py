@@ -1,4 +1,4 @@
-"""The examination: gather the evidence, put it to every check, in this order."""
+"""Read a recording and run all checks on it, in a fixed order."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ from asyneio.doctor.checks.imu_values import (
     check_gravity,
     check_imu_units,
     check_noise,
-    check_rest,
     check_spikes_and_saturation,
+    check_stationary,
 )
 from asyneio.doctor.checks.intrinsics import check_calibration_there, check_focal_length, check_lens
 from asyneio.doctor.checks.replay import check_replay
@@ -46,11 +46,11 @@ from asyneio.doctor.folder_files import check_files
 from asyneio.doctor.gathering import gather
 from asyneio.doctor.inspection import Inspection, fail, ok
 from asyneio.doctor.other_kinds import MATLAB, PICTURES, POSES
-from asyneio.doctor.result import CheckResult, Diagnosis, Severity
+from asyneio.doctor.result import CheckResult, Report, Severity
 from asyneio.io.recording.contents import ReadOptions
 from asyneio.progress import ProgressCallback
 
-#: One after the other; None: there is nothing that this check could look at.
+#: In the order of the report. A check returns None if it does not apply.
 CHECKS: tuple[Callable[[Inspection], CheckResult | None], ...] = (
     check_files,
     check_duration,
@@ -70,7 +70,7 @@ CHECKS: tuple[Callable[[Inspection], CheckResult | None], ...] = (
     check_imu_units,
     check_dead_axes,
     check_spikes_and_saturation,
-    check_rest,
+    check_stationary,
     check_gravity,
     check_imu_scale,
     check_noise,
@@ -86,70 +86,70 @@ CHECKS: tuple[Callable[[Inspection], CheckResult | None], ...] = (
 )
 
 
-#: Checks that look at the events that were read.
+#: Checks of the events that were read.
 _OF_EVENTS = {
     "duration", "event rate", "event clock", "event order", "event pauses", "repeated events", "resolution",
     "polarity", "hot pixels", "flicker", "clocks",
 }  # fmt: skip
 
-#: What to do with files that are no recordings.
-CURES = {
-    MATLAB: "this is a MATLAB file: write its events as text (events.txt), t[s] x y p a line",
-    PICTURES: "these are pictures: they hold no events; the simulator takes them as textures",
-    POSES: "this is a trajectory: compare with it (asyneio evaluate), or simulate along it",
+#: What to do with files that are not recordings.
+FIXES = {
+    MATLAB: "this is a MATLAB file: write its events as text (events.txt), one line `t[s] x y p` per event",
+    PICTURES: "these are pictures: they contain no events; the simulator takes them as textures",
+    POSES: "this is a trajectory: use it as ground truth (asyneio evaluate), or simulate along it",
 }
 
 
 def examine(
-    path: Path | str, options: ReadOptions | None = None, progress: ProgressCallback | None = None
-) -> Diagnosis:
-    """Whether a recording is usable, and if not, what is to be done.
+    path: Path | str, options: ReadOptions | None = None, progress: Callable[[float], None] | None = None
+) -> Report:
+    """Check whether a recording is usable, and report how to fix it if it is not.
 
     Args:
-        path: a recording of any kind, or anything else: what cannot be read becomes a verdict.
-        options: what the user says about it.
-        progress: is told the share done.
+        path: a recording of any kind; what cannot be read is reported as a result, not raised.
+        options: the user's reading options.
+        progress: called with the fraction done, 0 to 1.
     """
     started = time.perf_counter()
-    evidence, reading_s = gather(Path(path), options or ReadOptions(), progress)
-    verdicts = [_what_it_is(evidence)] if evidence.examinable else []
-    cure = CURES.get(evidence.kind, "")
-    verdicts += [fail(refusal.part, refusal.message, "", cure) for refusal in evidence.refusals]
-    found = [verdict for check in CHECKS if (verdict := check(evidence)) is not None]
-    if any(refusal.part == "events" for refusal in evidence.refusals):
-        # What the reader gave up on is not judged a second time.
-        found = [verdict for verdict in found if verdict.check not in _OF_EVENTS or not verdict.cure]
-    verdicts += found
-    return Diagnosis(
+    inspection, reading_s = gather(Path(path), options or ReadOptions(), progress)
+    results = [_what_it_is(inspection)] if inspection.examinable else []
+    fix = FIXES.get(inspection.kind, "")
+    results += [fail(failure.part, failure.message, "", fix) for failure in inspection.failures]
+    found = [result for check in CHECKS if (result := check(inspection)) is not None]
+    if any(failure.part == "events" for failure in inspection.failures):
+        # The reader already reported why it stopped: checks must not fail for the same cause.
+        found = [result for result in found if result.check not in _OF_EVENTS or not result.fix]
+    results += found
+    return Report(
         recording=str(path),
-        verdicts=tuple(verdicts),
-        commands=("run",) if evidence.tracks is not None else ("run", "track"),
-        repairs=evidence.notes,
-        events=evidence.events.count if evidence.events else 0,
+        results=tuple(results),
+        commands=("run",) if inspection.tracks is not None else ("run", "track"),
+        repairs=inspection.notes,
+        events=inspection.events.count if inspection.events else 0,
         seconds=time.perf_counter() - started,
         reading_s=reading_s,
     )
 
 
-def _what_it_is(evidence: Inspection) -> CheckResult:
-    """The kind of recording and how much of it there is."""
-    parts = [evidence.kind]
-    if evidence.events is not None:
-        parts.append(f"{evidence.events.count} events")
-    if evidence.tracks is not None:
-        parts.append(f"{evidence.tracks.size} observations of tracks")
-    parts += [f"{t.size} samples of the {name}" for name, t, _ in streams_of(evidence)]
-    if evidence.truth is not None:
-        parts.append(f"{evidence.truth.t_ns.size} true poses")
-    # Where the reader gave up, its refusal says all.
-    if evidence.sees or any(refusal.part == "events" for refusal in evidence.refusals):
-        return ok("recording", ", ".join(parts), kind=evidence.kind)
+def _what_it_is(inspection: Inspection) -> CheckResult:
+    """The kind of recording and the number of samples of each part."""
+    parts = [inspection.kind]
+    if inspection.events is not None:
+        parts.append(f"{inspection.events.count} events")
+    if inspection.tracks is not None:
+        parts.append(f"{inspection.tracks.size} track observations")
+    parts += [f"{t.size} samples of the {name}" for name, t, _ in streams_of(inspection)]
+    if inspection.truth is not None:
+        parts.append(f"{inspection.truth.t_ns.size} ground-truth poses")
+    # If the reader stopped, its failure is the report.
+    if inspection.sees or any(failure.part == "events" for failure in inspection.failures):
+        return ok("recording", ", ".join(parts), kind=inspection.kind)
     return CheckResult(
         "recording",
         Severity.WARNING,
         f"{', '.join(parts)}; no events and no tracks",
         "events or feature tracks",
-        "name the recording of the camera as well: these are checks of a part",
-        {"kind": evidence.kind},
+        "name the camera recording as well: only part of the data was checked",
+        {"kind": inspection.kind},
         prevents=("run", "track"),
     )

@@ -1,7 +1,7 @@
-"""Excerpts of a stream of events, spread over all of it, kept in bounded memory.
+"""Excerpts spread over a whole event stream, kept in bounded memory.
 
-How long the stream is, is not known before its end: whenever there are more excerpts than room, every other
-one is dropped and new ones are begun half as often.
+The length of the stream is not known in advance: when the buffer is full, every second excerpt is dropped and
+the spacing of new ones is doubled.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import numpy as np
 
 from asyneio.types import EVENT_DTYPE, RecordArray
 
-#: At most so many excerpts of at most so many events: 48 MB.
+#: Maximum number of excerpts, and of events in each: 48 MB.
 MAX_EXCERPTS, MAX_EVENTS = 256, 12_000
-#: An excerpt lasts at most so long; where events are many it is thinned out to last the shorter time.
+#: Maximum length of an excerpt; at high event rates it is subsampled to last at least the shorter time.
 _LONGEST_NS, _THINNED_NS = 250_000_000, 50_000_000
 _FIRST_SPACING_NS = 50_000_000
 _FIRST_NS = -(1 << 62)
@@ -22,10 +22,10 @@ class Excerpts:
     """Takes ascending events (EVENT_DTYPE) piece by piece."""
 
     def __init__(self) -> None:
-        # One block for all: copies of their own, between the buffers of a decoder, would scatter the memory.
+        # One block for all excerpts: separate arrays between a decoder's buffers would fragment the memory.
         self._room = np.empty((MAX_EXCERPTS + 2, MAX_EVENTS), dtype=EVENT_DTYPE)
         self._free = list(range(MAX_EXCERPTS + 2))
-        #: Row and length of the excerpts that are complete.
+        #: Row and length of the complete excerpts.
         self._done: list[tuple[int, int]] = []
         self._row = self._held = 0
         self._begin_ns: int | None = None
@@ -34,7 +34,7 @@ class Excerpts:
         self._spacing_ns = _FIRST_SPACING_NS
 
     def feed(self, events: RecordArray) -> None:
-        """Take what belongs to the excerpt that is open; begin the next where its turn has come."""
+        """Append to the open excerpt; begin the next one when its time has come."""
         while events.size:
             if self._begin_ns is None:
                 events = events[int(np.searchsorted(events["t_ns"], self._following_ns)) :]
@@ -50,7 +50,7 @@ class Excerpts:
             self._close()
 
     def all(self) -> list[RecordArray]:
-        """The excerpts, in order of time, as views; the last may be short."""
+        """The excerpts in time order, as views; the last may be short."""
         found = list(self._done)
         if self._begin_ns is not None and self._held:
             found.append((self._row, self._held))
@@ -59,14 +59,14 @@ class Excerpts:
     def _begin(self, events: RecordArray) -> None:
         self._begin_ns = int(events["t_ns"][0])
         self._end_ns = self._begin_ns + _LONGEST_NS
-        # As many in a short time as this piece has, if all were kept.
+        # Number of events in the shorter time, at the rate of this piece.
         span_ns = max(int(events["t_ns"][-1]) - self._begin_ns, 1)
         expected = events.size * _THINNED_NS / max(span_ns, _THINNED_NS // 50)
         self._step = max(1, round(expected / MAX_EVENTS))
         self._row, self._held = self._free.pop(), 0
 
     def _close(self) -> None:
-        """End the open excerpt; the next begins after its spacing."""
+        """End the open excerpt; the next one begins one spacing later."""
         assert self._begin_ns is not None
         last_ns = int(self._room[self._row, self._held - 1]["t_ns"])
         end_ns = last_ns + 1 if self._held == MAX_EVENTS else self._end_ns

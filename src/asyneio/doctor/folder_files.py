@@ -1,4 +1,4 @@
-"""What of a folder is used, and what is not, with the reason."""
+"""Which files of a folder are used, which are not, and why."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from asyneio.io.open_recording import described, format_of_file
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.recording.sidecar import GROUND_TRUTH_FILES, first_file
 
-#: Endings of files that hold data of sensors, or pack some.
+#: Suffixes of files that may contain sensor data, including archives.
 _DATA = {
     ".raw", ".dat", ".aedat", ".aedat4", ".h5", ".hdf5", ".bag", ".db3", ".mcap", ".npz", ".npy", ".es",
     ".mat", ".zip", ".gz", ".zst", ".bz2", ".xz", ".7z", ".tar", ".csv", ".tum", ".bin",
@@ -26,8 +26,13 @@ _MOST_LISTED = 8
 
 @dataclass(frozen=True)
 class FolderFiles:
-    """Files of a folder: what each is used for, and why the others are not used; `data` among these may hold
-    what the user meant."""
+    """Files of a folder.
+
+    Attributes:
+        used: name and use of each used file.
+        unused: name of each unused file, and why it is not used.
+        data: names of the unused files that may contain sensor data.
+    """
 
     used: dict[str, str]
     unused: dict[str, str]
@@ -35,13 +40,13 @@ class FolderFiles:
 
 
 def files_of(path: Path, source: Path, contents: Contents, options: ReadOptions) -> FolderFiles | None:
-    """Files of the folder that was named; None where a file was, or a folder that is one recording itself.
+    """Used and unused files of a folder; None for a file, or for a folder whose format uses all its files.
 
     Args:
-        path: what the user named.
-        source: what was read as events.
-        contents: what the reader found.
-        options: what the user said.
+        path: path given by the user.
+        source: path that was read as events.
+        contents: contents found by the reader.
+        options: the user's reading options.
     """
     if not path.is_dir():
         return None
@@ -72,7 +77,7 @@ def files_of(path: Path, source: Path, contents: Contents, options: ReadOptions)
 
 
 def files_in(folder: Path) -> list[Path]:
-    """Its files but the hidden ones, in order."""
+    """Files of a folder without the hidden ones, sorted by name."""
     try:
         return sorted(entry for entry in folder.iterdir() if entry.is_file() and entry.name[0] != ".")
     except OSError:
@@ -80,26 +85,26 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def may_be_data(file: Path) -> bool:
-    """Whether a file may hold what sensors saw, by its name."""
+    """Whether a file may contain sensor data, judged by its name."""
     name = file.name.lower()
     return file.suffix.lower() in _DATA or "event" in name or ("imu" in name and file.suffix in _TABLES)
 
 
-def check_files(evidence: Inspection) -> CheckResult | None:
-    """Which files of the folder are used, and which are not."""
-    files = evidence.files
+def check_files(inspection: Inspection) -> CheckResult | None:
+    """Report which files of the folder are used, and which are not."""
+    files = inspection.files
     if files is None:
         return None
-    said = "used: " + ", ".join(f"{name} ({role})" for name, role in files.used.items())
+    text = "used: " + ", ".join(f"{name} ({role})" for name, role in files.used.items())
     if files.unused:
         listed = [f"{name} ({why})" for name, why in files.unused.items()]
         more = f" and {len(listed) - _MOST_LISTED} more" if len(listed) > _MOST_LISTED else ""
-        said += f"; not used: {', '.join(listed[:_MOST_LISTED])}{more}"
+        text += f"; not used: {', '.join(listed[:_MOST_LISTED])}{more}"
     values = {"used": files.used, "unused": files.unused}
     if not files.data:
-        return ok("files", said, **values)
-    cure = "name a recording of its own by its file; name samples with --samples FILE"
-    return note("files", said, "files of one recording", cure, **values)
+        return ok("files", text, **values)
+    fix = "to use another recording, pass its file; to use other samples, pass --samples FILE"
+    return note("files", text, "files of one recording", fix, **values)
 
 
 def _why_unused(file: Path, contents: Contents) -> str:
@@ -110,7 +115,7 @@ def _why_unused(file: Path, contents: Contents) -> str:
             return f"{format.title}: another recording"
         if "imu" in name and file.suffix.lower() in _TABLES:
             taken = contents.samples.name if contents.samples is not None else "none"
-            return f"inertial samples, but those of {taken} are taken"
+            return f"inertial samples; {taken} is used instead"
         if is_calibration(file):
             return "not applied"
         return described(file)

@@ -1,4 +1,4 @@
-"""All that the checks look at: a recording as it stands in its files, and what a run would make of it."""
+"""The input of the checks: a recording as stored in its files, and as a run would use it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from asyneio.doctor.result import CheckResult, Severity
 from asyneio.doctor.rotation.alignment import Alignment
 from asyneio.doctor.rotation.camera_rates import CameraRates
 from asyneio.doctor.rotation.gains import Gains
-from asyneio.doctor.stationary import Rest, find_rest
+from asyneio.doctor.stationary import StationarySpans, find_stationary
 from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
 from asyneio.io.parsing.isolated_stamps import isolated
 from asyneio.io.recording.contents import Samples
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Refusal:
-    """What a reader would not take: of which part, and in its own words."""
+class ReadFailure:
+    """A part of a recording that could not be read, and the reader's message."""
 
     part: str
     message: str
@@ -35,36 +35,43 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Readings:
-    """Rows (INERTIAL_DTYPE) of an inertial sensor; `misdated` more had a wrong stamp all by themselves."""
+    """Samples of an inertial sensor.
+
+    Attributes:
+        name: name of the sensor.
+        rows: samples (INERTIAL_DTYPE) without those whose timestamp is an isolated outlier.
+        wrong_stamps: number of samples left out for that reason.
+    """
 
     name: str
     rows: RecordArray
-    misdated: int
+    wrong_stamps: int
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """A recording, in parts; each is None where there is none, or where a refusal tells why.
+    """The parts of a recording; a part is None if it is absent or if `failures` reports why it was not read.
 
     Attributes:
-        path: of the recording.
-        kind: its format, in words.
-        events: figures of the events as they stand in the file.
-        size: of the sensor as declared by the recording itself [px].
-        tracks: OBSERVATION_DTYPE, camera clock, of a tracks folder.
-        samples: inertial samples as they stand.
+        path: path of the recording.
+        kind: name of its format.
+        events: statistics of the events as stored in the file.
+        size: sensor size (width, height) that the recording itself declares [px].
+        tracks: observations of a tracks folder (OBSERVATION_DTYPE, camera clock).
+        samples: inertial samples as stored in the file.
         streams: inertial samples as a run would use them.
-        camera: the lens; `lens_guessed`: no file tells it, so it is a guess for rough use; `size_guessed`: no
-            file tells the sensor's size with it.
-        calibration: lens, extrinsics and noise, where all are known.
-        truth: true poses.
+        camera: intrinsics.
+        intrinsics_guessed: no file contains intrinsics; `camera` is a rough guess.
+        size_guessed: no file contains the sensor size that belongs to the intrinsics.
+        calibration: intrinsics, extrinsics and noise, if all are known.
+        truth: ground-truth poses.
         rates: angular velocity of the camera, from events or tracks.
-        alignment: of these with the gyroscope.
-        files: of the folder, used or not.
-        gyroscope_scale: by which the gyroscope's readings were divided before that.
-        gains: how large the camera's motion is of the gyroscope's so divided.
-        refusals: what could not be read.
-        notes: what a run would tell of repairs and assumptions.
+        alignment: of these rates with the gyroscope.
+        files: files of the folder, used or not.
+        gyroscope_scale: scale by which the gyroscope readings were divided before the alignment.
+        gains: ratios of the camera's motion to the gyroscope readings divided by that scale.
+        failures: parts that could not be read.
+        notes: messages in which a run would report repairs and assumptions.
     """
 
     path: Path
@@ -75,7 +82,7 @@ class Inspection:
     samples: Samples | None = None
     streams: InertialStreams | None = None
     camera: CameraIntrinsics | None = None
-    lens_guessed: bool = False
+    intrinsics_guessed: bool = False
     size_guessed: bool = False
     calibration: Calibration | None = None
     truth: PoseTrajectory | None = None
@@ -84,27 +91,27 @@ class Inspection:
     files: FolderFiles | None = None
     gyroscope_scale: float = 1.0
     gains: Gains | None = None
-    refusals: tuple[Refusal, ...] = ()
+    failures: tuple[ReadFailure, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
     @property
     def sees(self) -> bool:
-        """Whether there are events or tracks at all."""
+        """Whether there are any events or tracks."""
         return self.tracks is not None or (self.events is not None and self.events.count > 0)
 
     @property
     def examinable(self) -> bool:
-        """Whether there is anything to look at."""
+        """Whether there is anything to check."""
         return any(part is not None for part in (self.events, self.tracks, self.samples, self.camera))
 
     @cached_property
-    def rest(self) -> Rest:
-        """Where the inertial sensors lie still."""
-        return find_rest(self.streams) if self.streams is not None else Rest(0, (), ())
+    def stationary(self) -> StationarySpans:
+        """Spans in which the inertial sensors are stationary."""
+        return find_stationary(self.streams) if self.streams is not None else StationarySpans(0, (), ())
 
     @cached_property
     def readings(self) -> tuple[Readings, ...]:
-        """Samples of each sensor that has any, in the order of the file, without isolated wrong stamps."""
+        """Samples of each sensor that has any, in file order, without isolated wrong timestamps."""
         if self.samples is None:
             return ()
         found = []
@@ -117,11 +124,11 @@ class Inspection:
 
     @cached_property
     def gravity(self) -> GravityWitness | None:
-        """What gravity tells of the scales of the inertial sensors."""
+        """Scales of the inertial sensors estimated from gravity."""
         return ask_gravity(self.streams.gyroscope, self.streams.accelerometer) if self.streams else None
 
     def span_ns(self) -> tuple[int, int] | None:
-        """First and last time of what the camera saw, camera clock."""
+        """First and last time of the events or tracks [ns, camera clock]."""
         if self.tracks is not None and self.tracks.size:
             return int(self.tracks["t_ns"][0]), int(self.tracks["t_ns"][-1])
         if self.events is not None and self.events.count:
@@ -130,20 +137,20 @@ class Inspection:
 
 
 def ok(check: str, measured: str, **values: object) -> CheckResult:
-    """Nothing amiss."""
+    """Result without a problem."""
     return CheckResult(check, Severity.OK, measured, values=values)
 
 
-def note(check: str, measured: str, expected: str = "", cure: str = "", **values: object) -> CheckResult:
-    """Good to know."""
-    return CheckResult(check, Severity.NOTE, measured, expected, cure, values)
+def note(check: str, measured: str, expected: str = "", fix: str = "", **values: object) -> CheckResult:
+    """Result that is good to know."""
+    return CheckResult(check, Severity.NOTE, measured, expected, fix, values)
 
 
-def warning(check: str, measured: str, expected: str, cure: str, **values: object) -> CheckResult:
-    """Results suffer."""
-    return CheckResult(check, Severity.WARNING, measured, expected, cure, values)
+def warning(check: str, measured: str, expected: str, fix: str, **values: object) -> CheckResult:
+    """Result for a problem that degrades the odometry."""
+    return CheckResult(check, Severity.WARNING, measured, expected, fix, values)
 
 
-def fail(check: str, measured: str, expected: str, cure: str, **values: object) -> CheckResult:
-    """Not usable as it is."""
-    return CheckResult(check, Severity.FAIL, measured, expected, cure, values)
+def fail(check: str, measured: str, expected: str, fix: str, **values: object) -> CheckResult:
+    """Result for a recording that is not usable as it is."""
+    return CheckResult(check, Severity.FAIL, measured, expected, fix, values)

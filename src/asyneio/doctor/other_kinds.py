@@ -1,4 +1,4 @@
-"""Inspection on what holds no events: tracks folders, inertial samples alone, a calibration alone."""
+"""Inspection of data without events: tracks folders, inertial samples alone, a calibration alone."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.doctor.folder_files import files_in, may_be_data
-from asyneio.doctor.inspection import Inspection, Refusal
+from asyneio.doctor.inspection import Inspection, ReadFailure
 from asyneio.doctor.views import is_calibration
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
 from asyneio.io.calibration import (
@@ -30,24 +30,24 @@ from asyneio.io.tracks.inertial import read_inertial_folder
 from asyneio.io.tracks.reader import read_tracks_folder
 from asyneio.types import INERTIAL_DTYPE, Calibration, CameraIntrinsics, PoseTrajectory
 
-#: Where data sets put samples and poses, below the folder that is named; then any file so called.
-_INERTIAL_PLACES = (*SAMPLE_FILES, "*imu*.csv", "*imu*.txt")
-_TRUTH_PLACES = (*GROUND_TRUTH_FILES, "*groundtruth*.csv", "*groundtruth*.tum", "*groundtruth*.txt")
-#: What files that are no recordings begin with.
+#: Paths of samples and poses in common data sets, relative to the folder; then any file with such a name.
+_INERTIAL_PATTERNS = (*SAMPLE_FILES, "*imu*.csv", "*imu*.txt")
+_TRUTH_PATTERNS = (*TRUTH_FILES, "*groundtruth*.csv", "*groundtruth*.tum", "*groundtruth*.txt")
+#: First bytes of files that are not recordings.
 MATLAB, PICTURES, POSES = "a MATLAB file", "pictures", "a trajectory"
 _OTHER_FILES = {b"MATLAB": MATLAB, b"\x89PNG": PICTURES, b"\xff\xd8\xff": PICTURES}
 _COMBINED, _GYROSCOPE, _ACCELEROMETER = "imu.csv", "gyroscope.csv", "accelerometer.csv"
 
 
 def gather_tracks(path: Path, options: ReadOptions) -> Inspection:
-    """A tracks folder: tracks, samples and calibration, each as far as it can be read."""
-    refusals: list[Refusal] = []
+    """Inspection of a tracks folder: tracks, samples and calibration, as far as each can be read."""
+    failures: list[ReadFailure] = []
     notes: tuple[str, ...] = ()
     sources = CalibrationSources()
     try:
         sources = find_calibration(path, options.calibration, options.imu)
     except CalibrationError as error:
-        refusals.append(Refusal("calibration", str(error)))
+        failures.append(ReadFailure("calibration", str(error)))
     samples: Samples | None = None
     streams: InertialStreams | None = None
     try:
@@ -55,24 +55,24 @@ def gather_tracks(path: Path, options: ReadOptions) -> Inspection:
         streams = read_inertial_folder(path, sources.declared_hz)
         notes = streams.notes
     except RecordingError as error:
-        refusals.append(Refusal("inertial samples", str(error)))
-    found: Calibration | IncompleteCalibration = IncompleteCalibration(None)
+        failures.append(ReadFailure("inertial samples", str(error)))
     try:
         rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams else None
         found, _ = sources.resolve(None, options.selection, rate_hz=rate_hz)
     except AsyneioError as error:
-        refusals.append(Refusal("calibration", str(error)))
+        failures.append(ReadFailure("calibration", str(error)))
+    calibration = rig.calibration
     tracks, truth = None, None
-    if streams is not None and not refusals:
+    if streams is not None and not failures:
         try:
             recording = read_tracks_folder(path, options)
             tracks, truth, notes = recording.observations.copy(), recording.ground_truth, recording.notes
-            # Back to the camera's clock, as they stand in the file.
+            # Back to the camera clock, as stored in the file.
             tracks["t_ns"] -= recording.calibration.timeshift_ns
         except CalibrationError as error:
-            refusals.append(Refusal("calibration", str(error)))
+            failures.append(ReadFailure("calibration", str(error)))
         except RecordingError as error:
-            refusals.append(Refusal("tracks", str(error)))
+            failures.append(ReadFailure("tracks", str(error)))
     return Inspection(
         path=path,
         kind="a tracks folder",
@@ -82,32 +82,32 @@ def gather_tracks(path: Path, options: ReadOptions) -> Inspection:
         camera=found.camera,
         calibration=found if isinstance(found, Calibration) else None,
         truth=truth,
-        refusals=tuple(refusals),
+        failures=tuple(failures),
         notes=notes,
     )
 
 
-def gather_other(path: Path, refusals: tuple[Refusal, ...], recognised: bool) -> Inspection:
-    """Inertial samples or a calibration alone; else the refusal of the readers of events.
+def gather_other(path: Path, failures: tuple[ReadFailure, ...], recognised: bool) -> Inspection:
+    """Inspection of inertial samples or a calibration alone; otherwise the failures of the event readers.
 
     Args:
-        path: what was named.
-        refusals: what the readers of events said.
-        recognised: whether there is a recording of events, which could not be read: that stays a refusal,
-            whatever else is there.
+        path: path given by the user.
+        failures: failures of the event readers.
+        recognised: whether the path is an event recording that could not be read; its failures are then kept
+            even if other data are found.
     """
     samples = _inertial_alone(path)
     if samples is not None:
-        kept = refusals if recognised else _unread(path)
-        return _inertial_evidence(path, samples, kept)
+        kept = failures if recognised else _unread(path)
+        return _inspect_inertial(path, samples, kept)
     camera = _calibration_alone(path)
     if camera is not None:
         return Inspection(path=path, kind="a calibration alone", camera=camera)
-    return Inspection(path=path, kind=_what_else(path), refusals=refusals)
+    return Inspection(path=path, kind=_what_else(path), failures=failures)
 
 
 def _what_else(path: Path) -> str:
-    """What a path holds that is no recording, in words; empty where that is not known."""
+    """Kind of the data at a path that is not a recording; empty if unknown."""
     files = [path] if path.is_file() else []
     if path.is_dir():
         files = sorted(entry for entry in path.iterdir() if entry.is_file())
@@ -131,44 +131,44 @@ def _kind_of(file: Path) -> str:
     return POSES
 
 
-def _unread(path: Path) -> tuple[Refusal, ...]:
-    """A refusal for each file of a folder that may hold events, but is of no format that is read."""
-    refusals = []
+def _unread(path: Path) -> tuple[ReadFailure, ...]:
+    """One failure for each file of a folder that may contain events in an unsupported format."""
+    failures = []
     for file in files_in(path) if path.is_dir() else []:
         if not may_be_data(file) or _is_known(path, file):
             continue
         try:
-            refusals.append(Refusal("events", f"{file.name} is {described(file)}"))
+            failures.append(ReadFailure("events", f"{file.name} is {described(file)}"))
         except AsyneioError as error:
-            refusals.append(Refusal("events", str(error)))
-    return tuple(refusals)
+            failures.append(ReadFailure("events", str(error)))
+    return tuple(failures)
 
 
 def _is_known(folder: Path, file: Path) -> bool:
-    """Whether a file is one of samples or poses, by its name."""
-    return file in _found(folder, _INERTIAL_PLACES) or file in _found(folder, _TRUTH_PLACES)
+    """Whether a file contains samples or poses, judged by its name."""
+    return file in _found(folder, _INERTIAL_PATTERNS) or file in _found(folder, _TRUTH_PATTERNS)
 
 
-def _inertial_evidence(path: Path, samples: Samples, refusals: tuple[Refusal, ...]) -> Inspection:
+def _inspect_inertial(path: Path, samples: Samples, failures: tuple[ReadFailure, ...]) -> Inspection:
     streams: InertialStreams | None = None
     try:
         streams = prepare_samples(samples, None)
     except RecordingError as error:
-        refusals += (Refusal("inertial samples", str(error)),)
+        failures += (ReadFailure("inertial samples", str(error)),)
     return Inspection(
         path=path,
         kind="inertial samples alone",
         samples=samples,
         streams=streams,
-        truth=_truth_beside(path),
-        refusals=refusals,
+        truth=_ground_truth_near(path),
+        failures=failures,
         notes=samples.notes if streams is None else streams.notes,
     )
 
 
 def _inertial_alone(path: Path) -> Samples | None:
-    """Samples of the file, or of the first that is one in a folder."""
-    for file in [path] if path.is_file() else _found(path, _INERTIAL_PLACES):
+    """Samples of the file, or of the first file with samples in a folder."""
+    for file in [path] if path.is_file() else _found(path, _INERTIAL_PATTERNS):
         if "imu" not in str(file.name).lower() and "imu" not in file.parent.name.lower():
             continue
         try:
@@ -178,8 +178,8 @@ def _inertial_alone(path: Path) -> Samples | None:
     return None
 
 
-def _truth_beside(path: Path) -> PoseTrajectory | None:
-    for file in _found(path if path.is_dir() else path.parent, _TRUTH_PLACES):
+def _ground_truth_near(path: Path) -> PoseTrajectory | None:
+    for file in _found(path if path.is_dir() else path.parent, _TRUTH_PATTERNS):
         try:
             return read_trajectory(file)[0]
         except AsyneioError:
@@ -188,7 +188,7 @@ def _truth_beside(path: Path) -> PoseTrajectory | None:
 
 
 def _calibration_alone(path: Path) -> CameraIntrinsics | None:
-    """The lens in a file of a calibration, or in a folder that holds one and no recording."""
+    """Intrinsics of a calibration file, or of a folder that contains calibration files only."""
     file = path
     if path.is_dir():
         files = [entry for entry in path.iterdir() if entry.is_file()]
@@ -208,7 +208,7 @@ def _found(folder: Path, places: tuple[str, ...]) -> list[Path]:
 
 
 def _raw_samples(folder: Path) -> Samples:
-    """Samples of a tracks folder as they stand."""
+    """Samples of a tracks folder as stored in its files."""
     if (folder / _COMBINED).is_file():
         return read_inertial_file(folder / _COMBINED)
     streams = []

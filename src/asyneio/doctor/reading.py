@@ -1,4 +1,4 @@
-"""The one pass over the events of a recording: figures, excerpts, and what a run would say of them."""
+"""A single pass over the events of a recording: statistics, excerpts, and the messages of a run."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from asyneio.doctor.event_scan import EventFigures, EventScan
 from asyneio.doctor.excerpts import Excerpts
-from asyneio.doctor.inspection import Refusal
+from asyneio.doctor.inspection import ReadFailure
 from asyneio.errors import RecordingError
 from asyneio.io.recording.contents import Contents, Samples, split_samples
 from asyneio.io.recording.event_checks import EventChecker, SensorSizeError, check_span
@@ -18,25 +18,37 @@ from asyneio.types import RecordArray
 
 @dataclass(frozen=True)
 class EventReading:
-    """What one pass found: `excerpts` are of the events as a run would have them, `samples` those met on the
-    way."""
+    """Result of the pass over the events.
+
+    Attributes:
+        figures: statistics of the events as stored in the file.
+        excerpts: parts of the events as a run would use them.
+        samples: inertial samples found in the event stream.
+        failures: what could not be read.
+        notes: messages in which a run would report repairs.
+    """
 
     figures: EventFigures
     excerpts: list[RecordArray]
     samples: Samples
-    refusals: tuple[Refusal, ...]
+    failures: tuple[ReadFailure, ...]
     notes: tuple[str, ...]
 
 
-def read_events(
-    contents: Contents, size: tuple[int, int] | None, progress: ProgressCallback | None
-) -> EventReading:
-    """Decode all events once. What the reader or a run refuses is kept as a refusal, and what came before it
-    still counts."""
+def read_events(contents: Contents, size: tuple[int, int] | None, progress: Progress | None) -> EventReading:
+    """Decode all events once.
+
+    An error of the reader or of a run's checks is kept as a failure; events before it are used.
+
+    Args:
+        contents: contents of the recording.
+        size: declared sensor size (width, height) [px]; None if unknown.
+        progress: called with the fraction done, 0 to 1.
+    """
     source = contents.decode()
     scan, excerpts = EventScan(), Excerpts()
     checker: EventChecker | None = EventChecker(source.path.name, *(size or (FAR_OUTSIDE, FAR_OUTSIDE)))
-    refusals: list[Refusal] = []
+    failures: list[ReadFailure] = []
     notes: tuple[str, ...] = ()
     lone = IsolatedEventFilter(source.path.name)
     try:
@@ -47,26 +59,26 @@ def read_events(
                     for piece in checker.feed(events):
                         excerpts.feed(piece)
                 except RecordingError as error:
-                    refusals.append(Refusal("event times", str(error)))
+                    failures.append(ReadFailure("event times", str(error)))
                     checker = None
             if progress is not None:
                 progress(share)
     except RecordingError as error:
-        refusals.append(Refusal("events", str(error)))
+        failures.append(ReadFailure("events", str(error)))
     figures = scan.figures()
     if checker is not None and figures.count:
         try:
             excerpts.feed(checker.finish())
             check_span(figures.first_ns, figures.last_ns, source.path.name)
         except SensorSizeError:
-            # The check of the resolution says more.
+            # `check_resolution` reports this in more detail.
             pass
         except RecordingError as error:
-            refusals.append(Refusal("event times", str(error)))
+            failures.append(ReadFailure("event times", str(error)))
         notes = checker.notes()
     samples = split_samples(source.samples(), f"the IMU of {contents.name}")
     return EventReading(
-        figures, excerpts.all(), samples, tuple(refusals), source.notes() + lone.notes() + notes
+        figures, excerpts.all(), samples, tuple(failures), source.notes() + lone.notes() + notes
     )
 
 

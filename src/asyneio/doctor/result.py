@@ -1,4 +1,4 @@
-"""What a check has to say."""
+"""Results of the checks, and the report that collects them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Severity(IntEnum):
-    """How bad it is: OK; NOTE: good to know; WARNING: results suffer; FAIL: not usable as it is."""
+    """OK; NOTE: good to know; WARNING: results will suffer; FAIL: not usable as it is."""
 
     OK = 0
     NOTE = 1
@@ -18,7 +18,7 @@ class Severity(IntEnum):
 
 
 def _plain(value: Any) -> Any:
-    """As JSON can hold it: figures that are not finite become None."""
+    """Copy of a value that JSON can represent: numbers that are not finite become None."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -28,23 +28,23 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class CheckResult:
-    """The outcome of one check.
+    """The result of one check.
 
     Attributes:
-        check: its name.
-        severity: how bad it is.
-        measured: what was found, in words with figures.
-        expected: what a good recording has; empty where nothing is amiss.
-        cure: what to do; empty where nothing is amiss.
-        values: the figures as plain values, for machines.
-        prevents: commands that need what is missing, although nothing is wrong with what is there.
+        check: name of the check.
+        severity: severity of the finding.
+        measured: what was found, as text with figures.
+        expected: what a good recording has; empty if there is no problem.
+        fix: what to do; empty if there is no problem.
+        values: the figures as plain values, for programs.
+        prevents: commands that need the missing part, although the parts that exist are good.
     """
 
     check: str
     severity: Severity
     measured: str
     expected: str = ""
-    cure: str = ""
+    fix: str = ""
     values: dict[str, Any] = field(default_factory=dict)
     prevents: tuple[str, ...] = ()
 
@@ -55,22 +55,28 @@ class CheckResult:
             "severity": self.severity.name,
             "measured": self.measured,
             "expected": self.expected,
-            "cure": self.cure,
+            "fix": self.fix,
             "values": _plain(self.values),
             "prevents": list(self.prevents),
         }
 
 
 @dataclass(frozen=True)
-class Diagnosis:
-    """All verdicts on a recording, in the order of the checks, and how long the examination took.
+class Report:
+    """All results on a recording, in the order of the checks, and how long the checks took.
 
-    `commands` take recordings of this kind. `repairs` are the sentences in which a run would tell what it
-    repaired or assumed. Of the `seconds`, `reading_s` went into decoding and looking at events.
+    Attributes:
+        recording: path of the recording.
+        results: one result for each check that applies.
+        commands: commands that take recordings of this kind.
+        repairs: messages in which a run would report what it repaired or assumed.
+        events: number of events read.
+        seconds: duration of all checks [s].
+        reading_s: the part of it that went into decoding and scanning events [s].
     """
 
     recording: str
-    verdicts: tuple[CheckResult, ...]
+    results: tuple[CheckResult, ...]
     commands: tuple[str, ...] = ("run", "track")
     repairs: tuple[str, ...] = ()
     events: int = 0
@@ -79,42 +85,42 @@ class Diagnosis:
 
     @property
     def worst(self) -> Severity:
-        """The severity of the worst verdict."""
-        return max((verdict.severity for verdict in self.verdicts), default=Severity.OK)
+        """The highest severity of all results."""
+        return max((result.severity for result in self.results), default=Severity.OK)
 
     @property
     def usable_for(self) -> tuple[str, ...]:
-        """The commands that can use the recording as it is."""
+        """Commands that can use the recording as it is."""
         if self.worst is Severity.FAIL:
             return ()
-        prevented = {command for verdict in self.verdicts for command in verdict.prevents}
+        prevented = {command for result in self.results for command in result.prevents}
         return tuple(command for command in self.commands if command not in prevented)
 
     @property
     def headline(self) -> str:
-        """One line: usable or not, and the first cause."""
-        first = max(self.verdicts, key=lambda verdict: verdict.severity, default=None)
+        """One line: usable or not, and the most severe finding."""
+        first = max(self.results, key=lambda result: result.severity, default=None)
         if first is not None and first.severity is Severity.FAIL:
             return f"not usable as it is; first cause: {first.check}: {first.measured}"
         if not self.usable_for:
-            return "neither odometry nor tracking is possible with what is there"
+            return "neither odometry nor tracking is possible with this recording"
         usable = f"usable for {' and '.join(f'asyneio {command}' for command in self.usable_for)}"
         if first is None or first.severity is not Severity.WARNING:
             return usable
-        return f"{usable}; first to look at: {first.check}: {first.measured}"
+        return f"{usable}; check first: {first.check}: {first.measured}"
 
     @property
     def summary(self) -> str:
-        """One line: what it can be used for, and how many verdicts are bad."""
+        """One line: what the recording can be used for, and the number of results of each severity."""
         counts = ", ".join(
-            f"{sum(v.severity is severity for v in self.verdicts)} {severity.name}"
+            f"{sum(v.severity is severity for v in self.results)} {severity.name}"
             for severity in (Severity.FAIL, Severity.WARNING, Severity.NOTE)
         )
-        failed = [v.check for v in self.verdicts if v.severity is Severity.FAIL]
+        failed = [v.check for v in self.results if v.severity is Severity.FAIL]
         if failed:
             return f"not usable as it is ({', '.join(dict.fromkeys(failed))}): {counts}"
         if not self.usable_for:
-            return f"neither odometry nor tracking is possible with what is there: {counts}"
+            return f"neither odometry nor tracking is possible with this recording: {counts}"
         return f"usable for {' and '.join(f'asyneio {command}' for command in self.usable_for)}: {counts}"
 
     def to_dict(self) -> dict[str, Any]:
@@ -125,7 +131,7 @@ class Diagnosis:
             "usable_for": list(self.usable_for),
             "summary": self.summary,
             "headline": self.headline,
-            "verdicts": [verdict.to_dict() for verdict in self.verdicts],
+            "results": [result.to_dict() for result in self.results],
             "repairs": list(self.repairs),
             "events": self.events,
             "seconds": self.seconds,

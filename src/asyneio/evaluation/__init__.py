@@ -1,6 +1,6 @@
 """Compare estimates with ground truth: association, alignment, metrics, protocols, consistency.
 
-Imports nothing of the estimator, so that it may judge it.
+The package imports nothing from the estimator, so that it can be used to evaluate it.
 """
 
 from asyneio.evaluation.alignment import AlignmentKind as AlignmentKind

@@ -1,7 +1,7 @@
-"""Alignments of an estimate to the truth, each in closed form.
+"""Alignments of an estimate with the ground truth, in closed form.
 
-An alignment is a similarity `p_w = scale R p_e + t` from the estimator's world `e` to the truth's world `w`
-(both with z up where yaw is spoken of).
+An alignment is a similarity `p_w = scale R p_e + t` from the estimator's world `e` to the world `w` of the
+ground truth. Alignments by yaw assume that z is up in both.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from asyneio.errors import EvaluationError
 from asyneio.evaluation.association import PoseTrack
 from asyneio.types import FloatArray
 
-#: Spread in the second direction, relative to the first, below which a rotation is undetermined.
+#: Ratio of the spreads in the second and first direction below which a rotation is undetermined.
 _FLATNESS = 1e-9
 
 
 class AlignmentKind(StrEnum):
-    """What may be fitted."""
+    """Kinds of alignment."""
 
     POSYAW = "posyaw"
     SE3 = "se3"
@@ -38,7 +38,7 @@ class Similarity:
     t: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def apply(self, track: PoseTrack) -> PoseTrack:
-        """Poses of the estimate expressed in the truth's world."""
+        """Poses of the estimate in the world of the ground truth."""
         return PoseTrack(self.scale * track.position @ self.R.T + self.t, self.R @ track.C)
 
 
@@ -73,7 +73,8 @@ def align(kind: AlignmentKind, estimate: PoseTrack, truth: PoseTrack) -> Similar
 
 
 def align_posyaw(estimate: FloatArray, truth: FloatArray) -> Similarity:
-    """Position and yaw, the four freedoms of a visual-inertial estimate; least squares over positions (N,3).
+    """Position and yaw, the unobservable freedoms of visual-inertial estimates; least squares over positions
+    (N,3).
 
     The yaw maximises `sum (p_w - mean)^T Rz(yaw) (p_e - mean)` (Zhang and Scaramuzza, IROS 2018).
 
@@ -114,6 +115,6 @@ def align_umeyama(estimate: FloatArray, truth: FloatArray, with_scale: bool) -> 
 
 
 def align_origin(estimate: PoseTrack, truth: PoseTrack) -> Similarity:
-    """Position and yaw of the first pose alone."""
+    """Position and yaw of the first pose."""
     R = yaw_rotation(float(yaw_of(truth.C[0] @ estimate.C[0].T)))
     return Similarity(1.0, R, truth.position[0] - R @ estimate.position[0])

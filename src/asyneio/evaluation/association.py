@@ -1,4 +1,4 @@
-"""Bring ground truth to the times of an estimate: linear in position, slerp in attitude."""
+"""Interpolate ground truth at the times of an estimate: linear in position, slerp in attitude."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ class PoseTrack:
 
 @dataclass(frozen=True)
 class Association:
-    """Estimated and true poses at the same N times `t_ns`; `unassociated` estimates had no truth nearby."""
+    """Estimated and true poses at the same N times `t_ns`; `unassociated` is the number of other
+    estimates."""
 
     t_ns: IntArray
     estimate: PoseTrack
@@ -32,14 +33,14 @@ class Association:
 
 
 def associate(estimate: PoseTrajectory, truth: PoseTrajectory, max_gap_s: float = 0.05) -> Association:
-    """Interpolate the truth at the estimate's times.
+    """Interpolate the ground truth at the times of the estimate.
 
-    A time is associated when it falls on a truth sample, or between two that are at most `max_gap_s` apart.
+    A time is associated if it is the time of a true pose, or between two that are at most `max_gap_s` apart.
     Nothing is extrapolated.
 
     Raises:
         EvaluationError: a trajectory is malformed, the two do not overlap in time, or no estimate falls where
-            the truth is dense enough.
+            the ground truth is dense enough.
     """
     check_trajectory(estimate, "the estimate", at_least=1)
     check_trajectory(truth, "the ground truth", at_least=2)
@@ -54,10 +55,10 @@ def associate(estimate: PoseTrajectory, truth: PoseTrajectory, max_gap_s: float 
     if not usable.any():
         usual_s = float(np.median(gap_ns)) / NS_PER_S
         raise EvaluationError(
-            f"none of {t_ns.size} estimates lies between truth samples at most {max_gap_s} s apart; the gaps "
+            f"none of {t_ns.size} estimates is between true poses at most {max_gap_s} s apart; the gaps "
             f"around them are {usual_s:.3f} s (median): interpolate across them (max_gap_s, in the command "
-            f"--max-gap {1.1 * usual_s:.2g}), which is only as good as the motion between them is "
-            "straight, or use "
+            f"--max-gap {1.1 * usual_s:.2g}), which is accurate only for straight motion between "
+            "them, or use "
             "denser truth"
         )
     return Association(
@@ -71,7 +72,7 @@ def associate(estimate: PoseTrajectory, truth: PoseTrajectory, max_gap_s: float 
 
 
 def _interpolate(truth: PoseTrajectory, t_ns: IntArray) -> PoseTrack:
-    # Differences to the first sample: absolute nanoseconds do not fit a double.
+    # Relative to the first sample: absolute nanoseconds exceed the precision of a double.
     nodes_s = (truth.t_ns - truth.t_ns[0]) / NS_PER_S
     t_s = (t_ns - truth.t_ns[0]) / NS_PER_S
     position = np.column_stack([np.interp(t_s, nodes_s, truth.position[:, axis]) for axis in range(3)])
@@ -80,7 +81,7 @@ def _interpolate(truth: PoseTrajectory, t_ns: IntArray) -> PoseTrack:
 
 
 def check_trajectory(trajectory: PoseTrajectory, name: str, at_least: int) -> None:
-    """Refuse a trajectory that cannot be compared; `name` is how a message calls it.
+    """Reject a trajectory that cannot be compared; `name` is its name in messages.
 
     Raises:
         EvaluationError: wrong shapes, too few poses, times not ascending, values not finite, or a zero
@@ -97,7 +98,7 @@ def check_trajectory(trajectory: PoseTrajectory, name: str, at_least: int) -> No
     backward = np.flatnonzero(np.diff(trajectory.t_ns) <= 0)
     if backward.size:
         raise EvaluationError(
-            f"times of {name} do not ascend after pose {backward[0]}; sort them and drop repeated times"
+            f"times of {name} do not ascend after pose {backward[0]}; sort the poses and drop repeated times"
         )
     finite = np.isfinite(trajectory.position).all(axis=1) & np.isfinite(trajectory.quaternion).all(axis=1)
     sound = finite & (np.linalg.norm(trajectory.quaternion, axis=1) > 1e-6)
@@ -115,20 +116,29 @@ def _no_overlap(estimate_ns: IntArray, truth_ns: IntArray) -> str:
     )
     for factor in _UNIT_FACTORS:
         for larger, smaller, names in (
-            (truth_ns, estimate_ns, "the estimate are about {:g} times smaller than those of the truth"),
-            (estimate_ns, truth_ns, "the estimate are about {:g} times larger than those of the truth"),
+            (
+                truth_ns,
+                estimate_ns,
+                "the estimate are about {:g} times smaller than those of the truth",
+            ),
+            (
+                estimate_ns,
+                truth_ns,
+                "the estimate are about {:g} times larger than those of the truth",
+            ),
         ):
             if _scaled_by(factor, larger, smaller):
                 return f"{found}; stamps of {names.format(factor)}: check the units of both"
     offset_s = int(truth_ns[0] - estimate_ns[0]) / NS_PER_S
     return (
-        f"{found}; the truth starts {offset_s:+.3f} s from the estimate: check that both use one clock, "
-        "or add the offset to the estimate"
+        f"{found}; the ground truth starts {offset_s:+.3f} s from the estimate: check that both use one "
+        "clock, or add the offset to the estimate"
     )
 
 
 def _scaled_by(factor: float, larger: IntArray, smaller: IntArray) -> bool:
-    """Whether both the stamps and, roughly, their span are larger by a factor; one alone may be chance."""
+    """Whether both the timestamps and, approximately, their span are larger by a factor; one may be
+    chance."""
     stamps = abs(float(larger.mean())) / max(abs(float(smaller.mean())), 1.0)
     span = float(np.ptp(larger)) / max(float(np.ptp(smaller)), 1.0)
     return 0.5 < stamps / factor < 2.0 and 0.05 < span / factor < 20.0

@@ -1,9 +1,10 @@
-"""Is the covariance honest? Normalised estimation error squared (NEES) and its average over runs (ANEES).
+"""Consistency of the covariance: normalised estimation error squared (NEES) and its average over runs
+(ANEES).
 
-Errors are those the covariance speaks of: `T_true = T_est Exp([phi, rho])` on SE(3), other blocks additive
-(Bar-Shalom, Li and Kirubarajan 2001, section 5.4). Truth is first moved to the estimator's world by position
-and yaw of the first estimate, which no visual-inertial estimator can observe; so NEES of pose is relative to
-the first estimate, whose own position and yaw are then taken as exact.
+Errors are defined as in the covariance: `T_true = T_est Exp([phi, rho])` on SE(3), other blocks additive
+(Bar-Shalom, Li and Kirubarajan 2001, section 5.4). The ground truth is first aligned with the estimator's
+world by position and yaw of the first estimate, which are not observable for a visual-inertial estimator. The
+NEES of the pose is therefore relative to the first estimate, whose position and yaw count as exact.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from asyneio.types import NS_PER_S, STATE_BLOCKS, Estimate, FloatArray, IntArray
 
 
 class TrueStates(Protocol):
-    """What a truth function returns for N times: `T_w_b` (N,4,4), others (N,3), units as in `Estimate`."""
+    """True states at N times: `T_w_b` (N,4,4), others (N,3), units as in `Estimate`."""
 
     @property
     def T_w_b(self) -> FloatArray: ...
@@ -37,7 +38,7 @@ class TrueStates(Protocol):
 
 
 class NeesBlock(StrEnum):
-    """Parts of the state whose NEES is reported."""
+    """Parts of the state for which NEES is reported."""
 
     POSITION = "position"
     ORIENTATION = "orientation"
@@ -75,9 +76,9 @@ class Nees:
 class Anees:
     """NEES averaged over `runs` independent runs at each time.
 
-    `elapsed_s` (K,) since each run's first estimate, `mean` (K,), and the two-sided bounds that the mean of a
-    consistent estimator keeps with the given confidence at one time. `overall` averages over time as well; it
-    has no bounds here, because neighbouring times are correlated.
+    `elapsed_s` (K,) since the first estimate of each run, `mean` (K,), and the two-sided bounds of the mean
+    of a consistent estimator at one time with the given confidence. `overall` is the average over time as
+    well; it has no bounds, because neighbouring times are correlated.
     """
 
     block: NeesBlock
@@ -95,13 +96,15 @@ def pose_trajectory(estimates: Sequence[Estimate]) -> PoseTrajectory:
     """Poses of estimates, in their order.
 
     Raises:
-        EvaluationError: there are none, or they are of several segments, whose worlds differ.
+        EvaluationError: there are no estimates, or they belong to several segments, whose worlds differ.
     """
     if not estimates:
-        raise EvaluationError("there are no estimates; expected at least one: did the run ever initialise?")
+        raise EvaluationError(
+            "there are no estimates; expected at least one: check that the run was initialized"
+        )
     if estimates[0].segment != estimates[-1].segment:
         raise EvaluationError(
-            "found estimates of several segments; expected one: each has a world of its own"
+            "found estimates of several segments, which have different worlds; expected one segment"
         )
     T_w_b = np.array([estimate.T_w_b for estimate in estimates])
     quaternion = Rotation.from_matrix(T_w_b[:, :3, :3]).as_quat()
@@ -110,7 +113,7 @@ def pose_trajectory(estimates: Sequence[Estimate]) -> PoseTrajectory:
 
 
 def nees(estimates: Sequence[Estimate], truth: Callable[[IntArray], TrueStates]) -> Nees:
-    """NEES of one run against `truth`, called once with all times (N,) [ns].
+    """NEES of one run against `truth`, a function that is called once with all times (N,) [ns].
 
     Raises:
         EvaluationError: there are no estimates, or a marginal covariance is not symmetric positive definite.
@@ -135,11 +138,11 @@ def nees(estimates: Sequence[Estimate], truth: Callable[[IntArray], TrueStates])
 def anees(runs: Sequence[Nees], block: NeesBlock, step_s: float = 0.1, confidence: float = 0.95) -> Anees:
     """Average one block's NEES over independent runs, on a grid of `step_s` over their common duration.
 
-    Each run gives the estimate nearest to a grid time. For a consistent estimator `runs * mean` is chi-square
-    with `runs * dof` degrees of freedom at each time.
+    The estimate of each run nearest to a grid time is used. For a consistent estimator, `runs * mean` is
+    chi-square with `runs * dof` degrees of freedom at each time.
 
     Raises:
-        EvaluationError: no runs, or a step or confidence out of range.
+        EvaluationError: there are no runs, or step or confidence are out of range.
     """
     if not runs or step_s <= 0.0 or not 0.0 < confidence < 1.0:
         raise EvaluationError(
@@ -168,7 +171,7 @@ def se3_log(T: FloatArray) -> FloatArray:
     angle = np.linalg.norm(phi, axis=1)
     safe = np.maximum(angle, 1e-2)
     closed = (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2
-    # Below 1e-2 rad the closed form cancels; the next term is smaller than 1e-17.
+    # Below 1e-2 rad the closed form loses precision; the next term of the series is below 1e-17.
     series = 1.0 / 12.0 + angle**2 / 720.0 + angle**4 / 30240.0
     weight = np.where(angle < 1e-2, series, closed)[:, None]
     turned = np.cross(phi, r)
@@ -176,7 +179,7 @@ def se3_log(T: FloatArray) -> FloatArray:
 
 
 def _errors(estimates: Sequence[Estimate], poses: PoseTrajectory, truth: TrueStates) -> dict[str, FloatArray]:
-    """Error (N,3) of each block that is reported, in the convention of the covariance."""
+    """Error (N,3) of each reported block, in the convention of the covariance."""
     T_e_b = np.array([estimate.T_w_b for estimate in estimates])
     C_e_b, C_w_b = T_e_b[:, :3, :3], truth.T_w_b[:, :3, :3]
     to_estimator = align_origin(PoseTrack(truth.T_w_b[:, :3, 3], C_w_b), PoseTrack(poses.position, C_e_b))
@@ -186,7 +189,7 @@ def _errors(estimates: Sequence[Estimate], poses: PoseTrajectory, truth: TrueSta
     T_error[:, :3, :3] = C_b_e @ true_pose.C
     T_error[:, :3, 3] = np.einsum("nij,nj->ni", C_b_e, true_pose.position - poses.position)
     tangent = se3_log(T_error)
-    # Body velocities do not depend on the world they are measured in.
+    # Body velocities do not depend on the world frame.
     nu_true = np.einsum("nji,nj->ni", C_w_b, truth.velocity_w)
     velocity = np.array([estimate.velocity_w for estimate in estimates])
     return {
@@ -209,14 +212,14 @@ def _squared_mahalanobis(
     if bad.any():
         raise EvaluationError(
             f"the covariance of {block} is not symmetric positive definite in {np.count_nonzero(bad)} of "
-            f"{bad.size} estimates, first at {t_ns[np.argmax(bad)]} ns; expected a proper covariance: check "
-            "the marginal that the estimator recovers"
+            f"{bad.size} estimates, first at {t_ns[np.argmax(bad)]} ns; expected a positive definite one: "
+            "check the marginal covariance of the estimator"
         )
     return np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[:, :, None])[:, :, 0])
 
 
-def _nearest(times: FloatArray, wanted: FloatArray) -> IntArray:
-    after = np.clip(np.searchsorted(times, wanted), 1, max(times.size - 1, 1))
+def _nearest(times: FloatArray, requested: FloatArray) -> IntArray:
+    after = np.clip(np.searchsorted(times, requested), 1, max(times.size - 1, 1))
     after = np.minimum(after, times.size - 1)
     before = np.maximum(after - 1, 0)
-    return np.where(wanted - times[before] < times[after] - wanted, before, after).astype(np.int64)
+    return np.where(requested - times[before] < times[after] - requested, before, after).astype(np.int64)

@@ -1,6 +1,6 @@
-"""What a large error may come from: a unit, another body frame, a world that is turned.
+"""Possible causes of a large error: a unit, another body frame, a rotated world.
 
-An evaluation compares what it is given; these sentences say where one mistake would explain the error.
+The hints are messages for errors that a single common mistake would explain.
 
 | symbol | name | shape | frame |
 |---|---|---|---|
@@ -17,28 +17,28 @@ from asyneio.evaluation.alignment import Similarity
 from asyneio.evaluation.association import Association
 from asyneio.types import FloatArray
 
-#: Factors between lengths that people mix up, and how near to one a ratio must be.
+#: Factors between commonly confused units of length, and tolerance of the ratio.
 _FACTORS = {1000.0: "millimetres", 100.0: "centimetres"}
 _NEAR = 1.15
-#: A rotation worth a word [deg], and how much of it must be the same for all poses.
+#: Minimum rotation for a hint [deg], and fraction of it that must be common to all poses.
 _LEAST_DEG, _STEADY = 10.0, 0.25
-#: A world is upright where its vertical is no further [deg] from the truth's.
+#: Maximum angle between the verticals of two upright worlds [deg].
 _UPRIGHT_DEG = 5.0
-#: Reversed, the quaternion must explain so many times more.
+#: Minimum factor by which the reordered quaternion must reduce the error.
 _BETTER = 4.0
 
 
-def explain(matched: Association, alignment: Similarity, order_told: bool = True) -> tuple[str, ...]:
-    """Sentences on mistakes that would explain a difference of estimate and truth; none where it is small.
+def explain(matched: Association, alignment: Similarity, order_known: bool = True) -> tuple[str, ...]:
+    """Messages on mistakes that would explain a difference of estimate and ground truth; none for small ones.
 
     Args:
-        matched: both at common times.
-        alignment: of the estimate, as fitted.
-        order_told: false where w may stand first in one of the quaternions, as no header tells.
+        matched: estimate and ground truth at common times.
+        alignment: fitted alignment of the estimate.
+        order_known: false if no header gives the order of the quaternions, so that w may be first.
     """
     if matched.t_ns.size < 3:
         return ()
-    turned = () if order_told else _of_order(matched, alignment)
+    turned = () if order_known else _of_order(matched, alignment)
     return _of_scale(matched) + (turned or _of_rotation(matched, alignment))
 
 
@@ -77,13 +77,13 @@ def _of_rotation(matched: Association, alignment: Similarity) -> tuple[str, ...]
             "rotation vector "
             f"({axis}) deg: is one of them that of the camera, or of markers, instead of the IMU? The "
             "orientation "
-            "errors are those of the frames",
+            "errors compare these frames",
         )
     return ()
 
 
 def _of_order(matched: Association, alignment: Similarity) -> tuple[str, ...]:
-    """A sentence where a quaternion with w at the other end explains the orientations."""
+    """A message if a quaternion with w at the other end explains the orientations."""
     estimate, truth, R = matched.estimate.C, matched.truth.C, alignment.R
     told = _common((R @ estimate).transpose(0, 2, 1) @ truth)[1]
     if told < _LEAST_DEG:
@@ -91,7 +91,7 @@ def _of_order(matched: Association, alignment: Similarity) -> tuple[str, ...]:
     for what, C_e, C_w in (("estimate", _reordered(estimate), truth), ("truth", estimate, _reordered(truth))):
         if _common((R @ C_e).transpose(0, 2, 1) @ C_w)[1] < told / _BETTER:
             return (
-                f"the orientations agree if w stands first in the quaternions of the {what}, which no "
+                f"the orientations agree if w is first in the quaternions of the {what}, whose order no "
                 "header tells: "
                 f"name its columns ({'--columns' if what == 'estimate' else '--truth-columns'} "
                 "t,px,py,pz,qw,qx,qy,qz)",
@@ -100,7 +100,7 @@ def _of_order(matched: Association, alignment: Similarity) -> tuple[str, ...]:
 
 
 def _reordered(C: FloatArray) -> FloatArray:
-    """Rotations (N,3,3) whose quaternions were read with w last though it stands first."""
+    """Rotations (N,3,3) for quaternions with w first that were read with w last."""
     return np.asarray(Rotation.from_quat(np.roll(Rotation.from_matrix(C).as_quat(), -1, axis=1)).as_matrix())
 
 

@@ -1,4 +1,4 @@
-"""Figures of merit of an aligned estimate. Positions in metres, angles in degrees."""
+"""Error metrics of an aligned estimate. Positions in metres, angles in degrees."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from asyneio.evaluation.alignment import align_umeyama, yaw_of
 from asyneio.evaluation.association import PoseTrack
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
-#: A pair may miss the asked distance by this fraction; steps of a path are less even than those of time.
+#: Tolerance of the distance of a pair, as a fraction; larger for path lengths, whose steps are less uniform.
 _TIME_TOLERANCE = 0.03
 _PATH_TOLERANCE = 0.1
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of a set of non-negative errors."""
+    """Statistics of a set of non-negative errors."""
 
     rmse: float
     mean: float
@@ -41,8 +41,8 @@ class Statistics:
 class RelativeErrors:
     """Relative pose errors over a fixed distance: `delta` seconds or metres, by `unit` "s" or "m".
 
-    `translation_percent` and `rotation_deg_per_m` relate the means to the true path between the poses of a
-    pair; NaN for pairs by time, between which there may be no path.
+    `translation_percent` and `rotation_deg_per_m` are the means divided by the true path length of a pair;
+    NaN for pairs by time, whose path length may be zero.
     """
 
     delta: float
@@ -65,7 +65,8 @@ def orientation_errors_deg(estimate: PoseTrack, truth: PoseTrack) -> FloatArray:
 
 
 def yaw_errors_deg(estimate: PoseTrack, truth: PoseTrack) -> FloatArray:
-    """Signed angles (N,) [deg] about the world's z that bring the estimated attitude closest to the truth."""
+    """Signed angles (N,) [deg] about the world's z that rotate the estimated attitude closest to the
+    truth."""
     return np.rad2deg(yaw_of(truth.C @ np.swapaxes(estimate.C, 1, 2)))
 
 
@@ -76,11 +77,11 @@ def travelled(position: FloatArray) -> FloatArray:
 
 
 def scale_error_percent(estimate: PoseTrack, truth: PoseTrack) -> float:
-    """By how much the estimate is too large [%], from a Sim(3) fit of unscaled poses; NaN if undetermined."""
+    """Scale error [%], positive if the estimate is too large, from a Sim(3) fit; NaN if undetermined."""
     try:
         fit = align_umeyama(estimate.position, truth.position, with_scale=True)
     except EvaluationError:
-        # A path on a line has errors worth reporting, even if this figure is not one of them.
+        # A straight path has no Sim(3) fit, but its other errors are still reported.
         return float("nan")
     return 100.0 * (1.0 / fit.scale - 1.0) if fit.scale > 0.0 else float("nan")
 
@@ -88,7 +89,7 @@ def scale_error_percent(estimate: PoseTrack, truth: PoseTrack) -> float:
 def relative_errors_by_time(
     estimate: PoseTrack, truth: PoseTrack, t_ns: IntArray, delta_s: float
 ) -> RelativeErrors | None:
-    """Relative errors of all pairs about `delta_s` apart, or None if there are no such pairs."""
+    """Relative errors of all pairs about `delta_s` apart, or None without such pairs."""
     pairs = _pairs((t_ns - t_ns[0]) / NS_PER_S, delta_s, _TIME_TOLERANCE)
     return _relative_errors(estimate, truth, pairs, delta_s, "s")
 
@@ -96,13 +97,13 @@ def relative_errors_by_time(
 def relative_errors_by_distance(
     estimate: PoseTrack, truth: PoseTrack, delta_m: float
 ) -> RelativeErrors | None:
-    """Relative errors of all pairs with about `delta_m` of true path between, or None if there are none."""
+    """Relative errors of all pairs with a true path of about `delta_m` between them, or None without any."""
     pairs = _pairs(travelled(truth.position), delta_m, _PATH_TOLERANCE)
     return _relative_errors(estimate, truth, pairs, delta_m, "m")
 
 
 def _pairs(progress: FloatArray, delta: float, tolerance: float) -> tuple[IntArray, IntArray]:
-    """For each index the one whose progress (N,), non-decreasing, is nearest to `delta` further on."""
+    """For each index, the index whose non-decreasing progress (N,) is nearest to its own plus `delta`."""
     if delta <= 0.0:
         raise EvaluationError(f"relative errors over {delta}; expected a positive distance in time or path")
     wanted = progress + delta
@@ -122,7 +123,7 @@ def _relative_errors(
         return None
     motion_estimate, turn_estimate = _relative_pose(estimate, first, second)
     motion_truth, turn_truth = _relative_pose(truth, first, second)
-    # The translation of inverse(truth) * estimate has the length of the difference.
+    # The norm of the translation of inverse(truth) * estimate is that of the difference.
     translation = np.linalg.norm(motion_estimate - motion_truth, axis=1)
     rotation = np.rad2deg(Rotation.from_matrix(np.swapaxes(turn_truth, 1, 2) @ turn_estimate).magnitude())
     percent = per_metre = float("nan")

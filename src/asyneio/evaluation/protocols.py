@@ -1,7 +1,7 @@
 """Evaluation protocols by name, and the one function that applies them.
 
-Published figures differ in what is fitted and over which part of a run; a figure means nothing without its
-protocol. Windows count from the first associated estimate.
+Published errors differ in the fitted alignment and in the part of the run used for it, so an error is only
+meaningful with its protocol. Windows count from the first associated estimate.
 """
 
 from __future__ import annotations
@@ -28,16 +28,17 @@ from asyneio.evaluation.metrics import (
 )
 from asyneio.types import NS_PER_S, FloatArray, IntArray, PoseTrajectory
 
-#: Relative errors are reported over these times [s] and lengths of path [m], where the run is long enough.
+#: Times [s] and path lengths [m] of relative errors, for runs that are long enough.
 RELATIVE_TIMES_S = (1.0,)
 RELATIVE_DISTANCES_M = (1.0, 5.0, 10.0)
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """What is fitted, and over which seconds of the run (`None`: all of it). Errors are always over all.
+    """The fitted alignment, and the seconds of the run used for it (None: all). Errors are always over the
+    whole run.
 
-    `about` says it in a line.
+    `about` is a description in one line.
     """
 
     name: str
@@ -46,7 +47,7 @@ class Protocol:
     about: str = field(default="", compare=False)
 
 
-#: `uslam`: as for Ultimate SLAM (Vidal et al. 2018). `hku`: as stated for Mono-EIO (2022), PL-EVIO (2023).
+#: `uslam`: as in Ultimate SLAM (Vidal et al. 2018). `hku`: as in Mono-EIO (2022) and PL-EVIO (2023).
 PROTOCOLS: dict[str, Protocol] = {
     protocol.name: protocol
     for protocol in (
@@ -62,19 +63,19 @@ PROTOCOLS: dict[str, Protocol] = {
         Protocol(
             "uslam", AlignmentKind.SE3, (3.0, 8.0), "position and rotation over 3 to 8 s (Ultimate SLAM)"
         ),
-        Protocol("origin", AlignmentKind.ORIGIN, None, "the first pose alone"),
-        Protocol("none", AlignmentKind.NONE, None, "nothing: both are in one world already"),
+        Protocol("origin", AlignmentKind.ORIGIN, None, "position and yaw of the first pose"),
+        Protocol("none", AlignmentKind.NONE, None, "none: both are in the same world"),
     )
 }
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """All figures of one estimate under one protocol.
+    """Errors of one estimate under one protocol.
 
     `mpe_percent`: mean position error over true path length. `yaw_error_deg_per_m`: mean absolute yaw error
     over true path length. `scale_error_percent`: positive if the estimate is too large, before alignment.
-    Figures relative to a path are NaN where there is none. Series are over N associated times: `t_ns`,
+    Errors relative to a path are NaN for a path of length zero. Series are over N associated times: `t_ns`,
     `position_estimate_w` and `position_truth_w` (N,3) [m] after alignment, errors (N,).
     """
 
@@ -99,7 +100,7 @@ class Evaluation:
     yaw_error_deg: FloatArray
 
     def to_dict(self, series: bool = False) -> dict[str, Any]:
-        """Everything as plain Python values for JSON, NaN as None; the series only on request."""
+        """Plain Python values for JSON, NaN as None; the series only on request."""
         plain = _plain(asdict(self))
         del plain["protocol"]["about"]
         if not series:
@@ -119,10 +120,10 @@ _SERIES = (
 
 
 def protocol_named(name: str) -> Protocol:
-    """Look a protocol up.
+    """The protocol with a name.
 
     Raises:
-        EvaluationError: there is no such protocol.
+        EvaluationError: the name is unknown.
     """
     if name not in PROTOCOLS:
         raise EvaluationError(f"protocol {name!r} is unknown; expected one of {', '.join(PROTOCOLS)}")
@@ -136,9 +137,9 @@ def evaluate(
 
     Args:
         estimate: poses of the body in the estimator's world.
-        truth: poses of the same body in another world; interpolated at the estimate's times.
-        protocol: what to align, and on which part.
-        max_gap_s: truth is not interpolated across larger gaps [s].
+        truth: poses of the same body in another world, which are interpolated at the times of the estimate.
+        protocol: alignment, and the part of the run it uses.
+        max_gap_s: largest gap across which ground truth is interpolated [s].
 
     Raises:
         EvaluationError: the two cannot be associated, or the protocol's window does not determine the
@@ -184,7 +185,7 @@ def _fit(matched: Association, protocol: Protocol) -> Similarity:
     if np.count_nonzero(inside) < 3:
         raise EvaluationError(
             f"protocol {protocol.name!r} fits on {start_s}-{end_s} s, where {np.count_nonzero(inside)} of "
-            f"{inside.size} associated poses over {elapsed_s[-1]:.2f} s lie; expected at least 3: use "
+            f"{inside.size} associated poses over {elapsed_s[-1]:.2f} s are; expected at least 3: use "
             "another protocol for a short run"
         )
     estimate, truth = (

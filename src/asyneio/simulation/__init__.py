@@ -1,6 +1,6 @@
-"""Simulators at the level of feature tracks and of events: separate IMU streams, exact truth.
+"""Simulators of feature tracks and of events, with separate IMU streams and exact ground truth.
 
-Imports nothing of the estimator, so that it may judge it.
+The package imports nothing from the estimator, so that it can be used to evaluate it.
 """
 
 from asyneio.simulation.camera import PinholeCamera as PinholeCamera

@@ -1,8 +1,8 @@
-"""Pinhole projection with distortion, written apart from the estimator's own camera model.
+"""Pinhole projection with distortion, independent of the estimator's camera model.
 
-Radial-tangential (Brown-Conrady) and equidistant (Kannala-Brandt) models with Kalibr's coefficient order. A
-radial polynomial that turns back would fold far points into the image; points beyond the turning radius are
-not visible.
+Radial-tangential (Brown-Conrady) and equidistant (Kannala-Brandt) models with Kalibr's coefficient order.
+Beyond the radius at which the radial polynomial stops growing, points would fold back into the image; they
+are not visible.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _COEFFICIENTS = {Distortion.NONE: (0,), Distortion.RADTAN: (4, 5), Distortion.EQ
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """Projects points of the camera frame (x right, y down, z forward) into pixels.
+    """Projection of points in the camera frame (x right, y down, z forward) to pixels.
 
-    `max_radius` bounds the radius that enters the polynomial: x^2+y^2 at unit depth for radtan (its root),
-    the angle from the axis for equidistant. `min_depth_m`: nearer points are not visible.
+    `max_radius` bounds the argument of the polynomial: the radius at unit depth for radtan, the angle from
+    the axis for equidistant. Points nearer than `min_depth_m` are not visible.
     """
 
     intrinsics: CameraIntrinsics
@@ -48,7 +48,8 @@ class PinholeCamera:
         return cls(intrinsics, turning_radius(intrinsics))
 
     def project(self, points_c: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Pixels (N,2) of points (N,3) [m], and whether each is in front and in the model's valid set (N,).
+        """Pixels (N,2) of points (N,3) [m], and whether each is in front of the camera and in the valid
+        domain (N,).
 
         Pixels of invalid points are meaningless but finite.
         """
@@ -64,7 +65,7 @@ class PinholeCamera:
         return distorted * [model.fx, model.fy] + [model.cx, model.cy], valid
 
     def visible(self, points_c: FloatArray, margin_px: float) -> tuple[FloatArray, BoolArray]:
-        """As `project`, but visible only at least `margin_px` inside the image."""
+        """Like `project`, but points are visible only if at least `margin_px` inside the image."""
         pixels, valid = self.project(points_c)
         last = np.array([self.intrinsics.width, self.intrinsics.height]) - 1.0
         inside = (pixels >= margin_px) & (pixels <= last - margin_px)
@@ -79,14 +80,14 @@ class PinholeCamera:
         radius = np.hypot(ray[:, 0], ray[:, 1])
         angle = np.arctan(radius)
         stretched = angle * np.polynomial.polynomial.polyval(angle**2, (1.0, *model.coefficients))
-        # Towards the axis angle / radius tends to one.
+        # On the axis, angle / radius tends to one.
         return ray * np.where(radius > 1e-9, stretched / np.maximum(radius, 1e-9), 1.0)[:, None]
 
 
 def turning_radius(intrinsics: CameraIntrinsics) -> float:
-    """Radius at which the radial polynomial of a model stops growing; infinite where it never does.
+    """Radius at which the radial polynomial of a model stops growing; infinite if it never does.
 
-    Unit-depth radius for radtan, angle [rad] for equidistant.
+    The radius is at unit depth for radtan, and an angle [rad] for equidistant.
     """
     radial: tuple[float, ...] = ()
     if intrinsics.distortion is Distortion.RADTAN:

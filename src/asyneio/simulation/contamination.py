@@ -1,7 +1,8 @@
-"""Tracks that lie, added to a simulated recording: on an object that moves, or sliding away.
+"""Outlier tracks added to a simulated recording: tracks on a moving object, or tracks that drift.
 
-The tracks of the static scene, the inertial samples and the truth stay as they were, so that a run with them
-and one without differ in nothing else.
+Tests and `benchmarks/outliers.py` use this module to measure outlier rejection; no command does. The tracks
+of the static scene, the inertial samples and the ground truth are unchanged, so runs with and without
+outliers differ only in the outliers.
 """
 
 from __future__ import annotations
@@ -18,21 +19,21 @@ from asyneio.simulation.tracks.simulate import Simulation
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, FloatArray, IntArray, Recording
 
 _POINTS = 400
-#: Half the way of an object that goes to and fro, m.
+#: Amplitude of an object that moves back and forth [m].
 _AMPLITUDE_M = 0.5
 
 
 def swaying_object(
     simulation: Simulation, speed: float, direction_w: FloatArray, distance: float, seed: int = 0
 ) -> MovingObject:
-    """A box in front of the camera's mean pose that sways by half a metre to either side.
+    """A box in front of the camera's mean pose that moves back and forth by half a metre.
 
     Args:
-        simulation: whose camera it stands in front of.
-        speed: the largest it reaches [m/s].
-        direction_w: (3,) along which it goes; any length.
-        distance: of its middle from the camera's mean position [m]; it is 0.6 times as wide.
-        seed: of the points on it and of where in its way it is at the start.
+        simulation: simulation whose camera sees the box.
+        speed: maximum speed [m/s].
+        direction_w: (3,) direction of the motion, of any length.
+        distance: distance of its centre from the camera's mean position [m]; its width is 0.6 times that.
+        seed: seed of the points on it and of its phase at the start.
     """
     scenario = simulation.scenario
     rng = np.random.default_rng([seed, 76])
@@ -52,14 +53,14 @@ def swaying_object(
 def with_object(
     simulation: Simulation, moving: MovingObject, share: float, seed: int = 0
 ) -> tuple[Recording, IntArray]:
-    """The recording with tracks on a moving object added, `share` of all that are alive, and their ids.
+    """Add tracks on a moving object, `share` of all live tracks; returns the recording and their ids.
 
     Raises:
         SimulationError: the camera never sees the object.
     """
     scenario = simulation.scenario
     camera = PinholeCamera.from_intrinsics(scenario.camera)
-    # No scene: where there is no object in view, there is no track.
+    # Without a scene, there are tracks only while the object is in view.
     nowhere = np.full((1, 3), np.nan)
     viewer = Viewer(simulation.truth.motion, camera, scenario.T_b_c, nowhere, moving)
     alive = round(scenario.tracks.features_alive * share / (1.0 - share))
@@ -78,10 +79,9 @@ def with_object(
 def with_wrong_tracks(
     recording: Recording, share: float, speed_px_s: tuple[float, float], seed: int = 0
 ) -> tuple[Recording, IntArray]:
-    """The recording with that share of its tracks sliding away, each with a velocity of its own, and their
-    ids.
+    """Make this share of the tracks drift, each with its own velocity; returns the recording and their ids.
 
-    A corner that slides along an edge does 5 to 20 px/s; a track of nothing at all, 30 to 150 px/s.
+    A corner that slides along an edge drifts at 5 to 20 px/s, a false track at 30 to 150 px/s.
     """
     rng = np.random.default_rng([seed, 78])
     observations = recording.observations.copy()

@@ -1,4 +1,4 @@
-"""Gyroscope and accelerometer as two separate streams with white noise and wandering biases.
+"""Gyroscope and accelerometer as two separate streams with white noise and random-walk biases.
 
 Noise is given as continuous-time densities: a sample at rate `f` has standard deviation `density sqrt(f)`,
 and a bias walks by `walk sqrt(dt)` between two instants, which is exact for a Wiener process sampled there.
@@ -31,7 +31,7 @@ class StreamSpec:
 
 @dataclass(frozen=True)
 class BiasWalk:
-    """A sampled bias: times (N,) ns since the start, values (N,3). Linear in between, held outside."""
+    """A sampled bias: times (N,) [ns] since the start, values (N,3). Linear in between, constant outside."""
 
     t_ns: IntArray
     value: FloatArray
@@ -44,7 +44,7 @@ class BiasWalk:
 
 
 def sample_times(spec: StreamSpec, duration_s: float) -> IntArray:
-    """Times (N,) in ns since the start: `offset + k / rate`, each rounded on its own, within the duration.
+    """Times (N,) [ns] since the start within the duration: `offset + k / rate`, individually rounded.
 
     Raises:
         SimulationError: the rate is not positive, the offset is negative, or no sample fits.
@@ -54,13 +54,13 @@ def sample_times(spec: StreamSpec, duration_s: float) -> IntArray:
             f"a stream at {spec.rate_hz} Hz starting at {spec.offset_s} s in a run of {duration_s} s; "
             "expected a positive rate and 0 <= offset < duration"
         )
-    # The small allowance keeps the last sample of a run that is a whole number of periods long.
+    # The tolerance keeps the last sample of a run whose duration is a multiple of the period.
     count = int(np.floor((duration_s - spec.offset_s) * spec.rate_hz + 1e-9)) + 1
     return np.rint((spec.offset_s + np.arange(count) / spec.rate_hz) * NS_PER_S).astype(np.int64)
 
 
 def draw_bias(spec: StreamSpec, t_ns: IntArray, rng: np.random.Generator) -> BiasWalk:
-    """A bias walk with nodes at the start, drawn from N(0, initial_bias_sigma^2), and at every sample."""
+    """A bias walk that starts at a value drawn from N(0, initial_bias_sigma^2), with nodes at all samples."""
     nodes = t_ns if t_ns[0] == 0 else np.concatenate([[0], t_ns])
     steps_s = np.diff(nodes) / NS_PER_S
     step = spec.walk * np.sqrt(steps_s)[:, None] * rng.normal(size=(steps_s.size, 3))
@@ -69,7 +69,7 @@ def draw_bias(spec: StreamSpec, t_ns: IntArray, rng: np.random.Generator) -> Bia
 
 
 def specific_force_b(motion: Motion, t_s: FloatArray, gravity: float) -> FloatArray:
-    """What an ideal accelerometer at the body's origin reads (N,3): `C_w_b^T (a_w - g_w)` [m/s^2]."""
+    """Readings (N,3) of an ideal accelerometer at the body's origin: `C_w_b^T (a_w - g_w)` [m/s^2]."""
     g_w = np.array([0.0, 0.0, -gravity])
     C_w_b = motion.T_w_b(t_s)[:, :3, :3]
     return np.einsum("nji,nj->ni", C_w_b, motion.acceleration_w(t_s) - g_w)
@@ -78,13 +78,13 @@ def specific_force_b(motion: Motion, t_s: FloatArray, gravity: float) -> FloatAr
 def corrupt(
     ideal: FloatArray, t_ns: IntArray, bias: BiasWalk, spec: StreamSpec, rng: np.random.Generator
 ) -> FloatArray:
-    """Ideal readings (N,3) at times (N,) ns since the start, with bias and white noise added."""
+    """Add bias and white noise to ideal readings (N,3) at times (N,) [ns] since the start."""
     sigma = spec.density * np.sqrt(spec.rate_hz)
     return ideal + bias.at(t_ns) + sigma * rng.normal(size=ideal.shape)
 
 
 def as_records(t_ns: IntArray, xyz: FloatArray) -> RecordArray:
-    """INERTIAL_DTYPE records of absolute times (N,) ns and readings (N,3)."""
+    """Records (INERTIAL_DTYPE) of absolute times (N,) [ns] and readings (N,3)."""
     records = np.zeros(t_ns.size, dtype=INERTIAL_DTYPE)
     records["t_ns"] = t_ns
     records["xyz"] = xyz

@@ -1,9 +1,9 @@
-"""The low-pass filter of an inertial sensor, with its delay, between the motion and the samples.
+"""Low-pass filter and delay of an inertial sensor, applied between the motion and the samples.
 
-What the sensor feels, motion and vibration alike, is evaluated on a grid of at least 4 kHz; white noise of
-the right density is added there, and both go through a Butterworth filter. A data sheet states a delay as
-well as a bandwidth: what the filter itself does not account for is a pure delay (sampling and decimation),
-applied to the motion exactly.
+Motion and vibration are evaluated on a grid of at least 4 kHz, white noise with the given density is added,
+and the sum passes a Butterworth filter. Data sheets give a delay as well as a bandwidth: the part of the
+delay that is not due to the filter is a pure delay (sampling and decimation) and is applied to the motion
+exactly.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from asyneio.types import FloatArray
 
 Signal = Callable[[FloatArray], FloatArray]
 
-#: The grid that a filter works on is a multiple of the sampling rate, and at least this [Hz].
+#: Minimum rate of the grid of the filter, which is a multiple of the sampling rate [Hz].
 _GRID_HZ = 4000.0
-#: Samples of the grid at a time; bounds the memory.
+#: Samples of the grid processed at a time; bounds the memory.
 _BLOCK = 1 << 16
-#: The filter runs for so many of its time constants before the first sample: 1e-8 of its start is left.
+#: Settling time before the first sample, in time constants: the initial state decays to 1e-8.
 _RUN_IN = 20.0
 
 
 def group_delay_s(errors: StreamErrors) -> float:
-    """How late a sensor reports slow motion [s]: the stated delay, or that of its filter.
+    """Delay of slow motion [s]: the given delay, or that of the filter.
 
     A Butterworth filter of order n delays slow motion by `1 / (2 pi bandwidth sin(pi / 2n))`.
 
     Raises:
-        SimulationError: the stated delay is shorter than the filter's own.
+        SimulationError: the given delay is shorter than the filter's delay.
     """
     own_s = 1.0 / (2.0 * np.pi * errors.bandwidth_hz * np.sin(np.pi / 2.0 / errors.order))
     if errors.delay_s is None:
@@ -57,14 +57,14 @@ def sampled(
 ) -> FloatArray:
     """Filtered samples (count,3) of a signal with white noise, at `first_s + k / rate_hz`.
 
-    A sample shows the signal as it was `group_delay_s` before, where the signal is slow.
+    For a slow signal, a sample equals the signal `group_delay_s` earlier.
 
     Args:
-        signal: values (N,3) at times (N,) [s]; asked for slightly before the first sample as well.
-        first_s, rate_hz, count: when to sample.
+        signal: function from times (N,) [s] to values (N,3); also called for times before the first sample.
+        first_s, rate_hz, count: times of the samples.
         errors: bandwidth, order and delay are used.
-        density: of the noise [unit/sqrt(Hz)], below the bandwidth.
-        rng: of the noise.
+        density: noise density below the bandwidth [unit/sqrt(Hz)].
+        rng: random generator of the noise.
     """
     if np.isinf(errors.bandwidth_hz):
         t_s = first_s + np.arange(count) / rate_hz - (errors.delay_s or 0.0)
@@ -89,7 +89,8 @@ def sampled(
 
 
 def _digital_delay_s(sos: FloatArray, grid_hz: float) -> float:
-    """Group delay at zero frequency of sections (K,6): differences of the moments of their two sides."""
+    """Group delay at zero frequency of second-order sections (K,6), from the moments of their
+    coefficients."""
     lags = np.arange(3)
     b, a = sos[:, :3], sos[:, 3:]
     return float(np.sum(b @ lags / b.sum(axis=1) - a @ lags / a.sum(axis=1)) / grid_hz)

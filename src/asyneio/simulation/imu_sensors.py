@@ -1,11 +1,11 @@
-"""Inertial sensors by name: what their data sheets, and recordings of them, say of their errors.
+"""Inertial sensors by name, with the errors given by their data sheets and by recordings.
 
-Data sheets state tolerances. A bound (min, max) is taken for three standard deviations, a typical value for
-one (as Bosch Sensortec explains its own: "1 sigma", and "3 sigma" for min and max). Each `sources` says where
-a figure is from; "assumed" marks what no source was found for.
+Data sheets give tolerances. A bound (min, max) is interpreted as three standard deviations, a typical value
+as one (as defined by Bosch Sensortec: "1 sigma", and "3 sigma" for min and max). `sources` lists the source
+of each value; "assumed" marks values without a source.
 
-A camera and an IMU are calibrated against each other with the gyroscope, so its axes are those of the body,
-and its delay is in the calibration's time shift (see `asyneio.simulation.rig`).
+Camera and IMU are calibrated with the gyroscope, so its axes are the body axes, and its delay is contained in
+the calibration's time shift (see `asyneio.simulation.rig`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from asyneio.errors import SimulationError
 from asyneio.simulation.imu_errors import StreamErrors
 from asyneio.types import ImuNoise
 
-#: Noise of an inexpensive MEMS unit, of no particular make.
+#: Noise of a typical inexpensive MEMS unit.
 MEMS_NOISE = ImuNoise(
     gyroscope_density=5e-4,
     accelerometer_density=5e-3,
@@ -35,16 +35,17 @@ _NONE = StreamErrors()
 
 @dataclass(frozen=True)
 class ImuSensor:
-    """A model of IMU.
+    """An IMU model.
 
     Attributes:
-        name: to choose it by.
-        noise: densities and walks, also what a calibration of it declares.
-        gyroscope, accelerometer: how the streams differ from the truth [rad/s], [m/s^2].
-        gyroscope_bias_sigma, accelerometer_bias_sigma: of the bias at the start [rad/s], [m/s^2].
-        warming_k: how much warmer it gets in the end [K].
-        warming_s: time constant of that [s].
-        sources: where the figures come from.
+        name: name of the model.
+        noise: densities and walks, which its calibration declares too.
+        gyroscope, accelerometer: errors of the streams [rad/s], [m/s^2].
+        gyroscope_bias_sigma, accelerometer_bias_sigma: standard deviations of the initial bias [rad/s],
+            [m/s^2].
+        warming_k: final increase of the temperature [K].
+        warming_s: time constant of the warming [s].
+        sources: sources of the values.
     """
 
     name: str
@@ -58,10 +59,10 @@ class ImuSensor:
     sources: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
-#: White noise and a bias that walks, nothing else.
+#: White noise and a random-walk bias only.
 IDEAL_IMU = ImuSensor("ideal", MEMS_NOISE, sources={"noise": "assumed: an inexpensive MEMS unit"})
 
-_WARM = "assumed: a camera that has been on for a while and warms by 2 K more with a time constant of 300 s"
+_WARM = "assumed: a camera that is nearly warm and warms by another 2 K with a time constant of 300 s"
 
 _MPU6150 = ImuSensor(
     "MPU-6150",
@@ -252,17 +253,17 @@ _BMI085 = ImuSensor(
     },
 )
 
-#: Models of IMU by name.
+#: IMU models by name.
 IMU_SENSORS: dict[str, ImuSensor] = {
     sensor.name: sensor for sensor in (IDEAL_IMU, _MPU6150, _MPU6500, _BMI160, _ADIS16448, _BMI085)
 }
 
 
 def imu_named(name: str) -> ImuSensor:
-    """Look a model of IMU up, whatever the case of its letters, with or without its hyphen.
+    """The IMU model of a name; case and hyphens are ignored.
 
     Raises:
-        SimulationError: there is no such model.
+        SimulationError: the name is unknown.
     """
     plain = {key.lower().replace("-", ""): sensor for key, sensor in IMU_SENSORS.items()}
     found = plain.get(name.lower().replace("-", ""))

@@ -1,12 +1,12 @@
-"""Analytic six-degree-of-freedom motion: every derivative is exact, so it can judge an estimator.
+"""Analytic six-degree-of-freedom motion with exact derivatives, as ground truth for an estimator.
 
 Six coordinates (x, y, z in the world; roll, pitch, yaw) are sums of sinusoids plus a linear drift of the
 position. The attitude is that of a carrier frame `f` (x forward, y left, z up) with
 `C_w_f = Rz(yaw) Ry(pitch) Rx(roll)`; the body is mounted rigidly on the carrier, `C_w_b = C_w_f C_f_b`.
 
-A hold keeps everything still until `hold_s`; after that the motion's own clock runs up to full speed over
-`ramp_s` along a quintic smoothstep, so that position and attitude stay three times differentiable. In the
-same way a pace makes the clock run slow at the start and fast at the end.
+The motion is a function of its own clock. A hold stops this clock until `hold_s`; it then accelerates to full
+speed over `ramp_s` along a quintic smoothstep, so position and attitude remain three times differentiable. In
+the same way, a pace lets the clock run slowly at the start and fast at the end.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Motion(Protocol):
 
 @dataclass(frozen=True)
 class Sinusoids:
-    """Sums of sinusoids `offset + drift t + sum_k amplitude_k sin(omega_k t + phase_k)`, one a coordinate.
+    """Six sums of sinusoids `offset + drift t + sum_k amplitude_k sin(omega_k t + phase_k)`.
 
     `amplitude`, `frequency_hz`, `phase` are (6, K); `offset`, `drift` (6,). Units: m or rad, Hz, rad, m/s
     or rad/s. Unused terms have amplitude zero.
@@ -74,10 +74,10 @@ class AnalyticMotion:
     Args:
         coordinates: the six sums of sinusoids.
         C_f_b: (3,3) rotation of the body in the carrier (x forward, y left, z up).
-        hold_s: how long the body stays still at the start [s]; 0 for none.
-        ramp_s: how long it takes to reach full speed after the hold [s]; unused without a hold.
-        pace: speed of the clock at first, and from `pace_over_s` after the hold on; (1, 1) for an even one.
-        pace_over_s: how long the change of pace takes [s].
+        hold_s: duration of the stationary phase at the start [s]; 0 for none.
+        ramp_s: duration of the acceleration to full speed after the hold [s]; unused without a hold.
+        pace: speed of the clock at the start, and from `pace_over_s` after the hold on; (1, 1) is constant.
+        pace_over_s: duration of the change of pace [s].
 
     Raises:
         SimulationError: negative hold, non-positive ramp or pace, or `C_f_b` not a rotation.
@@ -94,7 +94,7 @@ class AnalyticMotion:
         if self.hold_s < 0.0 or self.ramp_s <= 0.0:
             raise SimulationError(
                 f"hold_s = {self.hold_s}, ramp_s = {self.ramp_s}; expected hold_s >= 0 and ramp_s > 0: "
-                "use hold_s = 0 for a motion without a still start"
+                "use hold_s = 0 for a motion without a stationary start"
             )
         if min(*self.pace, self.pace_over_s) <= 0.0:
             raise SimulationError(f"pace = {self.pace} over {self.pace_over_s} s; expected positive numbers")
@@ -140,7 +140,7 @@ class AnalyticMotion:
         return value, rate * speed, acceleration * speed**2 + rate * pickup
 
     def _clock(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Reading of the motion's own clock at times (N,), its speed and the derivative of its speed."""
+        """Time of the motion's clock at times (N,), its speed and the derivative of its speed."""
         clock, speed, pickup = t, np.ones_like(t), np.zeros_like(t)
         if self.hold_s > 0.0:
             clock, speed, pickup = _soft_start(t, self.hold_s, self.ramp_s)
@@ -152,7 +152,7 @@ class AnalyticMotion:
 
 
 def _soft_start(t: FloatArray, hold_s: float, ramp_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A clock at rest until `hold_s`: its reading, its speed (0..1) and the derivative of its speed."""
+    """A clock that stands until `hold_s`: its time, its speed (0..1) and the derivative of its speed."""
     u = np.clip((t - hold_s) / ramp_s, 0.0, 1.0)
     speed = u**3 * (10.0 + u * (-15.0 + 6.0 * u))
     pickup = 30.0 * u**2 * (1.0 - u) ** 2 / ramp_s

@@ -1,11 +1,12 @@
-"""Named styles of motion, drawn with a seed: same amplitudes and frequencies, different phases.
+"""Motion styles by name: amplitudes and frequencies are given, phases are random.
 
-Magnitudes are those of hand-held and small flying cameras. A term is (amplitude, frequency in Hz); the draw
-scatters each frequency by ten per cent and takes each phase at random, so that seeds of one style differ.
+Magnitudes are those of hand-held and small flying cameras. A term is (amplitude, frequency [Hz]). Each
+frequency is randomly changed by up to ten per cent, and each phase is random, so different seeds of one style
+give different motions.
 
-`translation` and `six_dof` are in the manner of the sequences of that name in a published DAVIS240C data set
-(Mueggler et al. 2017): a camera moved by hand in front of a scene, slowly at first and faster and faster, at
-about 1.1 m/s on the whole (69 m in a minute of boxes_6dof).
+`translation` and `six_dof` resemble the sequences with these names in a published DAVIS240C data set
+(Mueggler et al. 2017): a camera moved by hand in front of a scene with increasing speed, at 1.1 m/s on
+average (69 m in a minute of boxes_6dof).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ Terms = tuple[tuple[float, float], ...]
 
 
 class MotionStyle(StrEnum):
-    """Styles of motion by name."""
+    """Names of the motion styles."""
 
     GENTLE = "gentle"
     MODERATE = "moderate"
@@ -43,7 +44,7 @@ class _Style:
     pace: tuple[float, float] = (1.0, 1.0)
 
 
-#: Of a motion that grows faster and faster.
+#: Pace of a motion with increasing speed.
 _SPEEDING_UP = (0.5, 1.7)
 
 _MODERATE = (
@@ -116,11 +117,11 @@ _STYLES: dict[MotionStyle, _Style] = {
 def draw_motion(
     style: str, rng: np.random.Generator, C_f_b: FloatArray, position_scale: float = 1.0
 ) -> AnalyticMotion:
-    """A motion of a named style with phases and frequencies from `rng`, centred on the world's origin.
+    """Draw a motion of a style, with phases and frequencies from `rng`, centred on the world's origin.
 
     Args:
         style: a value of `MotionStyle`.
-        rng: source of randomness; the same state gives the same motion.
+        rng: random generator; the same state gives the same motion.
         C_f_b: (3,3) rotation of the body in the carrier (x forward, y left, z up).
         position_scale: factor on the amplitudes of the position.
 

@@ -1,4 +1,4 @@
-"""Do poses and samples of an IMU belong together? Clocks, units, axes; before and after a path is fitted."""
+"""Check that poses and IMU samples agree in clocks, units and axes, before and after a path is fitted."""
 
 from __future__ import annotations
 
@@ -10,48 +10,48 @@ from scipy.spatial.transform import Rotation, Slerp
 from asyneio.errors import SimulationError
 from asyneio.types import NS_PER_S, FloatArray, IntArray, PoseTrajectory, RecordArray
 
-#: Shortest time in common that is worth a fit [s].
+#: Minimum common time span for a fit [s].
 _SHORTEST_S = 1.0
-#: Rates are compared as means over so long [s], where poses are no further apart than this [s].
+#: Length of the windows for mean rates [s], and maximum step between poses in them [s].
 _WINDOW_S, _LONGEST_GAP_S = 0.1, 0.15
-#: The clocks may be so far apart [s], in steps of a search [s].
+#: Maximum offset between the clocks [s], and step of the search [s].
 _LARGEST_LAG_S, _LAG_STEP_S = 2.0, 0.01
-#: Less turning than this [rad/s] tells nothing.
+#: Minimum RMS angular rate for a comparison [rad/s].
 _LEAST_RATE = 0.03
-#: Correlation of rates, their ratio, and the angle between the axes [deg] that still count as agreement.
+#: Limits of agreement: correlation of rates, their ratio, and angle between the axes [deg].
 _LEAST_CORRELATION, _SCALE, _LARGEST_ANGLE = 0.95, (0.9, 1.1), 3.0
-#: The second largest of the singular values, by the first, from which the axes are determined.
+#: Minimum ratio of the second to the first singular value for observable axes.
 _SPREAD = 0.02
-#: Most that a fit may leave over: rad/s, m/s^2, m, rad.
+#: Maximum RMS residuals of a fit: rad/s, m/s^2, m, rad.
 _LEFT_OVER = {"rad/s": 0.5, "m/s^2": 5.0, "m": 0.1, "rad": 0.05}
 
 
 def common_span_ns(poses: PoseTrajectory, streams: Sequence[RecordArray]) -> tuple[int, int]:
-    """First and last instant that poses and streams have in common [ns].
+    """First and last common time of poses and streams [ns].
 
     Raises:
-        SimulationError: there is no such time, or less than a second.
+        SimulationError: the common time span is shorter than a second.
     """
     if poses.t_ns.size < 2 or any(stream.size < 2 for stream in streams):
-        raise SimulationError("there are fewer than two poses or samples of an IMU; expected seconds of both")
+        raise SimulationError("fewer than two poses or IMU samples; expected seconds of both")
     stamps = [poses.t_ns, *(stream["t_ns"] for stream in streams)]
     start_ns, end_ns = max(int(t[0]) for t in stamps), min(int(t[-1]) for t in stamps)
     if end_ns - start_ns < _SHORTEST_S * NS_PER_S:
         raise SimulationError(
             f"the poses span {_span(poses.t_ns)} and the IMU {_span(stamps[-1])}, so they have less than "
-            f"{_SHORTEST_S:g} s in common; expected both of one run in one clock: shift the stamps of one "
-            "file, or choose the file that belongs to the other"
+            f"{_SHORTEST_S:g} s in common; expected both from one run in one clock: shift the times of one "
+            "file, or use the file that belongs to the other"
         )
     return start_ns, end_ns
 
 
 def check_rates(poses: PoseTrajectory, gyroscope: RecordArray) -> float:
-    """How far the clock of the gyroscope is ahead of that of the poses [s], roughly.
+    """Approximate time by which the gyroscope's clock is ahead of that of the poses [s].
 
-    Mean rates over short windows are compared: their lengths give the clocks, the vectors unit and axes.
+    It compares mean rates over short windows: magnitudes give the clock offset, vectors give unit and axes.
 
     Raises:
-        SimulationError: they do not turn together, or not by the same angles, or not about the same axes.
+        SimulationError: the rates do not correlate, or differ in scale or axes.
     """
     middle_s, rate_p = _rates_of_poses(poses)
     if np.sqrt(np.mean(rate_p**2)) < _LEAST_RATE / 10.0:
@@ -71,15 +71,15 @@ def check_rates(poses: PoseTrajectory, gyroscope: RecordArray) -> float:
     if max(alike) < _LEAST_CORRELATION:
         raise SimulationError(
             f"the rates of poses and gyroscope correlate by {max(alike):.2f} at most, whatever their clocks "
-            f"within {_LARGEST_LAG_S:g} s; expected at least {_LEAST_CORRELATION}: do both files belong to "
-            "the same run, in one clock?"
+            f"within {_LARGEST_LAG_S:g} s; expected at least {_LEAST_CORRELATION}: check that both files are "
+            "of the same run, in one clock"
         )
     _check_axes(rate_p, _mean_rates(t_s, integral, middle_s + lag_s))
     return lag_s
 
 
 def check_left_over(gyroscope: float, accelerometer: float, position: float, orientation: float) -> None:
-    """Refuse a fit that leaves too much over (RMS): rad/s, m/s^2, m, rad; NaN for what there is not.
+    """Reject a fit with large RMS residuals (rad/s, m/s^2, m, rad; NaN for sensors that are absent).
 
     Raises:
         SimulationError: poses and samples do not agree.
@@ -88,7 +88,7 @@ def check_left_over(gyroscope: float, accelerometer: float, position: float, ori
     if not any(value > most for value, most in zip(found.values(), _LEFT_OVER.values(), strict=True)):
         return
     raise SimulationError(
-        "no smooth path agrees with poses and IMU; left over (RMS) "
+        "no smooth path agrees with poses and IMU; RMS residual "
         + ", ".join(f"{value:.3g} {unit}" for unit, value in found.items())
         + ", expected at most "
         + ", ".join(f"{value:g} {unit}" for unit, value in _LEFT_OVER.items())
@@ -102,13 +102,13 @@ def _span(t_ns: IntArray) -> str:
 
 
 def _rates_of_poses(poses: PoseTrajectory) -> tuple[FloatArray, FloatArray]:
-    """Middles (N,) of windows [s since the first pose], and mean rates (N,3) over each [rad/s]."""
+    """Centres (N,) of windows [s since the first pose], and mean rates (N,3) over each [rad/s]."""
     t_s = (poses.t_ns - poses.t_ns[0]) / NS_PER_S
     edges = np.arange(0.0, t_s[-1], _WINDOW_S)
     C = Slerp(t_s, Rotation.from_quat(poses.quaternion))(edges)
     rate = (C[:-1].inv() * C[1:]).as_rotvec() / _WINDOW_S
     after = np.searchsorted(t_s, edges[:-1], side="right")
-    # Between two poses far apart nothing is known of the rate.
+    # The rate between two distant poses is unknown.
     gaps = np.diff(t_s, append=np.inf)
     known = (gaps[after - 1] < _LONGEST_GAP_S) & (gaps[np.minimum(after, gaps.size - 1)] < _LONGEST_GAP_S)
     return edges[:-1][known] + 0.5 * _WINDOW_S, rate[known]
@@ -126,7 +126,7 @@ def _mean_rates(t_s: FloatArray, integral: FloatArray, middle_s: FloatArray) -> 
 
 
 def _alike(one: FloatArray, other: FloatArray) -> float:
-    """Correlation of rates (N,3), whatever their axes, units and constant offsets; -1 for too few."""
+    """Correlation of rates (N,3) for any axes, units and constant offsets; -1 for too few rates."""
     both = np.isfinite(other).all(axis=1)
     if both.sum() < 10:
         return -1.0
@@ -135,7 +135,7 @@ def _alike(one: FloatArray, other: FloatArray) -> float:
 
 
 def _check_axes(rate_p: FloatArray, rate_g: FloatArray) -> None:
-    """Unit and axes of a gyroscope whose rates (N,3) are like those of the poses."""
+    """Check unit and axes of a gyroscope whose rates (N,3) correlate with those of the poses."""
     both = np.isfinite(rate_g).all(axis=1)
     a, b = (rates[both] - rates[both].mean(axis=0) for rates in (rate_p, rate_g))
     scale = float(np.sqrt((b**2).sum() / (a**2).sum()))
@@ -143,11 +143,11 @@ def _check_axes(rate_p: FloatArray, rate_g: FloatArray) -> None:
         degrees = "; it seems to be in deg/s" if 50.0 < scale < 65.0 else ""
         raise SimulationError(
             f"the gyroscope reads {scale:.3g} times the rates of the poses{degrees}; expected 1: check the "
-            "unit of the gyroscope (rad/s) and that of the stamps of both files"
+            "unit of the gyroscope (rad/s) and of the timestamps of both files"
         )
     U, S, Vt = np.linalg.svd(b.T @ a)
     if S[1] < _SPREAD * S[0]:
-        # All turns are about one axis.
+        # All rotations are about one axis.
         return
     C_i_p = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     turn = Rotation.from_matrix(C_i_p)
@@ -155,7 +155,7 @@ def _check_axes(rate_p: FloatArray, rate_g: FloatArray) -> None:
     if angle > _LARGEST_ANGLE:
         x, y, z, w = turn.as_quat()
         raise SimulationError(
-            f"the IMU is turned by {angle:.1f} deg against the body of the poses (quaternion x y z w of the "
-            f"body in the IMU: {x:.4f} {y:.4f} {z:.4f} {w:.4f}); expected poses of the IMU itself: turn the "
-            "orientations of the poses by it, or the axes of the samples"
+            f"the IMU is rotated by {angle:.1f} deg relative to the body of the poses (quaternion xyzw of "
+            f"the body in the IMU: {x:.4f} {y:.4f} {z:.4f} {w:.4f}); expected poses of the IMU: rotate "
+            "the orientations of the poses by it, or the axes of the samples"
         )

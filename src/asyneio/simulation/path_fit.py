@@ -1,15 +1,15 @@
-"""A smooth path through recorded poses that also agrees with the IMU: weighted least squares of splines.
+"""Fit a smooth path to recorded poses and IMU samples by weighted least squares on splines.
 
 Position and quaternion are uniform quintic B-splines. With q(t) and p(t) of a body (the IMU) in the world,
 
     gyroscope      2 vec(q^-1 q') / |q|^2 + b_g        accelerometer    C(q)^T (p'' - g) + b_a
     position       p(t + d)                            orientation      q(t + d)
 
-where d is what the clock of the IMU is ahead of that of the poses, g is gravity in the world of the poses,
-and the biases b_g, b_a are piecewise linear and wander no more than the walks of the IMU's noise. Control
-points, d, g and biases are found together by Gauss-Newton steps. The noise of each sensor is taken from what
-is left over, because vibration makes it many times that of the data sheet. What is faster than the knots
-allow is not followed: a rotor's vibration moves a rig by micrometres.
+where d is the time by which the IMU clock is ahead of that of the poses, and g is gravity in the world of the
+poses. The biases b_g, b_a are piecewise linear, with changes limited by the random walks of the IMU. Control
+points, d, g and biases are estimated jointly by Gauss-Newton steps. The noise of each sensor is estimated
+from the residuals, because vibration makes it many times that of the data sheet. Motion faster than the knot
+spacing is not fitted: the vibration of a rotor moves a rig by micrometres.
 """
 
 from __future__ import annotations
@@ -36,34 +36,35 @@ from asyneio.simulation.path_terms import (
 )
 from asyneio.types import NS_PER_S, FloatArray, ImuNoise, PoseTrajectory, RecordArray
 
-#: Spacing of the knots [s]: motion up to about 15 Hz is followed; without an IMU up to about 4 Hz.
+#: Spacing of the knots [s], for motion up to about 15 Hz; without an IMU, up to about 4 Hz.
 _KNOT_S, _KNOT_OF_POSES_S = 0.025, 0.1
-#: A spline needs some samples of the IMU between two knots.
+#: Minimum number of IMU samples between two knots.
 _SAMPLES_PER_KNOT = 3.0
 #: Longest gap between two poses that the IMU bridges [s].
 _LONGEST_GAP_S = 1.0
-#: What a motion-capture system is not better than, as far as anybody can tell: m, rad.
+#: Minimum standard deviations of poses by motion capture: m, rad.
 _LEAST_POSE_SIGMA = (1e-3, 2e-3)
-#: How well gravity is known beforehand [m/s^2]: it may hold an error of the accelerometer's scale.
+#: Prior standard deviation of gravity [m/s^2], which absorbs an error of the accelerometer's scale.
 _GRAVITY, _GRAVITY_SIGMA = 9.81, 0.05
-#: How far sensors are off [rad/s, m/s^2]; how far apart nodes of biases are at least [s], and the most nodes.
+#: Prior standard deviations of biases [rad/s, m/s^2]; minimum spacing [s] and maximum number of bias nodes.
 _BIAS_SIGMA, _NODE_S, _MOST_NODES = (0.2, 0.5), 10.0, 30
-#: How far clocks are off once they are roughly aligned [s]; how much the square of a quaternion may wander.
+#: Prior standard deviations of the clock offset after coarse alignment [s], and of the squared quaternion
+#: norm.
 _CLOCK_SIGMA, _LENGTH_SIGMA = 0.02, 1e-3
 _ITERATIONS = 12
-#: Largest change of a control point at which it is over: m, or half a rad.
+#: Largest change of a control point at convergence: m, or half a rad.
 _CONVERGED = 1e-5
-#: Poses that are further off than this many sigmas get less weight (Huber).
+#: Residuals of poses beyond this number of sigmas get less weight (Huber).
 _HUBER = 3.0
-#: Readings at a time: bounds the memory.
+#: Readings processed at a time; bounds the memory.
 _PIECE = 20_000
 
 
 @dataclass(frozen=True)
 class PathResiduals:
-    """Root mean squares of what is left over, over all axes together.
+    """Root mean squares of the residuals over all axes.
 
-    Of gyroscope [rad/s], accelerometer [m/s^2], position [m] and orientation [rad]; of the first two also
+    For gyroscope [rad/s], accelerometer [m/s^2], position [m] and orientation [rad]; for the first two also
     as multiples of a sample's sigma by the data sheet. NaN without an IMU.
     """
 
@@ -77,7 +78,7 @@ class PathResiduals:
 
 @dataclass(frozen=True)
 class PathFit:
-    """What was fitted; seconds since `start_ns` (IMU clock).
+    """Result of a fit; times in seconds since `start_ns` (IMU clock).
 
     `position` [m] and `quaternion` (xyzw, of any length near one) are splines of the IMU in the world of the
     poses. `gravity` (3,) [m/s^2] is in that world; `clock_offset_s`: t_imu = t_pose + offset. Biases (K,3)
@@ -105,13 +106,13 @@ def fit_path(
     """Fit a path to poses of an IMU and to its samples, over the time that all of them cover.
 
     Args:
-        poses: of the IMU, in about its clock.
+        poses: poses of the IMU, approximately in its clock.
         gyroscope: [rad/s], INERTIAL_DTYPE; None to fit the poses alone, with z up.
-        accelerometer: [m/s^2], INERTIAL_DTYPE; None likewise.
-        noise: by the data sheet; its walks bound how biases wander.
+        accelerometer: [m/s^2], INERTIAL_DTYPE; None with `gyroscope` None.
+        noise: noise by the data sheet; its walks limit the changes of the biases.
 
     Raises:
-        SimulationError: poses and samples have no time in common, do not agree, or have too long gaps.
+        SimulationError: poses and samples do not overlap or do not agree, or the gaps are too long.
     """
     problem = _problem_of(poses, gyroscope, accelerometer, noise)
     state, sigma = problem.start(), problem.first_sigma()
@@ -125,9 +126,9 @@ def fit_path(
 
 @dataclass(frozen=True)
 class _Problem:
-    """All readings, in seconds since the start; `sensors` are gyroscope and accelerometer, or nothing.
+    """All readings, in seconds since the start; `sensors` are gyroscope and accelerometer, or empty.
 
-    The clock of the poses is set ahead by `lag_s` beforehand.
+    The clock of the poses is shifted by `lag_s` in advance.
     """
 
     start_ns: int
@@ -139,7 +140,7 @@ class _Problem:
     noise: ImuNoise
 
     def start(self) -> PathState:
-        """Control points on the poses, with straight lines between them."""
+        """Initial control points, by linear interpolation of the poses."""
         at_s = self.poses.t_s
         t_s = np.clip(self.knots.centres_s, at_s[0], at_s[-1])
         control = np.empty((t_s.size, EACH))
@@ -147,7 +148,7 @@ class _Problem:
             control[:, axis] = np.interp(t_s, at_s, self.poses.values[:, axis])
         turns = Slerp(at_s, Rotation.from_quat(self.poses.values[:, 3:]))
         quaternion = turns(t_s).as_quat()
-        # q and -q are the same orientation; a spline needs one that does not jump.
+        # q and -q are the same orientation; a spline needs a continuous sign.
         flips = np.sign(np.sum(quaternion[1:] * quaternion[:-1], axis=1))
         control[:, 3:] = quaternion * np.cumprod([1.0, *flips])[:, None]
         gravity = np.array([0.0, 0.0, -_GRAVITY])
@@ -166,13 +167,13 @@ class _Problem:
         return np.array([d / np.sqrt(step) for d, step in zip(densities, steps, strict=False)])
 
     def first_sigma(self) -> FloatArray:
-        """Standard deviations of the sensors, of position and of orientation, to begin with."""
+        """Initial standard deviations of the sensors, of position and of orientation."""
         return np.array([*5.0 * self.sheet(), *3.0 * np.array(_LEAST_POSE_SIGMA)])
 
     def sigma_of(self, state: PathState) -> FloatArray:
-        """What is left over of each, but not less than what each cannot be better than."""
+        """Standard deviations of the residuals, with lower limits."""
         *sensors, position, orientation = self.left_over(state)
-        # Of poses the median, because of outliers.
+        # The median for poses, because of outliers.
         spread = [1.4826 * float(np.median(np.abs(r))) for r in (position, orientation)]
         found = [*(float(np.sqrt(np.mean(r**2))) for r in sensors), *spread]
         return np.maximum(found, [*self.sheet(), *_LEAST_POSE_SIGMA])
@@ -184,7 +185,7 @@ class _Problem:
         return [*parts[:-1], parts[-1][:, :3], parts[-1][:, 3:]]
 
     def terms(self, kind: int, state: PathState) -> Iterator[Terms]:
-        """Those of the gyroscope (0), of the accelerometer (1) or of the poses (-1), some at a time."""
+        """Residuals of the gyroscope (0), of the accelerometer (1) or of the poses (-1), in chunks."""
         readings = self.poses if kind < 0 else self.sensors[kind]
         make = (gyroscope_terms, accelerometer_terms, pose_terms)[kind]
         for begin in range(0, readings.t_s.size, _PIECE):
@@ -212,7 +213,7 @@ class _Problem:
         wander = np.broadcast_to((walks * np.sqrt(state.node_s))[:, None, None], column[:, 1:].shape)
         _add_prior(normal, np.array([[0]]), [1.0], [state.clock_s], _CLOCK_SIGMA)
         _add_prior(normal, np.array([[1, 2, 3]]), state.gravity / norm, [norm - _GRAVITY], _GRAVITY_SIGMA)
-        # Its direction is free, unless nothing measures it.
+        # The direction of gravity is free, unless there is no accelerometer.
         _add_prior(normal, np.arange(1, COMMON)[:, None], [1.0], np.zeros(3), 1e3)
         _add_prior(normal, column.reshape(-1, 1), [1.0], state.biases.ravel(), sigma.ravel())
         if nodes > 1:
@@ -258,7 +259,7 @@ def _problem_of(
     quaternion = poses.quaternion / np.linalg.norm(poses.quaternion, axis=1, keepdims=True)
     both = Readings((poses.t_ns - start_ns) / NS_PER_S, np.hstack([poses.position, quaternion]))
     readings = [both, *(Readings((s["t_ns"] - start_ns) / NS_PER_S, s["xyz"]) for s in streams)]
-    # Poses at the very ends might leave the spline when their clock is set.
+    # A change of the clock offset might move poses at the ends out of the spline.
     used, *sensors = (
         _within(one, margin_s, duration_s - margin_s)
         for one, margin_s in zip(readings, (_CLOCK_SIGMA, 0.0, 0.0), strict=False)
@@ -267,7 +268,7 @@ def _problem_of(
     longest_s = _LONGEST_GAP_S if streams else 0.5 * step_s + 1e-3
     if gap_s > longest_s:
         raise SimulationError(
-            f"the poses have a gap of {gap_s:.3f} s; expected at most {longest_s:.2f} s between two poses "
+            f"the poses have a gap of {gap_s:.3f} s; expected at most {longest_s:.2f} s between poses "
             f"{'with' if streams else 'without'} samples of an IMU: use another part or another file"
         )
     return _Problem(start_ns, duration_s, knots, used, tuple(sensors), lag_s, noise)

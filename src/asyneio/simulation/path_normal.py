@@ -1,4 +1,4 @@
-"""Normal equations of a spline with a few unknowns besides: a band with a border."""
+"""Normal equations of a spline with a few additional unknowns: a banded matrix with a border."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ _WIDTH = ACTIVE * EACH
 
 @dataclass(frozen=True)
 class Terms:
-    """N residuals r (N,k), ascending in time, with their derivatives.
+    """Residuals r (N,k), ascending in time, with their derivatives.
 
-    J (N,k,42) by six control points from `first` (N,) on, K (N,k,c) by the other unknowns `columns` (N,c).
+    J (N,k,42): with respect to six control points from `first` (N,) on; K (N,k,c): other unknowns `columns`
+    (N,c).
     """
 
     r: FloatArray
@@ -29,7 +30,7 @@ class Terms:
     K: FloatArray
 
     def weighted(self, root: FloatArray | float) -> Terms:
-        """All of it times square roots of weights, (N,k) or one."""
+        """Residuals and derivatives times square roots of weights, (N,k) or a scalar."""
         w = np.broadcast_to(root, self.r.shape)
         return Terms(w * self.r, self.first, w[..., None] * self.J, self.columns, w[..., None] * self.K)
 
@@ -57,7 +58,7 @@ class NormalEquations:
         self.add_others(columns, terms.K, terms.r)
 
     def add_others(self, columns: IntArray, K: FloatArray, r: FloatArray) -> None:
-        """Add weighted residuals (N,k) of the other unknowns alone."""
+        """Add weighted residuals (N,k) of the other unknowns only."""
         transposed = np.swapaxes(K, 1, 2)
         _scatter(self.corner, (columns[:, :, None], columns[:, None, :]), transposed @ K)
         _scatter(self.right_others, (columns,), (transposed @ r[..., None])[..., 0])
@@ -66,9 +67,9 @@ class NormalEquations:
         """Steps of the control points (count,7), and of the others.
 
         Raises:
-            numpy.linalg.LinAlgError: something is not determined.
+            numpy.linalg.LinAlgError: the system is singular.
         """
-        # Next to nothing, for control points at the ends that little else determines.
+        # Weak regularization for control points at the ends.
         self.band[0] += 1e-6
         factor = cholesky_banded(self.band, lower=True)
         both = cho_solve_banded((factor, True), np.column_stack([self.border, self.right]))
@@ -79,10 +80,10 @@ class NormalEquations:
 
 
 def _sum_by(first: IntArray, J: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Distinct `first` (S,), and sums (42,42,S) of J^T J over all of J (N,k,42) that belong to each."""
+    """Distinct `first` (S,), and sums (42,42,S) of J^T J over the rows of J (N,k,42) of each."""
     begins = np.flatnonzero(np.diff(first, prepend=-1))
     counts = np.diff(begins, append=first.size)
-    # As many rows for each as the fullest needs: one product of matrices does all.
+    # Padded to the same number of rows, so that one matrix product computes all sums.
     rows = np.zeros((begins.size, int(counts.max(initial=0)), *J.shape[1:]))
     rows[np.repeat(np.arange(begins.size), counts), np.arange(first.size) - np.repeat(begins, counts)] = J
     rows = rows.reshape(begins.size, rows.shape[1] * rows.shape[2], J.shape[2])
@@ -90,6 +91,6 @@ def _sum_by(first: IntArray, J: FloatArray) -> tuple[IntArray, FloatArray]:
 
 
 def _scatter(target: FloatArray, index: tuple[IntArray, ...], values: FloatArray) -> None:
-    """Add values to places of an array, which may come more than once."""
+    """Add values to elements of an array, whose indices may repeat."""
     flat = np.ravel_multi_index(np.broadcast_arrays(*index), target.shape)
     target += np.bincount(flat.ravel(), values.ravel(), target.size).reshape(target.shape)

@@ -1,4 +1,4 @@
-"""What a spline of position and quaternion says against poses and samples, with derivatives.
+"""Residuals of a spline of position and quaternion for poses and samples, with derivatives.
 
 Quaternions are xyzw. For unit p, vec(p^-1 q) = L(p) q = -L(q) p with L(p) = [p_w I - [p_v]x, -p_v].
 """
@@ -14,7 +14,7 @@ from asyneio.simulation.path_basis import ACTIVE, UniformKnots
 from asyneio.simulation.path_normal import EACH, Terms
 from asyneio.types import FloatArray, IntArray
 
-#: Unknowns besides control points and biases: clock offset, gravity.
+#: Number of unknowns except control points and biases: clock offset, gravity.
 COMMON = 4
 
 
@@ -28,8 +28,8 @@ class Readings:
 
 @dataclass(frozen=True)
 class PathState:
-    """All unknowns: control points (n,7), clock offset [s], gravity (3,), biases (2,K,3) at nodes `node_s`
-    apart [s] of gyroscope and accelerometer."""
+    """All unknowns: control points (n,7), clock offset [s], gravity (3,), and biases (2,K,3) of gyroscope and
+    accelerometer at nodes with the spacing `node_s` [s]."""
 
     control: FloatArray
     clock_s: float
@@ -82,7 +82,7 @@ def accelerometer_terms(knots: UniformKnots, accelerometer: Readings, state: Pat
     bias, columns, by_bias = state.bias(1, accelerometer.t_s)
     J = np.zeros((first.size, 3, ACTIVE, EACH))
     J[..., :3] = _by_control(C_b_w, weights[2])
-    # A turn of the body by d changes C^T f by [C^T f]x d, and d = 2 L(q) dq / |q|^2.
+    # A rotation of the body by d changes C^T f by [C^T f]x d, and d = 2 L(q) dq / |q|^2.
     square = np.sum(q * q, axis=1)[:, None, None]
     J[..., 3:] = _by_control(_cross(force) @ (2.0 * _left(q) / square), weights[0])
     columns = np.hstack([np.tile(np.arange(1, COMMON), (first.size, 1)), columns])
@@ -91,8 +91,8 @@ def accelerometer_terms(knots: UniformKnots, accelerometer: Readings, state: Pat
 
 
 def pose_terms(knots: UniformKnots, poses: Readings, state: PathState) -> Terms:
-    """Position [m], then orientation [rad], of the spline at the stamps plus the clock offset, less those of
-    the poses (values (N,7): position, unit quaternion)."""
+    """Position [m] and orientation [rad] of the spline at the timestamps plus the clock offset, minus those
+    of the poses (values (N,7): position, unit quaternion)."""
     t_s = np.clip(poses.t_s + state.clock_s, 0.0, knots.intervals * knots.step_s)
     first, weights = knots.weights(t_s, 1)
     at, rate = (_spline(weights[nu], first, state.control) for nu in (0, 1))
@@ -112,7 +112,7 @@ def pose_terms(knots: UniformKnots, poses: Readings, state: PathState) -> Terms:
 
 
 def length_terms(knots: UniformKnots, state: PathState) -> Terms:
-    """`|q|^2 - 1` twice an interval: without it the length of the quaternion would be free."""
+    """`|q|^2 - 1`, twice per interval, because the norm of the quaternion is not measured."""
     t_s = np.asarray((np.arange(2 * knots.intervals) + 0.5) * 0.5 * knots.step_s, dtype=np.float64)
     first, weights = knots.weights(t_s, 0)
     q = _spline(weights[0], first, state.control)[:, 3:]
@@ -129,7 +129,7 @@ def _spline(weights: FloatArray, first: IntArray, control: FloatArray) -> FloatA
 
 
 def _by_control(D: FloatArray, weights: FloatArray) -> FloatArray:
-    """Derivatives (N,k,6,c) by control points, of D (N,k,c) by their sum with weights (N,6)."""
+    """Derivatives (N,k,6,c) by control points, given D (N,k,c) by their sum with weights (N,6)."""
     return D[:, :, None, :] * weights[:, None, :, None]
 
 

@@ -1,4 +1,4 @@
-"""A motion that comes to rest for a while and goes on: its clock slows down, stops, and picks up again."""
+"""A motion with a stationary phase: its clock slows down, stops, and accelerates again."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from asyneio.types import FloatArray
 class PausedMotion:
     """`motion` with its clock stopped from `begin_s` to `end_s` [s].
 
-    The clock slows down during `ramp_s` before and picks up during `ramp_s` after the pause along a quintic
-    smoothstep, so that position and attitude stay three times differentiable. A pause from 0 on needs no time
-    to slow down.
+    The clock slows down during `ramp_s` before the pause and accelerates during `ramp_s` after it along a
+    quintic smoothstep, so position and attitude remain three times differentiable. A pause from 0 on needs no
+    time to slow down.
 
     Raises:
         SimulationError: the pause ends before it begins, or there is no time to slow down before it.
@@ -64,9 +64,9 @@ class PausedMotion:
         return own + self.motion.angular_velocity_b(clock) * change[:, None]
 
     def _clock(self, t_s: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Reading (N,) of the motion's clock, its speed and the derivative of its speed."""
+        """Time (N,) of the motion's clock, its speed and the derivative of its speed."""
         t = np.atleast_1d(np.asarray(t_s, dtype=np.float64))
-        # Shares of the two ramps that have passed.
+        # Elapsed fractions of the two ramps.
         slowed = np.clip((t - self.begin_s) / self.ramp_s + 1.0, 0.0, 1.0)
         resumed = np.clip((t - self.end_s) / self.ramp_s, 0.0, 1.0)
         speed = 1.0 - _step(slowed) + _step(resumed)

@@ -1,4 +1,4 @@
-"""A recorded motion to simulate along, with the real samples of the IMU that made it."""
+"""A recorded motion for a simulation, with the real IMU samples recorded on it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
 @dataclass(frozen=True)
 class RealSamples:
-    """Samples of an IMU as they are (INERTIAL_DTYPE), and the biases that the fit found in them."""
+    """IMU samples as recorded (INERTIAL_DTYPE), and their biases estimated by the fit."""
 
     gyroscope: RecordArray
     accelerometer: RecordArray
@@ -27,9 +27,9 @@ class RealSamples:
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """A part of a recorded motion, and what its IMU read meanwhile; None for an IMU to be simulated.
+    """A part of a recorded motion, and its IMU samples (None: the IMU is simulated).
 
-    `motion` begins at `start_ns` (IMU clock), in a world with z up and its origin in the middle of the way.
+    `motion` begins at `start_ns` (IMU clock), in a world with z up and its origin at the centre of the path.
     """
 
     start_ns: int
@@ -47,15 +47,14 @@ def recorded_run(
 ) -> RecordedRun:
     """A part of a fitted path with its samples.
 
-    Gravity points down exactly; the world is turned about the vertical so that `forward_b` points along x on
-    average.
+    The world is rotated so that gravity points down exactly, and `forward_b` points along x on average.
 
     Args:
-        fit: of poses and samples.
-        gyroscope: the samples that were fitted; None where there were none.
-        accelerometer: likewise.
-        forward_b: (3,) where the camera looks, in the body.
-        span_s: begin after the start of the fit and length [s]; None for all that follows.
+        fit: fit of poses and samples.
+        gyroscope: the fitted samples, if any.
+        accelerometer: the fitted samples, if any.
+        forward_b: (3,) viewing direction of the camera in the body frame.
+        span_s: beginning since the start of the fit and length [s]; None for the rest of the fit.
 
     Raises:
         SimulationError: the fit is shorter.
@@ -64,8 +63,8 @@ def recorded_run(
     length_s = fit.duration_s - begin_s if length_s is None else length_s
     if not (begin_s >= 0.0 and 0.0 < length_s <= fit.duration_s - begin_s + 1e-9):
         raise SimulationError(
-            f"poses (and IMU) span {fit.duration_s:.1f} s; {length_s:g} s from {begin_s:g} s on were "
-            "asked for: use a smaller offset or a shorter run"
+            f"poses (and IMU) span {fit.duration_s:.1f} s, but {length_s:g} s from {begin_s:g} s on are "
+            "required: use a smaller offset or a shorter run"
         )
     start_ns = fit.start_ns + round(begin_s * NS_PER_S)
     motion = _upright(fit, forward_b, begin_s, length_s)
@@ -84,7 +83,7 @@ def recorded_run(
 
 
 def _upright(fit: PathFit, forward_b: FloatArray, begin_s: float, length_s: float) -> SplineMotion:
-    """The path in a world with z against gravity, x ahead, and the origin in the middle of the way."""
+    """The path in a world with z against gravity, x forward, and the origin at the centre of the path."""
     level, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [fit.gravity])
     t_s = begin_s + np.linspace(0.0, length_s, 1 + int(np.ceil(50.0 * length_s)))
     ahead = (level * Rotation.from_quat(fit.quaternion(t_s))).apply(forward_b).mean(axis=0)
@@ -92,7 +91,7 @@ def _upright(fit: PathFit, forward_b: FloatArray, begin_s: float, length_s: floa
     way = turn.apply(fit.position(t_s))
     middle = 0.5 * (way.min(axis=0) + way.max(axis=0))
     x, y, z, w = turn.as_quat()
-    # Columns of p -> turn p: a product of quaternions is linear in its second factor.
+    # Matrix of the map p -> turn p: a quaternion product is linear in its second factor.
     product = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
     position = BSpline(fit.position.t, turn.apply(fit.position.c) - middle, fit.position.k)
     quaternion = BSpline(fit.quaternion.t, fit.quaternion.c @ product.T, fit.quaternion.k)

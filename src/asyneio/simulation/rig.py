@@ -1,16 +1,19 @@
-"""The rig that every simulation carries: its calibration, and its IMU with the truth behind it.
+"""The simulated rig: its calibration, its IMU samples and their ground truth.
 
 Errors are applied in the order of the signal: motion of the housing, with vibration; scale, misalignment and
 the gyroscope's sensitivity to specific force; white noise; low-pass filter; sampling at the sensor's own
 rate; bias; full scale and quantisation; reading at the output's rate; stamps.
 
-Three conventions give the truth its meaning. The bias of the truth is what adds to the readings whatever the
-motion: that at the start, its walk, and its drift with temperature. Scale, misalignment and sensitivity to
-specific force depend on the motion and are not in it; an estimator that knows none of them finds a bias that
-differs by about `scale * 9.8 m/s^2` for an accelerometer. The body's axes are the gyroscope's. And stamps are
-late by the delay of the filter, as those of a real camera are; because a calibration measures it, the
-gyroscope's delay is contained in `timeshift_ns`, so that by the IMU's clock, in which the truth is given, the
-gyroscope is on time for slow motion, and the accelerometer late by the difference of the two.
+The ground truth follows three conventions:
+
+1. The true bias is the part of the readings that does not depend on the motion: the initial bias, its walk,
+   and its drift with temperature. Scale, misalignment and sensitivity to specific force are not part of it;
+   an estimator without a model of them finds an accelerometer bias that differs by about `scale * 9.8 m/s^2`.
+2. The body axes are the gyroscope's axes.
+3. Timestamps are late by the delay of the filter, as those of real sensors. A calibration measures this
+   delay, so the gyroscope's delay is contained in `timeshift_ns`. In the IMU clock, which is that of the
+   ground truth, the gyroscope is on time for slow motion, and the accelerometer is late by the difference of
+   the two delays.
 """
 
 from __future__ import annotations
@@ -43,13 +46,13 @@ from asyneio.simulation.truth import Truth
 from asyneio.simulation.vibration import draw_tones
 from asyneio.types import NS_PER_S, Calibration, FloatArray, IntArray, RecordArray
 
-#: Camera axes (x right, y down, z forward) in the carrier (x forward, y left, z up), one a column.
+#: Camera axes (x right, y down, z forward) in the carrier frame (x forward, y left, z up), as columns.
 C_F_C = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True)
 class InertialRun:
-    """Both streams (INERTIAL_DTYPE, IMU clock) and the truth of the run."""
+    """Both streams (INERTIAL_DTYPE, IMU clock) and the ground truth of the run."""
 
     gyroscope: RecordArray
     accelerometer: RecordArray
@@ -62,10 +65,10 @@ def simulate_inertial(
     for_gyroscope: np.random.Generator,
     for_accelerometer: np.random.Generator,
 ) -> InertialRun:
-    """What the IMU of a scenario reads on its way, each sensor with randomness of its own.
+    """Simulate the IMU of a scenario along a motion, with one random generator for each sensor.
 
     Raises:
-        SimulationError: a stream is impossible.
+        SimulationError: a stream cannot be simulated.
     """
     imu = scenario.imu
     (for_vibration,) = for_gyroscope.spawn(1)
@@ -103,15 +106,15 @@ def calibration_of(scenario: RigScenario) -> Calibration:
     """The true calibration of a scenario."""
     noise = scenario.noise
     if scenario.gyroscope_rate_hz == scenario.accelerometer_rate_hz:
-        # Only then is there one rate to declare.
+        # The calibration can declare only one rate.
         noise = replace(noise, rate_hz=scenario.gyroscope_rate_hz)
     return Calibration(scenario.camera, scenario.T_b_c, scenario.timeshift_ns, noise)
 
 
 @dataclass(frozen=True)
 class _Stream:
-    """One stream: `signal` is what the sensor feels, `temperature` (3,) [unit/K] its unit's; `ahead_s` is
-    how much earlier than the sensor's own its stamps are counted [s]."""
+    """One stream: `signal` is its true input, `temperature` (3,) its temperature coefficient [unit/K], and
+    `ahead_s` the time by which the calibration's clock is ahead of the sensor's [s]."""
 
     scenario: RigScenario
     spec: StreamSpec
@@ -143,7 +146,7 @@ def _values(
     rng: np.random.Generator,
     random: StreamRandomness,
 ) -> FloatArray:
-    """Readings (N,3) at times (N,) [ns] before they are digitised."""
+    """Readings (N,3) at times (N,) [ns] before quantisation."""
     errors, spec = stream.errors, stream.spec
     t_s = t_ns / NS_PER_S
     if np.isinf(errors.bandwidth_hz) and errors.delay_s is None and errors.update_rate_hz is None:

@@ -1,4 +1,4 @@
-"""Landmarks of a scene, in the world frame (z up), around the centre of the motion at the origin."""
+"""Landmarks of scenes, in the world frame (z up), with the centre of the motion at the origin."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def draw_landmarks(kind: str, count: int, rng: np.random.Generator) -> FloatArra
         SimulationError: the scene is unknown or `count` is not positive.
     """
     if count <= 0:
-        raise SimulationError(f"{count} landmarks asked for; expected a positive number")
+        raise SimulationError(f"{count} landmarks; expected a positive number")
     if kind not in list(SceneKind):
         raise SimulationError(f"scene {kind!r} is unknown; expected one of {', '.join(SceneKind)}")
     return _BUILDERS[SceneKind(kind)](count, rng)
@@ -41,7 +41,7 @@ def draw_landmarks(kind: str, count: int, rng: np.random.Generator) -> FloatArra
 
 def _room(count: int, rng: np.random.Generator) -> FloatArray:
     size = _ROOM_HIGH - _ROOM_LOW
-    # A face of the box is normal to an axis; faces receive landmarks in proportion to their area.
+    # Each face of the box is normal to an axis; the number of its landmarks is proportional to its area.
     area = np.prod(size) / size
     axis = rng.choice(3, size=count, p=area / area.sum())
     upper = rng.integers(0, 2, size=count)

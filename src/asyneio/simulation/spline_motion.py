@@ -1,4 +1,4 @@
-"""Motion along splines of position and quaternion: every derivative is exact."""
+"""Motion along splines of position and quaternion, with exact derivatives."""
 
 from __future__ import annotations
 

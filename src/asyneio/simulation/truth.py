@@ -33,7 +33,7 @@ class StateTruth:
 
 @dataclass(frozen=True)
 class Truth:
-    """The whole run: exact motion, bias walks, and the interval [`start_ns`, `end_ns`] it holds for."""
+    """Ground truth of a run: exact motion and bias walks within [`start_ns`, `end_ns`]."""
 
     start_ns: int
     end_ns: int
@@ -50,7 +50,7 @@ class Truth:
         t_abs = np.atleast_1d(np.asarray(t_ns, dtype=np.int64))
         if t_abs.size and (t_abs.min() < self.start_ns or t_abs.max() > self.end_ns):
             raise SimulationError(
-                f"truth asked for at {t_abs.min()} .. {t_abs.max()} ns; "
+                f"ground truth requested at {t_abs.min()} .. {t_abs.max()} ns; "
                 f"expected times within the run, {self.start_ns} .. {self.end_ns} ns"
             )
         elapsed_ns = t_abs - self.start_ns
@@ -72,7 +72,7 @@ class Truth:
         )
 
     def poses(self, rate_hz: float) -> PoseTrajectory:
-        """Poses of the whole run at a fixed rate [Hz], from its start on."""
+        """Poses of the whole run at a constant rate [Hz], from its start on."""
         count = int((self.end_ns - self.start_ns) / NS_PER_S * rate_hz + 1e-9) + 1
         t_ns = self.start_ns + np.rint(np.arange(count) / rate_hz * NS_PER_S).astype(np.int64)
         T_w_b = self.at(t_ns).T_w_b

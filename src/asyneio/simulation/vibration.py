@@ -1,9 +1,8 @@
-"""Vibration of the housing of an IMU: a rotor's frequency and its harmonics, as true motion of the sensor.
+"""Vibration of the IMU housing: a rotor's frequency and its harmonics, as true motion of the sensor.
 
-What vibrates is a few micrometres and tenths of a milliradian (3 m/s^2 and 0.15 rad/s at 87 Hz: 10 um, 0.3
-mrad), far below what a camera resolves; so the events, and the poses of the truth, are those of the mean
-motion. To an IMU it is motion like any other: it goes through its low-pass filter and is aliased by its
-sampling.
+The amplitudes are a few micrometres and tenths of a milliradian (3 m/s^2 and 0.15 rad/s at 87 Hz: 10 um, 0.3
+mrad), far below the resolution of a camera. Events and true poses are therefore those of the mean motion. For
+the IMU, vibration is motion: it passes the low-pass filter and is aliased by the sampling.
 """
 
 from __future__ import annotations
@@ -18,15 +17,15 @@ from asyneio.types import FloatArray
 
 @dataclass(frozen=True)
 class Vibration:
-    """A fundamental frequency [Hz] and, for it and each of its harmonics, the amplitude on every axis.
+    """A fundamental frequency, and the amplitudes of it and its harmonics on every axis.
 
     Attributes:
-        fundamental_hz: such as the rotation of a rotor.
+        fundamental_hz: fundamental frequency, such as that of a rotor [Hz].
         acceleration: amplitudes of the first, second, ... harmonic [m/s^2].
-        rate: likewise of the angular velocity [rad/s]; as many.
+        rate: amplitudes of the angular velocity [rad/s], of the same number.
 
     Raises:
-        SimulationError: a frequency that is not positive, or amplitudes that do not match or are negative.
+        SimulationError: the frequency is not positive, or amplitudes are negative or differ in number.
     """
 
     fundamental_hz: float
@@ -39,8 +38,8 @@ class Vibration:
         if not (self.fundamental_hz > 0.0 and matching and min(amplitudes) >= 0.0):
             raise SimulationError(
                 f"vibration at {self.fundamental_hz} Hz with amplitudes {self.acceleration} m/s^2 and "
-                f"{self.rate} rad/s; expected a positive frequency and as many amplitudes, none negative, "
-                "of the one as of the other"
+                f"{self.rate} rad/s; expected a positive frequency and equal numbers of amplitudes, "
+                "none of them negative"
             )
 
 
@@ -62,7 +61,7 @@ class Tones:
 
 
 def draw_tones(vibration: Vibration | None, rng: np.random.Generator) -> tuple[Tones, Tones]:
-    """Angular velocity [rad/s] and acceleration [m/s^2] of a vibration, phases at random; none of None."""
+    """Angular velocity [rad/s] and acceleration [m/s^2] of a vibration with random phases; None for None."""
     if vibration is None:
         nothing = Tones(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
         return nothing, nothing

@@ -1,1 +1,1 @@
-"""Comparisons as repeatable studies: conditions times seeds, measured in parallel, told in tables."""
+"""Repeatable studies: conditions times seeds, measured in parallel, reported as tables and figures."""

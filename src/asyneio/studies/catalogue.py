@@ -1,4 +1,4 @@
-"""The studies by name."""
+"""Studies by name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from asyneio.studies.preintegration import preintegration
 from asyneio.studies.schemes import schemes
 from asyneio.studies.study import Study
 
-#: Each takes `quick` and the number of seeds (None: its own).
+#: Each takes `quick` and the number of seeds (None: the study's default).
 STUDIES: dict[str, Callable[[bool, int | None], Study]] = {
     study.__name__: study for study in (expressiveness, preintegration, schemes)
 }

@@ -1,4 +1,4 @@
-"""Independent tasks in processes of their own: results as they end, prompt on Ctrl-C."""
+"""Run independent tasks in separate processes: results as they finish, immediate stop on Ctrl-C."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 from asyneio.errors import StudyError
 from asyneio.studies.study import Task
 
-#: Processes share the cores among them; libraries must not start threads of their own.
+#: The processes use all cores, so libraries must not start additional threads.
 _THREADS = (
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
@@ -26,7 +26,7 @@ _THREADS = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """Figures of a task, or why there are none."""
+    """Results of a task, or the reason of its failure."""
 
     measured: dict[str, float] = field(default_factory=dict)
     failure: str = ""
@@ -35,12 +35,12 @@ class Outcome:
 def run_tasks(
     measure: Callable[[Any], dict[str, float]], tasks: Sequence[Task], jobs: int
 ) -> Iterator[tuple[Task, Outcome]]:
-    """Tasks with their outcomes, in the order in which they end.
+    """Run tasks; yields each with its outcome in the order in which they finish.
 
     Args:
-        measure: of a module's top level, so that another process can import it.
-        tasks: what to measure.
-        jobs: processes at a time; with 1 the tasks run in this process, one after the other.
+        measure: function at the top level of a module, so that another process can import it.
+        tasks: tasks to measure.
+        jobs: number of processes; with 1, the tasks run sequentially in this process.
 
     Raises:
         StudyError: a process was killed.
@@ -56,21 +56,21 @@ def run_tasks(
                 yield futures.pop(future), future.result()
         except BrokenProcessPool as error:
             raise StudyError(
-                "a process that measured was killed, perhaps for want of memory; what was measured is kept: "
-                "start the command again, with fewer --jobs"
+                "a measuring process was killed, possibly for lack of memory; finished results are kept: "
+                "run the command again with fewer --jobs"
             ) from error
 
 
 @contextmanager
 def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
-    """Fresh processes: a fork would inherit the threads of a progress bar and of compiled code."""
+    """A pool of new processes: a fork would inherit the threads of a progress bar and of compiled code."""
     before = set(multiprocessing.active_children())
     with _one_thread_each():
         pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"))
         try:
             yield pool
         except BaseException:
-            # What runs now is measured anew next time; waiting for it would make Ctrl-C slow.
+            # Running tasks are repeated next time; waiting for them would delay Ctrl-C.
             pool.shutdown(wait=False, cancel_futures=True)
             for child in set(multiprocessing.active_children()) - before:
                 child.terminate()
@@ -80,7 +80,7 @@ def _pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Environment in which processes are started with one thread for each library."""
+    """Environment variables for processes with one thread per library."""
     kept = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
@@ -94,7 +94,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _attempt(measure: Callable[[Any], dict[str, float]], task: Task) -> Outcome:
-    """Whatever a measurement raises is its result: one bad condition must not end a study of hours."""
+    """Measure a task; an exception is its result, because one bad condition must not end a study of hours."""
     try:
         return Outcome(measure(task))
     except Exception as error:

@@ -1,4 +1,4 @@
-"""How well each prior and space represents known motions between knots."""
+"""Study: accuracy of each prior and space for known motions between knots."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ INTERVALS_MS = (5, 10, 20, 50, 100, 200)
 SPEEDS = (0.5, 1.0, 2.0)
 
 _DURATION_MS = 4000
-#: Places in each interval at which the trajectory is compared with the motion: the middles of as many parts.
+#: Number of comparison times per interval: the centres of as many equal parts.
 _PLACES = 8
 #: Standard deviations of noisy knots: pose [rad, m], velocity [rad/s, m/s], acceleration [rad/s^2, m/s^2].
 _NOISE = ((1e-3, 1e-3), (1e-2, 1e-2), (0.3, 0.3))
@@ -55,8 +55,8 @@ class ExpressivenessTask:
 
 
 def measure(task: ExpressivenessTask) -> dict[str, float]:
-    """RMS errors between the knots, each the length of the vector of error, and how lively the motion is."""
-    # The same motion for every prior, space and interval.
+    """RMS norms of the errors between knots, and RMS magnitudes of the motion."""
+    # All priors, spaces and intervals use the same motion.
     rng = np.random.default_rng([task.seed, list(MotionKind).index(MotionKind(task.motion))])
     motion = draw_known_motion(task.motion, task.speed, rng)
     step_ns = task.interval_ms * 1_000_000
@@ -70,7 +70,7 @@ def measure(task: ExpressivenessTask) -> dict[str, float]:
         T_w_b[:, :3, :3],
         T_w_b[:, :3, 3],
         rates,
-        # The mean does not depend on the size of an isotropic density.
+        # The mean does not depend on the magnitude of an isotropic density.
         np.ones(6),
         motion_model=motion_model_named(task.prior, task.space),
     )

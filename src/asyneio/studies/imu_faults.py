@@ -1,4 +1,4 @@
-"""Inertial samples that get lost: single ones, or all of a moment."""
+"""Loss of inertial samples: single samples, or all samples of short gaps."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from asyneio.types import NS_PER_S, RecordArray, Recording
 
 
 def lose_samples(recording: Recording, share: float, rng: np.random.Generator) -> Recording:
-    """The recording with a share of the samples of each sensor gone, each by its own chance."""
+    """The recording without a random share of the samples of each sensor."""
     kept = [samples[rng.random(samples.size) >= share] for samples in _streams(recording)]
     return replace(recording, gyroscope=kept[0], accelerometer=kept[1])
 
 
 def lose_bursts(recording: Recording, share: float, length_s: float, rng: np.random.Generator) -> Recording:
-    """The recording without what both sensors measured in gaps of `length_s` that make up a share of it.
+    """The recording without the samples of both sensors in gaps of `length_s`, which are a share of its
+    duration.
 
-    Gaps do not touch: there is one in each of equal parts of the recording, anywhere in it but for a margin
-    of a tenth of the part.
+    The recording is divided into equal parts with one gap each, at a random position except for a margin of a
+    tenth of the part, so gaps do not touch.
     """
     streams = _streams(recording)
     start_ns, end_ns = int(streams[0]["t_ns"][0]), int(streams[0]["t_ns"][-1])

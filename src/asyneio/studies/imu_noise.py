@@ -1,4 +1,4 @@
-"""Levels of inertial noise that studies share."""
+"""Levels of inertial noise used by several studies."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ class NoiseLevel:
 
     @property
     def assumed_gyroscope(self) -> float:
-        """What a method is told: never less than a hundredth of a good MEMS unit's, for nothing is exact."""
+        """Density given to a method: at least a hundredth of that of a good MEMS unit."""
         return max(self.gyroscope, 1.7e-6)
 
     @property
     def assumed_accelerometer(self) -> float:
-        """As `assumed_gyroscope`."""
+        """Density given to a method, as `assumed_gyroscope`."""
         return max(self.accelerometer, 2e-5)
 
 
-#: From none over a good and an inexpensive MEMS unit to a bad one.
+#: No noise, a good, an inexpensive and a bad MEMS unit.
 NOISE = {
     "none": NoiseLevel(0.0, 0.0),
     "low": NoiseLevel(1.7e-4, 2e-3),

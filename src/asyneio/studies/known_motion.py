@@ -1,4 +1,4 @@
-"""Random motions whose every derivative is known, for studies without an estimator."""
+"""Random motions with known derivatives, for studies without an estimator."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 from asyneio.simulation import AnalyticMotion, Sinusoids
 from asyneio.types import FloatArray
 
-#: Sinusoids in each coordinate.
+#: Number of sinusoids of each coordinate.
 _TERMS = 3
-#: Circle of `ORBIT`: radius [m] and turns a second at speed 1.
+#: Circle of `ORBIT`: radius [m] and revolutions per second at speed 1.
 _RADIUS_M, _ORBIT_HZ = 1.0, 0.5
 
 
 class MotionKind(StrEnum):
-    """What moves most: the attitude, the position, both at random, or both along a circle."""
+    """Kinds of motion: mainly rotation, mainly translation, both at random, or both along a circle."""
 
     ROTATION = "rotation"
     TRANSLATION = "translation"
@@ -25,7 +25,7 @@ class MotionKind(StrEnum):
     ORBIT = "orbit"
 
 
-#: Amplitude of each sinusoid's rate of angle [rad/s] and of position [m/s], and its lowest and highest
+#: Amplitudes of the angular rate [rad/s] and velocity [m/s] of each sinusoid, and lowest and highest
 #: frequency [Hz], at speed 1.
 _LEVELS = {
     MotionKind.ROTATION: (1.5, 0.1, 0.5, 2.0),
@@ -34,7 +34,7 @@ _LEVELS = {
     MotionKind.ORBIT: (0.1, 0.05, 0.1, 0.5),
 }
 
-#: All that a motion depends on beside its kind, speed and seed.
+#: All parameters of a motion except its kind, speed and seed.
 MOTION_SETTINGS = {
     "levels": {kind.value: list(levels) for kind, levels in _LEVELS.items()},
     "terms": _TERMS,
@@ -43,10 +43,10 @@ MOTION_SETTINGS = {
 
 
 def draw_known_motion(kind: str, speed: float, rng: np.random.Generator) -> AnalyticMotion:
-    """A random motion of a kind; `speed` is a factor on all frequencies, so the same path is gone faster.
+    """A random motion of a kind; `speed` is a factor on all frequencies and does not change the path.
 
-    `orbit` goes round a circle as a vehicle does, heading along it: but for what is added at random, slowly,
-    its velocity in the body is constant.
+    `orbit` is a circle with the heading along it, as of a vehicle: apart from slow random additions, its
+    velocity in the body frame is constant.
     """
     rate, velocity, lowest, highest = _LEVELS[MotionKind(kind)]
     frequency_hz = rng.uniform(lowest, highest, (6, _TERMS))
@@ -61,7 +61,7 @@ def draw_known_motion(kind: str, speed: float, rng: np.random.Generator) -> Anal
         frequency_hz = np.hstack([frequency_hz, np.full((6, 1), _ORBIT_HZ)])
         phase = np.hstack([phase, np.array([[start + 0.5 * np.pi], [start], *[[0.0]] * 4])])
         offset[5], drift[5] = start + 0.5 * np.pi, 2.0 * np.pi * _ORBIT_HZ * speed
-    # Any mounting: no axis of the body is special.
+    # A random mounting, so that no body axis is special.
     mounting = Rotation.random(random_state=rng).as_matrix()
     return AnalyticMotion(Sinusoids(amplitude, speed * frequency_hz, phase, offset, drift), mounting)
 
@@ -83,6 +83,6 @@ def angles_between(C_one: FloatArray, C_other: FloatArray) -> FloatArray:
 
 
 def rms(errors: FloatArray) -> float:
-    """Root of the mean square of errors (N,), or of the lengths of errors (N,3)."""
+    """Root mean square of errors (N,), or of the norms of errors (N,3)."""
     squares = errors**2 if errors.ndim == 1 else (errors**2).sum(axis=1)
     return float(np.sqrt(squares.mean()))

@@ -1,4 +1,4 @@
-"""Measure the tasks that a file holds no result of, and keep every result as it comes."""
+"""Measure the tasks without a result in a file, and append every result to it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from asyneio.progress import TaskCallback
 from asyneio.studies.execution import run_tasks
 from asyneio.studies.records import Record, append, appending, latest, read_records
 from asyneio.studies.study import Task, code_fingerprint, task_key, task_values
+
+#: Called with the number of finished tasks, of all tasks, and of failed ones.
+Progress = Callable[[int, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -34,19 +37,19 @@ def measure_missing(
     jobs: int,
     progress: TaskCallback = lambda *_: None,
 ) -> Measured:
-    """Every result is on disk as soon as it is there: a run that is stopped resumes where it was. Tasks that
-    failed are tried again.
+    """Measure the missing tasks. Every result is written to disk at once, so that an interrupted run can
+    resume. Failed tasks are repeated.
 
     Args:
-        path: the file of results; made where there is none.
-        measure: as for `run_tasks`.
-        tasks: what is wanted.
-        settings: fingerprint of all that results depend on beside their task.
-        jobs: processes at a time.
-        progress: is told of each task that ends.
+        path: file of results; created if missing.
+        measure: as in `run_tasks`.
+        tasks: tasks to measure.
+        settings: fingerprint of everything except the task that results depend on.
+        jobs: number of processes.
+        progress: called after each task.
 
     Raises:
-        StudyError: the file holds damaged results, or a process was killed.
+        StudyError: the file contains damaged results, or a process was killed.
     """
     code = code_fingerprint()
     found = latest(read_records(path), settings)

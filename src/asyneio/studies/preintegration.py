@@ -1,4 +1,4 @@
-"""Accuracy and cost of the rules that integrate inertial samples over a window."""
+"""Study: accuracy and cost of preintegration methods over a window."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ WINDOWS_S = (0.05, 0.1, 0.2, 0.5)
 RATES_HZ = (100, 200, 1000)
 
 _GRAVITY = 9.81
-#: Windows of one task, begun anywhere within so many seconds of its motion.
+#: Number of windows of a task, and time span in which they begin [s].
 _WINDOWS, _SPAN_S = 20, 4.0
-#: Samples given beyond each end of a window.
+#: Number of samples beyond each end of a window.
 _MARGIN = 2.5
 
 ROTATION = Metric("rotation_deg", "rotation error", "deg")
@@ -41,7 +41,7 @@ _LINES = ("rule",)
 
 @dataclass(frozen=True)
 class PreintegrationTask:
-    """A rule over windows of `window_s` with samples at `rate_hz` and a level of noise."""
+    """A method over windows of `window_s` with samples at `rate_hz` and a level of noise."""
 
     rule: str
     window_s: float
@@ -51,8 +51,8 @@ class PreintegrationTask:
 
 
 def measure(task: PreintegrationTask) -> dict[str, float]:
-    """RMS errors at the ends of the windows, and the time of the fastest: others wait on a busy machine."""
-    # The same motion, windows and noise for every rule.
+    """RMS errors at the ends of the windows, and the minimum time, which is least affected by other load."""
+    # All methods use the same motion, windows and noise.
     rng = np.random.default_rng([task.seed, round(1e3 * task.window_s), task.rate_hz])
     motion = draw_known_motion(MotionKind.BOTH, 1.0, rng)
     starts_s = rng.uniform(0.0, _SPAN_S, _WINDOWS)
@@ -80,7 +80,7 @@ def measure(task: PreintegrationTask) -> dict[str, float]:
 def true_increments(
     motion: AnalyticMotion, start_s: float, duration_s: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rotation (3,3), velocity (3,) and position (3,) increments of the motion itself, (29) and (30).
+    """True rotation (3,3), velocity (3,) and position (3,) increments of the motion, (29) and (30).
 
     With C, v, r of the body in the world: `C_k^T C`, `C_k^T (v - v_k - g dt)`,
     `C_k^T (r - r_k - v_k dt - g dt^2 / 2)`.
@@ -106,7 +106,7 @@ def preintegration(quick: bool = False, seeds: int | None = None) -> Study:
     )
     return Study(
         name="preintegration",
-        question="How exact and how costly is it to integrate inertial samples by zero-order hold, by the "
+        question="How accurate and how fast is preintegration of inertial samples by zero-order hold, by the "
         "midpoint rule and by Gaussian processes, over fast random motions?",
         settings={
             "windows": _WINDOWS,
@@ -158,7 +158,7 @@ def _draw_window(
     sigma: tuple[float, float],
     rng: np.random.Generator,
 ) -> ImuWindow:
-    """Noisy samples of both sensors around a window, each at a phase of its own."""
+    """Noisy samples of both sensors around a window, each with its own phase."""
     gyroscope_t, accelerometer_t = (
         np.arange(rng.uniform() - _MARGIN, task.window_s * task.rate_hz + _MARGIN) / task.rate_hz
         for _ in range(2)
@@ -175,7 +175,7 @@ def _draw_window(
 
 
 def _errors(end: Increments, truth: tuple[FloatArray, FloatArray, FloatArray]) -> tuple[float, float, float]:
-    """Angle [rad] and lengths [m/s, m] of what the increments miss."""
+    """Angle [rad] and norms [m/s, m] of the errors of the increments."""
     C, velocity, position = truth
     return (
         float(angles_between(C[None], end.C)[0]),

@@ -1,13 +1,13 @@
-"""What others have published on the UZH event camera data set (DAVIS240C): mean position error, % of path.
+"""Published results on the UZH event camera data set (DAVIS240C): mean position error, % of path length.
 
-Each figure is its authors' own, under the alignment that they state; where they state none, none is given.
+Each value is the authors' own, with the alignment that they state, if any.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: The eight sequences on which odometry is usually compared, in the order of the tables.
+#: The eight sequences commonly used for comparisons, in the order of the tables.
 COMPARED = (
     "boxes_translation",
     "hdr_boxes",
@@ -22,9 +22,9 @@ COMPARED = (
 
 @dataclass(frozen=True)
 class Published:
-    """A method's figures in the order of COMPARED; `uses`: E events, F frames, I inertial samples.
+    """Results of a method in the order of COMPARED; `uses`: E events, F frames, I inertial samples.
 
-    `alignment` is the protocol by our names, or in words; empty where it is not stated.
+    `alignment` is the name of our protocol, or a description; empty if it is not stated.
     """
 
     method: str
@@ -33,7 +33,7 @@ class Published:
     alignment: str = ""
 
     def of(self, sequence: str) -> float:
-        """The figure of one of the compared sequences."""
+        """The result for one of the compared sequences."""
         return self.mpe_percent[COMPARED.index(sequence)]
 
 

@@ -1,4 +1,4 @@
-"""The file of results: one line of JSON a finished task, appended as they end, so that a study can resume."""
+"""File of results: one line of JSON per finished task, so that a study can resume."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from asyneio.studies.study import Value, task_key
 
 @dataclass(frozen=True)
 class Record:
-    """What became of one task.
+    """Result or failure of one task.
 
-    `settings` and `code` are the fingerprints it was measured under. `measured` is empty and `failure` says
-    why where the measurement failed.
+    `settings` and `code` are fingerprints of the settings and of the program. If the measurement failed,
+    `measured` is empty and `failure` is the reason.
     """
 
     task: dict[str, Value]
@@ -30,10 +30,10 @@ class Record:
 
 
 def read_records(path: Path) -> list[Record]:
-    """All records of a file, none without the file; half a last line, of a run that was killed, is left out.
+    """All records of a file, or none if it does not exist; an incomplete last line is ignored.
 
     Raises:
-        StudyError: another line is damaged, or the file cannot be read.
+        StudyError: a line is damaged, or the file cannot be read.
     """
     try:
         data = path.read_bytes()
@@ -46,13 +46,13 @@ def read_records(path: Path) -> list[Record]:
 
 
 def latest(records: Iterable[Record], settings: str) -> dict[str, Record]:
-    """The last record of every task under these settings, by task key."""
+    """The last record of every task with these settings, by task key."""
     return {task_key(record.task): record for record in records if record.settings == settings}
 
 
 @contextmanager
 def appending(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file of results to append to; half a last line is cut off first."""
+    """Open a file of results for appending; an incomplete last line is removed first."""
     with path.open("ab+") as stream:
         stream.seek(0)
         stream.truncate(stream.read().rfind(b"\n") + 1)
@@ -60,7 +60,7 @@ def appending(path: Path) -> Iterator[IO[bytes]]:
 
 
 def append(stream: IO[bytes], record: Record) -> None:
-    """Write a record so that it survives the end of this process; what is not finite becomes null."""
+    """Write a record and flush it to disk; values that are not finite become null."""
     content = asdict(record)
     content["measured"] = {
         name: value if math.isfinite(value) else None for name, value in record.measured.items()
@@ -79,5 +79,5 @@ def _parse(path: Path, number: int, line: bytes) -> Record:
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise StudyError(
             f"line {number} of {path} is not a result of a study ({error}); "
-            "remove that line, or choose another folder"
+            "remove that line, or use another folder"
         ) from error

@@ -1,4 +1,4 @@
-"""Tables, figures and the index of a study's folder."""
+"""Tables, figures and index page of a study's folder."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TABLES, FIGURES = "tables", "figures"
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where figures come from: the command, and the fingerprint of the code and of other code among them."""
+    """Origin of the results: the command, and fingerprints of this program and of other programs used."""
 
     command: str
     code: str
@@ -42,9 +42,9 @@ class Provenance:
 
 
 def write_report(study: Study, records: Sequence[Record], origin: Provenance, folder: Path) -> list[Path]:
-    """Write tables, figures (with matplotlib) and the index; the paths written, the index last.
+    """Write tables, figures (with matplotlib) and the index; returns the written paths, the index last.
 
-    `records` are those of the study's tasks, in the order of the tasks, failed ones included.
+    `records` are the records of all tasks of the study, in their order, including failed ones.
 
     Raises:
         RecordingError: a file cannot be written.
@@ -126,7 +126,7 @@ def _write_table(folder: Path, name: str, csv_text: str, text: str, written: lis
 
 
 def _write_figure(folder: Path, name: str, png: bytes, written: list[Path]) -> str:
-    """Write a figure; the Markdown that shows it."""
+    """Write a figure; returns the Markdown that shows it."""
     path = folder / FIGURES / f"{name}.png"
     with atomic_file(path) as stream:
         stream.write(png)
@@ -153,10 +153,10 @@ def _head(study: Study, records: Sequence[Record], origin: Provenance) -> str:
         f"- all results: [{RECORDS_FILE}]({RECORDS_FILE})",
     ]
     if origin.other_code:
-        lines.append(f"- **some results are of other code: {', '.join(origin.other_code)}**")
+        lines.append(f"- **some results come from other code: {', '.join(origin.other_code)}**")
     lines.append(
         "\nCells are medians over the seeds with 95 % bootstrap intervals; a run without a usable result "
-        "counts as infinitely bad.\n"
+        "counts as an infinite error.\n"
     )
     return "\n".join(lines)
 

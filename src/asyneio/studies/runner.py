@@ -1,4 +1,4 @@
-"""Run what is missing of a study, keep every result, write the report."""
+"""Run the missing tasks of a study, keep every result, and write the report."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ RESULTS_FILE = "results.jsonl"
 
 @dataclass(frozen=True)
 class StudyResult:
-    """Records of the study's tasks in their order, how many of them were reused, files written.
+    """Records of all tasks of the study in their order, number of reused records, and written files.
 
-    `other_code`: fingerprints of programs other than this one that reused results were measured with.
+    `other_code`: fingerprints of other programs that measured reused records.
     """
 
     records: tuple[Record, ...]
@@ -28,27 +28,26 @@ class StudyResult:
 
     @property
     def failures(self) -> tuple[Record, ...]:
-        """Records of measurements that failed."""
+        """Records of failed measurements."""
         return tuple(record for record in self.records if record.failure)
 
 
 def run_study(
     study: Study, folder: Path, jobs: int, command: str, progress: TaskCallback = lambda *_: None
 ) -> StudyResult:
-    """Measure the tasks that the folder has no result of, under these settings; write tables and figures.
+    """Measure the tasks without a result in the folder for these settings; write tables and figures.
 
-    Every result is on disk as soon as it is there: a run that is stopped resumes where it was. Tasks that
-    failed are tried again.
+    Every result is written to disk at once, so that an interrupted run can resume. Failed tasks are repeated.
 
     Args:
-        study: what to measure.
-        folder: for results; made where there is none.
-        jobs: processes at a time.
-        command: what the user typed, for the index.
-        progress: is told of each task that ends.
+        study: study to run.
+        folder: folder of results; created if missing.
+        jobs: number of processes.
+        command: command line, for the index.
+        progress: called after each task.
 
     Raises:
-        StudyError: the folder holds damaged results, or a process was killed.
+        StudyError: the folder contains damaged results, or a process was killed.
         RecordingError: a file cannot be written.
     """
     path = folder / RESULTS_FILE

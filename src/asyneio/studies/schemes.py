@@ -1,4 +1,4 @@
-"""The four inertial schemes in the whole estimator: which one is best, and when?"""
+"""Study: comparison of the four inertial schemes in the complete estimator."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from asyneio.studies.study import QUICK_SEEDS, SEEDS, Contest, Metric, Study, Va
 from asyneio.types import FloatArray, Recording
 
 SCHEMES = ("gpif", "gpp", "preint", "extpreint")
-#: Shorter ones cost by the cube; `benchmarks/schemes.py` has 25 ms, on real data.
+#: The cost grows with the cube of their number; `benchmarks/schemes.py` uses 25 ms as well, on real data.
 KNOTS_MS = (50, 100, 200, 400)
 LEVELS = ("low", "medium", "high")
 RATES_HZ = (100, 200, 1000)
-#: What is wrong with the IMU: nothing; two rates that never meet; lost samples.
+#: Faults of the IMU: none; asynchronous rates; lost samples.
 IMU = ("whole", "asynchronous", "10 % lost", "50 ms gaps")
 MOTIONS = ("moderate", "aggressive")
 
-#: Half as many observations as the simulator's default, and a shorter window than the estimator's: small
-#: effects of the inertial scheme show as well, in a third of the time.
+#: Half the observations of the simulator's default and a shorter window than the estimator's default: effects
+#: of the scheme are equally visible, in a third of the time.
 _TRACKS = TrackSpec(features_alive=40, spacing_px=1.5, min_spacing_s=0.015)
 _WINDOW_S = 1.0
 _LOST, _GAP_S = 0.1, 0.05
-#: Of the accelerometer where the sensors are asynchronous; the gyroscope keeps its rate.
+#: Rate of the accelerometer for asynchronous sensors; the gyroscope keeps its rate.
 _OTHER_RATE_HZ, _OTHER_OFFSET_S = 125.0, 0.0031
 
 ATE = Metric("ate_cm", "position error (ATE)", "cm")
@@ -45,7 +45,7 @@ _LINES = ("scheme",)
 
 @dataclass(frozen=True)
 class SchemeTask:
-    """One run of the estimator under a scheme."""
+    """One run of the estimator with a scheme."""
 
     scheme: str
     knot_ms: int
@@ -57,13 +57,13 @@ class SchemeTask:
     seed: int
 
 
-#: What single factors are varied from.
+#: Condition from which single factors are varied.
 _BASE = SchemeTask("gpif", 100, "medium", 200, "whole", "aggressive", 8.0, 0)
 _COMMON: dict[str, Value] = {"imu": _BASE.imu, "motion": _BASE.motion, "rate_hz": _BASE.rate_hz}
 
 
 def measure(task: SchemeTask) -> dict[str, float]:
-    """Errors of the causal estimates against the truth, and processing time; NaN if the run is not whole."""
+    """Errors of the causal estimates, and processing time; NaN if the run is incomplete."""
     simulation = simulate(scenario_of(task))
     recording = _with_faults(simulation.recording, task)
     result = run_recording(recording, config_of(task))
@@ -79,8 +79,8 @@ def measure(task: SchemeTask) -> dict[str, float]:
 
 
 def scenario_of(task: SchemeTask) -> Scenario:
-    """The simulated run; the same for all schemes and intervals between knots."""
-    # What is compared is how schemes use samples, at noise of given levels: the samples have no other errors.
+    """The simulated run, which is the same for all schemes and knot intervals."""
+    # The schemes are compared at given levels of noise, so the samples have no other errors.
     base = with_imu(SCENARIOS["synchronous_imu"], IDEAL_IMU)
     level = NOISE[task.noise]
     noise = replace(base.noise, gyroscope_density=level.gyroscope, accelerometer_density=level.accelerometer)
@@ -99,7 +99,7 @@ def scenario_of(task: SchemeTask) -> Scenario:
 
 
 def config_of(task: SchemeTask) -> Config:
-    """The default configuration but for the scheme, the interval between knots and the window's length."""
+    """The default configuration except for the scheme, the knot interval and the length of the window."""
     return Config.model_validate(
         {
             "window": {"knot_interval_s": 1e-3 * task.knot_ms, "length_s": _WINDOW_S},
@@ -117,7 +117,7 @@ def schemes(quick: bool = False, seeds: int | None = None) -> Study:
         for condition in conditions
         for scheme in SCHEMES
     ]
-    # Dense knots take longest; a study that is stopped early lacks them alone.
+    # Dense knots last, because they take longest.
     tasks.sort(key=lambda task: -task.knot_ms)
     return Study(
         name="schemes",
@@ -164,7 +164,7 @@ def _views() -> Iterator[View]:
 
 
 def _conditions() -> list[SchemeTask]:
-    """All intervals with all levels of noise; the other factors one at a time."""
+    """All intervals with all levels of noise; the other factors are varied one at a time."""
     full = [replace(_BASE, knot_ms=knot, noise=noise) for knot, noise in product(KNOTS_MS, LEVELS)]
     single = [
         *(replace(_BASE, rate_hz=rate_hz) for rate_hz in RATES_HZ),
@@ -188,7 +188,7 @@ def _with_faults(recording: Recording, task: SchemeTask) -> Recording:
 
 
 def _velocity_errors(simulation: Simulation, result: RunResult) -> FloatArray:
-    """Errors (N,3) of the velocity in the body [m/s], for which nothing needs to be aligned."""
+    """Errors (N,3) of the velocity in the body frame [m/s], which need no alignment."""
     estimates = result.run.estimates
     truth = simulation.truth.at([estimate.t_ns for estimate in estimates])
     estimated = np.array([estimate.T_w_b[:3, :3].T @ estimate.velocity_w for estimate in estimates])

@@ -1,9 +1,9 @@
-"""Speed of front end, estimator and pipeline on a fixed workload: stages, latency, memory, start-up.
+"""Speed of front end, estimator and pipeline for a fixed workload: stages, latency, memory, start-up.
 
-Everything is measured in a process of its own, one measurement at a time, each repeat of them in turn: what
-the machine does beside falls on all of them. In every repeat a fixed piece of work is timed too
-(`speed_reference.py`), and `relative` and `relative_cpu` are the times over its: what two machines, or two
-moments of a shared one, are compared by.
+Each measurement runs alone, in a separate process. Each repeat consists of one run of every measurement, so
+that other load affects all of them. In every repeat a fixed reference work is timed too
+(`speed_reference.py`); `relative` and `relative_cpu` are times divided by that of the reference work, for
+comparisons between machines and between different times on a shared machine.
 """
 
 from __future__ import annotations
@@ -29,10 +29,12 @@ from asyneio.studies.speed_workload import Workload
 from asyneio.studies.study import code_fingerprint, fingerprint
 from asyneio.version import __version__
 
-#: Calls a measurement by its name, with its arguments.
+#: Called with the number of finished measurements, of all measurements, and of failed ones (always 0).
+Progress = Callable[[int, int, int], None]
+#: Runs a measurement, given its name and arguments.
 Measure = Callable[..., Figures]
 
-#: All that is timed and compared.
+#: Everything that is timed and compared.
 TIMED = (FRONT_END, ESTIMATOR, *(stage.name for stage in STAGES), PIPELINE)
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -40,8 +42,8 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 @dataclass(frozen=True)
 class SpeedOptions:
-    """How often to measure; beside how many busy processes (0: not); whether at the pace of the recording;
-    whether a start without compiled kernels."""
+    """Number of repeats; number of busy processes beside (0: none); whether to measure at the pace of the
+    recording, and a start without compiled kernels."""
 
     repeats: int = 3
     beside: int = 0
@@ -49,14 +51,12 @@ class SpeedOptions:
     cold: bool = False
 
 
-def measure_speed(
-    workload: Workload, options: SpeedOptions, progress: TaskCallback = lambda *_: None
-) -> Figures:
-    """Measure a workload; the figures as plain values, ready for JSON.
+def measure_speed(workload: Workload, options: SpeedOptions, progress: Progress = lambda *_: None) -> Figures:
+    """Measure a workload; returns plain values for JSON.
 
     Raises:
-        StudyError: the process that measures was killed.
-        EstimationError: not a single packet could be processed.
+        StudyError: the measuring process was killed.
+        EstimationError: no packet could be processed.
         RecordingError, CalibrationError: the recording cannot be used.
     """
     total = 2 + options.cold + options.repeats * (3 + bool(options.beside) + options.paced)
@@ -82,11 +82,11 @@ def measure_speed(
 
 
 def measure_with(measure: Measure, options: SpeedOptions) -> Figures:
-    """All measurements in turn, and their medians.
+    """Run all measurements; returns their medians.
 
     Args:
-        measure: calls a method of a `SpeedRun` by its name.
-        options: what to measure.
+        measure: calls a method of a `SpeedRun`, given its name.
+        options: measurements to run.
     """
     start_up, recording = measure("start_up", time.time()), measure("describe")
     rounds = [_round(measure, options) for _ in range(options.repeats)]
@@ -103,7 +103,7 @@ def measure_with(measure: Measure, options: SpeedOptions) -> Figures:
         "pipeline": _medians([one["pipeline"] for one in rounds]),
         "latency_ms": {"queued": _medians([one["stages"]["latency"] for one in rounds])},
     }
-    # Later measurements share the process: the first run alone tells what a run needs.
+    # Later measurements share the process, so only the first run shows the memory of a single run.
     found["pipeline"]["peak_memory_mb"] = rounds[0]["pipeline"]["peak_memory_mb"]
     if options.paced:
         found["latency_ms"]["paced"] = _medians([one["paced"] for one in rounds])
@@ -127,7 +127,7 @@ def _round(measure: Measure, options: SpeedOptions) -> Figures:
 
 
 def _times(rounds: Sequence[Figures], kind: str, over_reference: bool = False) -> dict[str, float]:
-    """Medians of one kind of time, of everything that is timed."""
+    """Medians of one kind of time, for everything that is timed."""
     times = [one["stages"][kind] | {PIPELINE: one["pipeline"][kind]} for one in rounds]
     units = [one["reference"][kind] if over_reference else 1.0 for one in rounds]
     return {
@@ -136,7 +136,7 @@ def _times(rounds: Sequence[Figures], kind: str, over_reference: bool = False) -
 
 
 def _medians(figures: Sequence[Figures]) -> Figures:
-    """Median of each number; of what is no number, the first."""
+    """Median of each number; the first value of everything else."""
     first = figures[0]
     return {
         name: median(one[name] for one in figures) if isinstance(value, int | float) else value
@@ -145,7 +145,7 @@ def _medians(figures: Sequence[Figures]) -> Figures:
 
 
 def _identity(workload: Workload) -> Figures:
-    """Which program measured what settings, and where."""
+    """Program, settings and machine of a measurement."""
     config = workload.config
     return {
         "version": __version__,
@@ -162,7 +162,7 @@ def _identity(workload: Workload) -> Figures:
 
 
 def _processor() -> str:
-    """The processor's name, where the system tells it."""
+    """Name of the processor, if the system provides it."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as lines:
             named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
@@ -187,7 +187,7 @@ def _call(name: str, arguments: tuple[Any, ...]) -> Figures:
 
 @contextmanager
 def _process(workload: Workload, **environment: str) -> Iterator[Measure]:
-    """A fresh process that measures, with more variables in its environment than this one."""
+    """A new measuring process with additional environment variables."""
     wanted = dict.fromkeys(_THREADS, "1") | environment
     before = {name: os.environ.get(name) for name in wanted}
     os.environ.update(wanted)
@@ -197,8 +197,8 @@ def _process(workload: Workload, **environment: str) -> Iterator[Measure]:
         yield lambda name, *arguments: pool.submit(_call, name, arguments).result()
     except BrokenProcessPool as error:
         raise StudyError(
-            "the process that measures was killed, perhaps for want of memory; "
-            "expected it to last: measure a shorter part with --seconds"
+            "the measuring process was killed, possibly for lack of memory; "
+            "measure a shorter part with --seconds"
         ) from error
     finally:
         pool.shutdown(cancel_futures=True)

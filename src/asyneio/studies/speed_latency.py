@@ -1,10 +1,9 @@
-"""How long after its events an estimate is there, beyond `frontend.max_delay_s`.
+"""Latency of estimates after their events, beyond `frontend.max_delay_s`.
 
-A knot's packet is complete when the events of another `max_delay_s` have come; what passes from then on until
-the estimate is the latency. It is found in two ways. From processing times alone (`queued_latency`): events
-come at the pace of the recording, the front end takes a packet when it is there and it is free, and the
-estimator after it, each on a core of its own. Or by feeding the events at that pace and looking at the clock
-(`paced`).
+The packet of a knot is complete when the events of another `max_delay_s` have arrived. The latency is the
+time from then until the estimate. It is computed from processing times (`queued_latency`), assuming that
+events arrive at the pace of the recording, and that front end and estimator run on separate cores and process
+each packet when it is available; or measured, with events fed at that pace (`paced`).
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from asyneio.types import NS_PER_S, FloatArray, Health, RecordArray, StepReport
 
 @dataclass(frozen=True)
 class Latency:
-    """Latencies of all estimates after the first [ms]; NaN where there is none."""
+    """Latencies of all estimates after the first [ms]; NaN without any."""
 
     median_ms: float
     p99_ms: float
@@ -33,10 +32,10 @@ class Latency:
 
 @dataclass
 class FrontendCalls:
-    """What the front end was given, call by call: stamp of the newest event (camera clock), seconds it took.
+    """Calls of the front end: timestamp of the newest event (camera clock), and duration [s].
 
-    `begin_s`: reading of `time.perf_counter` at which the camera's clock would have stood at zero, once the
-    events come at the pace of the recording.
+    `begin_s`: value of `time.perf_counter` at zero of the camera clock, for events at the pace of the
+    recording.
     """
 
     newest_ns: list[int] = field(default_factory=list)
@@ -46,10 +45,10 @@ class FrontendCalls:
 
 @contextmanager
 def frontend_calls(at_pace: bool = False) -> Iterator[FrontendCalls]:
-    """Calls of `Frontend.process` within, by whichever thread.
+    """Record the calls of `Frontend.process` inside the context, by any thread.
 
     Args:
-        at_pace: hold each call back until its events would have come, the first one coming at once.
+        at_pace: delay each call until its events would have arrived; the first call is not delayed.
     """
     calls = FrontendCalls()
     process = Frontend.process
@@ -79,12 +78,13 @@ def _hold_back(calls: FrontendCalls) -> None:
 
 
 def queued_latency(calls: FrontendCalls, reports: Sequence[StepReport], delay_ns: int) -> Latency:
-    """Latency if the events had come at the pace of the recording.
+    """Latency computed for events at the pace of the recording.
 
     Args:
-        calls: of the front end.
-        reports: of the packets, with their processing times.
-        delay_ns: from a packet's end to the newest event that it waits for, less the camera's time shift.
+        calls: calls of the front end.
+        reports: reports of the packets, with their processing times.
+        delay_ns: time from the end of a packet to the newest event it waits for, minus the camera's time
+            shift.
     """
     front_end_s = estimator_s = 0.0
     done, latencies = 0, []
@@ -103,12 +103,12 @@ def queued_latency(calls: FrontendCalls, reports: Sequence[StepReport], delay_ns
 def paced_latency(
     calls: FrontendCalls, out_s: Sequence[float], reports: Sequence[StepReport], delay_ns: int
 ) -> Latency:
-    """Latency as it was, with events at the pace of the recording.
+    """Latency measured with events at the pace of the recording.
 
     Args:
-        calls: of the front end, held back.
-        out_s: for each report, the reading of `time.perf_counter` when its estimate was there.
-        reports, delay_ns: as for `queued_latency`.
+        calls: delayed calls of the front end.
+        out_s: for each report, the value of `time.perf_counter` at its estimate.
+        reports, delay_ns: as in `queued_latency`.
     """
     complete_s = np.array([(report.t_ns + delay_ns) / NS_PER_S for report in reports]) + calls.begin_s
     return _of_estimates(np.array(out_s) - complete_s, reports)

@@ -1,7 +1,7 @@
-"""Fixed work that tells how fast a machine is at the moment: what speeds are measured against.
+"""Reference work that measures the current speed of a machine.
 
-Two parts in the manner of the package's own work: a loop over single numbers, compiled, as the front end's;
-and small dense factorisations and products, as the estimator's.
+It has two parts that resemble the package's own work: a compiled scalar loop, like the front end, and small
+dense factorisations and products, like the estimator.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numba import njit
 
 from asyneio.types import IntArray
 
-#: Length and table of the loop, size and number of the factorisations: some 20 ms each.
+#: Length and table size of the loop, size and number of the factorisations: about 20 ms each.
 _STEPS, _TABLE = 4_000_000, 1 << 15
 _SIZE, _FACTORISATIONS = 240, 12
 _SEED = 14
@@ -21,7 +21,7 @@ _SEED = 14
 
 @njit(cache=True, nogil=True)
 def _walk(table: IntArray, steps: int) -> int:
-    """Follow a table about, adding up: loads, branches, integer arithmetic."""
+    """Follow indices through a table and sum up: loads, branches, integer arithmetic."""
     at, total = 0, 0
     size = table.shape[0]
     for step in range(steps):
@@ -34,7 +34,7 @@ def _walk(table: IntArray, steps: int) -> int:
 
 
 def reference_seconds() -> tuple[float, float]:
-    """Seconds by the clock and of CPU time: geometric means of the two parts, on one thread."""
+    """Wall-clock and CPU seconds: geometric means of the two parts, on one thread."""
     rng = np.random.default_rng(_SEED)
     table = rng.integers(0, _TABLE, _TABLE)
     root = rng.normal(size=(_SIZE, _SIZE))

@@ -1,4 +1,4 @@
-"""Speeds as tables, and beside an earlier measurement."""
+"""Tables of speeds, and comparison with an earlier measurement."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from asyneio.studies.speed_run import ESTIMATOR, FRONT_END, PIPELINE, Figures
 from asyneio.studies.speed_stages import STAGES
 from asyneio.studies.tables import markdown, number
 
-#: What the package measured on its own workload; written by `asyneio bench speed -o`.
+#: Baseline shipped with the package; written by `asyneio bench speed -o`.
 _BASELINE = Path(__file__).with_name("speed_baseline.json")
-NO_BASELINE = "this copy of the package holds none; make one with -o FILE and name it with --baseline FILE"
-#: A stage that takes less of the estimator's time than this, then and now, has no ratio that counts.
+NO_BASELINE = "this copy of the package contains none; make one with -o FILE and pass it with --baseline FILE"
+#: Stages with a smaller fraction of the estimator's time in both measurements are not compared.
 _LEAST_SHARE = 0.02
-#: Another length or rate of events is another workload.
+#: Properties that must agree for two measurements to have the same workload.
 _ALIKE = 0.02
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Ratios of times to those of a baseline, by the clock and of CPU time, each over the reference work of
-    its own run: above one is slower. `why_not`: why there are none."""
+    """Ratios of times to those of a baseline, wall-clock and CPU, each relative to the reference work of its
+    own run: above one is slower. `why_not`: reason if there are none."""
 
     ratios: dict[str, float]
     cpu_ratios: dict[str, float]
     why_not: str = ""
 
     def slower_than(self, gate: float) -> dict[str, float]:
-        """The ratios by the clock above `gate`, of stages whose CPU time is above it as well.
+        """The wall-clock ratios above `gate` of stages whose CPU ratio is above it as well.
 
-        Other work on the machine lengthens the one, a second core in use the other. Of the pipeline, where
-        two threads may wait for each other, the clock alone counts.
+        Other load increases the wall-clock time only, use of a second core the CPU time only. For the
+        pipeline, in which two threads may wait for each other, only the wall-clock time counts.
         """
         return {
             name: ratio
@@ -45,15 +45,15 @@ class Comparison:
 
 
 def package_baseline() -> Figures | None:
-    """Figures that came with the package; None where there are none."""
+    """The baseline shipped with the package, if there is one."""
     return read_baseline(_BASELINE) if _BASELINE.is_file() else None
 
 
 def read_baseline(path: Path) -> Figures:
-    """Figures of an earlier measurement.
+    """Results of an earlier measurement.
 
     Raises:
-        StudyError: there is no such file, or it holds something else.
+        StudyError: the file does not exist, or it is not a baseline.
     """
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
@@ -64,11 +64,11 @@ def read_baseline(path: Path) -> Figures:
         raise StudyError(f"cannot read the baseline {path}: {error.strerror or error}") from error
     except (ValueError, KeyError, TypeError):
         pass
-    raise StudyError(f"{path} is no baseline; expected JSON that `asyneio bench speed -o FILE` wrote")
+    raise StudyError(f"{path} is not a baseline; expected JSON written by `asyneio bench speed -o FILE`")
 
 
 def compare(found: Figures, baseline: Figures | None) -> Comparison:
-    """Ratios to a baseline of the same workload under the same scheme; small stages have none."""
+    """Ratios to a baseline with the same workload and scheme; small stages are excluded."""
     if baseline is None:
         return Comparison({}, {}, NO_BASELINE)
     here, there = found["workload"], baseline["workload"]
@@ -96,13 +96,13 @@ def compare(found: Figures, baseline: Figures | None) -> Comparison:
 
 
 def _share(figures: Figures, name: str) -> float:
-    """CPU time over that of the estimator."""
+    """CPU time as a fraction of that of the estimator."""
     whole = figures["relative_cpu"][ESTIMATOR]
     return float(figures["relative_cpu"].get(name, 0.0) / whole) if whole > 0.0 else 0.0
 
 
 def speed_markdown(found: Figures, comparison: Comparison) -> str:
-    """Tables to read: what was measured, stages, latency and the rest."""
+    """Tables for reading: workload, stages, latency and other measurements."""
     return "\n".join([_workload_line(found), _stage_table(found, comparison), _figure_table(found)])
 
 
@@ -121,7 +121,7 @@ def _stage_table(found: Figures, comparison: Comparison) -> str:
     what |= {
         FRONT_END: f"front end alone ({1e9 * found['seconds'][FRONT_END] / events:.0f} ns an event)",
         ESTIMATOR: "estimator alone, on the same observations",
-        PIPELINE: "pipeline: both, side by side",
+        PIPELINE: "pipeline: both, in parallel",
     }
     rows = []
     for name in TIMED:
@@ -140,7 +140,7 @@ def _stage_table(found: Figures, comparison: Comparison) -> str:
                 ),
             ]
         )
-    header = ["stage", "calls", "s", "CPU s", "ms a second of data", "% of the estimator"]
+    header = ["stage", "calls", "s", "CPU s", "ms per second of data", "% of the estimator"]
     header += ["times the baseline", "the same, CPU"]
     return markdown(header, rows)
 
@@ -179,7 +179,7 @@ def _figure_table(found: Figures) -> str:
 
 
 def speed_json(found: Figures, comparison: Comparison) -> str:
-    """Everything as JSON; what is not finite becomes null. The file can serve as a baseline."""
+    """All results as JSON, usable as a baseline; values that are not finite become null."""
     ratios = {
         "times_the_baseline": comparison.ratios,
         "times_the_baseline_cpu": comparison.cpu_ratios,

@@ -1,4 +1,4 @@
-"""The single measurements of `asyneio bench speed`, in the process that takes them."""
+"""The single measurements of `asyneio bench speed`, in the measuring process."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from asyneio.studies.speed_workload import Workload
 from asyneio.studies.uzh import first_seconds
 from asyneio.types import NS_PER_S, EventRecording, Health
 
-#: A start-up ends with the first estimate, which takes a second or two of the recording.
+#: Duration for a start-up, which ends at the first estimate, after one to two seconds of the recording.
 _START_UP_S = 5.0
-#: Keeps a core busy until its parent is gone.
+#: Keeps a core busy until its parent process has ended.
 _SPIN = """import os, sys
 while os.getppid() == int(sys.argv[1]):
     for _ in range(1000000):
@@ -36,34 +36,34 @@ while os.getppid() == int(sys.argv[1]):
 
 Figures = dict[str, Any]
 
-#: What is timed beside the stages of the estimator.
+#: Names of the timings in addition to the stages of the estimator.
 FRONT_END, ESTIMATOR, PIPELINE = "front end", "estimator", "pipeline"
 
 
 @dataclass
 class _Watch:
-    """Progress that notes the CPU time of the process, its children included, and the time at the first
-    estimate, and the clock (`time.perf_counter`) after each packet."""
+    """Progress that records the time and the CPU time (including child processes) at the first estimate, and
+    `time.perf_counter` after each packet."""
 
     cpu_s: float = np.nan
     at: float = np.nan
     packets: list[float] = field(default_factory=list)
 
     def message(self, text: str) -> None:
-        """Nobody reads it."""
+        """Ignored."""
 
     def compiling(self, share: float) -> None:
-        """Nobody waits for it here."""
+        """Ignored."""
 
     def advance(self, done_s: float, total_s: float, health: Health) -> None:
-        """A packet is done."""
+        """Record the end of a packet."""
         self.packets.append(time.perf_counter())
         if np.isnan(self.at) and health in (Health.TRACKING, Health.DEGRADED):
             self.at, self.cpu_s = time.time(), sum(os.times()[:4])
 
 
 class SpeedRun:
-    """Measures one workload again and again; each measurement is a dictionary of plain values."""
+    """Measurements of one workload; each returns a dictionary of plain values."""
 
     def __init__(self, workload: Workload) -> None:
         self._workload = workload
@@ -75,7 +75,7 @@ class SpeedRun:
         return self._workload.open()
 
     def describe(self) -> Figures:
-        """What the recording is."""
+        """Properties of the recording."""
         start_ns, end_ns = usable_span(self.recording)
         seconds, events = (end_ns - start_ns) / NS_PER_S, int(self.recording.events.size)
         return {
@@ -90,8 +90,8 @@ class SpeedRun:
         }
 
     def start_up(self, started: float) -> Figures:
-        """From the start of the process, at the time `started` (`time.time`), to the first estimate; NaN
-        where there is none."""
+        """Time from the start of the process, at `started` (`time.time`), to the first estimate; NaN without
+        one."""
         watch = _Watch()
         part = first_seconds(self.recording, _START_UP_S)
         result = run_recording(part, self._workload.config, watch)
@@ -102,7 +102,7 @@ class SpeedRun:
         }
 
     def pipeline(self, busy: int = 0) -> Figures:
-        """Front end and estimator, side by side, beside so many processes that keep cores busy."""
+        """Front end and estimator in parallel, beside a number of busy processes."""
         with busy_processes(busy):
             cpu_s = time.process_time()
             result = run_recording(self.recording, self._workload.config)
@@ -128,7 +128,7 @@ class SpeedRun:
         }
 
     def stages(self) -> Figures:
-        """Front end alone, estimator alone on what the pipeline observed, and the latency that follows."""
+        """Front end alone, estimator alone on the pipeline's observations, and the resulting latency."""
         result = self._whole()
         with frontend_calls() as calls:
             cpu_s = time.process_time()
@@ -145,7 +145,7 @@ class SpeedRun:
         }
 
     def paced(self, busy: int = 0) -> Figures:
-        """Latency with events at the pace of the recording, by the clock."""
+        """Measured latency with events at the pace of the recording."""
         watch = _Watch()
         with busy_processes(busy), frontend_calls(at_pace=True) as calls:
             result = run_recording(self.recording, self._workload.config, watch)
@@ -153,7 +153,7 @@ class SpeedRun:
         return asdict(latency)
 
     def reference(self) -> Figures:
-        """How fast the machine is now."""
+        """Time of the reference work."""
         seconds, cpu_s = reference_seconds()
         return {"seconds": seconds, "cpu_s": cpu_s}
 
@@ -168,7 +168,7 @@ class SpeedRun:
         return delay_ns - calibration_of(self.recording).timeshift_ns
 
     def _front_end(self, result: RunResult) -> float:
-        """Seconds of the front end with nobody beside it, told what the estimator told it."""
+        """Seconds of the front end alone, with the same feedback as from the estimator."""
         reports = result.run.reports
         interval_ns = round(self._workload.config.window.knot_interval_s * NS_PER_S)
         ends_ns = np.array([reports[0].t_ns - interval_ns, *(report.t_ns for report in reports)])
@@ -179,8 +179,8 @@ class SpeedRun:
 
 
 def peak_memory_mb() -> float:
-    """Largest memory that the process has had [MB], pages of mapped files included; NaN where the system
-    does not tell."""
+    """Peak memory of the process [MB], including pages of mapped files; NaN if the system does not provide
+    it."""
     try:
         import resource
     except ImportError:
@@ -191,13 +191,13 @@ def peak_memory_mb() -> float:
 
 @contextmanager
 def busy_processes(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """So many processes that compute and do nothing else."""
+    """Run a number of busy processes inside the context."""
     arguments = [sys.executable, "-c", _SPIN, str(os.getpid())]
     processes: list[subprocess.Popen[bytes]] = []
     try:
         processes.extend(subprocess.Popen(arguments) for _ in range(count))
         if count:
-            # Until they run.
+            # Wait until they run.
             time.sleep(0.3)
         yield processes
     finally:

@@ -1,8 +1,8 @@
-"""Time of the estimator by stage, taken from outside: public functions are replaced by ones that look at the
-clock, and put back afterwards.
+"""Time of the estimator by stage, measured from outside by temporarily replacing public functions with timed
+ones.
 
-A stage's time is its own: what a stage within it takes counts there. Stages marked whole keep all that
-happens within them: the optimisations of a start are the start.
+The time of a nested stage does not count for the outer stage. Stages marked `whole` include everything
+inside: the optimisations of an initialization count as initialization.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from asyneio.odometry.initializer import initialize as attempt
 
 @dataclass(frozen=True)
 class Stage:
-    """A name, the function or method (owner and attribute) that is the stage, whether it is taken whole, and
-    what it does."""
+    """A stage: its name, its function or method (owner and attribute), whether it includes nested stages, and
+    a description."""
 
     name: str
     owner: ModuleType | type
@@ -39,8 +39,8 @@ class Stage:
 REST = "rest"
 
 STAGES: tuple[Stage, ...] = (
-    Stage("start", attempt, "initialize", True, "attempts to start, with all that they optimise"),
-    Stage("measurements", window.Window, "extend", True, "samples and observations enter the window"),
+    Stage("start", attempt, "attempt_start", True, "initialization attempts, including their optimisations"),
+    Stage("measurements", window.Window, "extend", True, "add samples and observations to the window"),
     Stage("births", window.Window, "add_landmarks", True, "new landmarks"),
     Stage("arrays", window.Window, "problem", True, "arrays of the window's problem"),
     Stage("linearise", linear_system, "linearize", True, "residuals and normal equations"),
@@ -49,17 +49,17 @@ STAGES: tuple[Stage, ...] = (
     Stage(
         "solve", optimizer, "optimize", False, "Cholesky factorisation, step, prior: the rest of optimising"
     ),
-    Stage("outliers", misfit, "contradicted_landmarks", True, "test of the landmarks"),
+    Stage("outliers", misfit, "contradicted_landmarks", True, "chi-square test of the landmarks"),
     Stage("covariance", outputs, "newest_estimate", True, "the estimate with its covariance"),
-    Stage("marginalise", window.Window, "marginalize_oldest", True, "the oldest knot becomes a prior"),
-    Stage(REST, Odometry, "process", False, "all else: buffer, noise, attitude, prediction, health"),
+    Stage("marginalise", window.Window, "marginalize_oldest", True, "marginalise the oldest knot"),
+    Stage(REST, Odometry, "process", False, "the rest: buffering, noise, attitude, prediction, health"),
 )
 
 
 @dataclass
 class StageTimes:
-    """Seconds by the clock, seconds of CPU time of the process, and calls of each stage; together the seconds
-    are those of `Odometry.process`."""
+    """Wall-clock seconds, CPU seconds of the process, and number of calls of each stage. The sum of the
+    seconds is that of `Odometry.process`."""
 
     seconds: dict[str, float] = field(default_factory=lambda: {stage.name: 0.0 for stage in STAGES})
     cpu_seconds: dict[str, float] = field(default_factory=lambda: {stage.name: 0.0 for stage in STAGES})
@@ -68,9 +68,9 @@ class StageTimes:
 
 @contextmanager
 def stage_times() -> Iterator[StageTimes]:
-    """Times of the stages of what this thread does within; what other threads do is not counted.
+    """Time the stages inside the context in this thread only.
 
-    Kernels must be compiled before: a compiled caller cannot be built on a replaced function.
+    Kernels must be compiled before, because a compiled caller cannot call a replaced function.
     """
     clock = _Clock()
     with ExitStack() as undo:
@@ -83,8 +83,8 @@ def stage_times() -> Iterator[StageTimes]:
 def replace_function(
     undo: ExitStack, owner: ModuleType | type, attribute: str, substitute: Callable[..., Any]
 ) -> None:
-    """Put `substitute` in the place of a function or method, in every module that has imported it, until
-    `undo` is closed."""
+    """Replace a function or method by `substitute` in every module that has imported it, until `undo` is
+    closed."""
     original = getattr(owner, attribute)
     holders: list[tuple[Any, str]] = [(owner, attribute)]
     if isinstance(owner, ModuleType):
@@ -101,7 +101,7 @@ def replace_function(
 
 
 class _Clock:
-    """Gives the time since the last look to the innermost stage."""
+    """Add the time since the last call to the innermost stage."""
 
     def __init__(self) -> None:
         self.times = StageTimes()
@@ -110,7 +110,7 @@ class _Clock:
         self._last = self._last_cpu = 0.0
 
     def timed(self, stage: Stage, function: Callable[..., Any]) -> Callable[..., Any]:
-        """The function, counted as a stage where it is not within a whole one."""
+        """The timed function, which counts as a stage unless it is inside a whole one."""
 
         def counted(*args: Any, **kwargs: Any) -> Any:
             within = self._within

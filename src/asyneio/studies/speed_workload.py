@@ -1,4 +1,4 @@
-"""What speeds are measured on: a folder with events, and settings."""
+"""Workload of speed measurements: a recording and settings."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from asyneio.studies.simulated import fingerprint
 from asyneio.studies.uzh import first_seconds
 from asyneio.types import EVENT_DTYPE, NS_PER_S, EventRecording, RecordArray
 
-#: About 1 Mev/s at 240 x 180, both inertial sensors at 1 kHz; faster and faster, so that a shorter one of
-#: the same scenario is not a part of a longer one.
+#: About 1 Mev/s at 240 x 180, both inertial sensors at 1 kHz. The speed increases over the duration, so a
+#: shorter sequence is not a part of a longer one.
 SCENARIO = "suite_boxes_6dof"
 
 
 @dataclass(frozen=True)
 class Workload:
-    """A recording on disk, how much of it (0: all), and the settings to run it with."""
+    """A recording on disk, its used duration (0: all), and the settings of the run."""
 
     name: str
     path: Path
@@ -33,17 +33,17 @@ class Workload:
     config: Config
     options: ReadOptions | None = None
 
-    def open(self, progress: ProgressCallback | None = None) -> EventRecording:
-        """Read it, or the first `seconds`; `progress` is told the share read.
+    def open(self, progress: Callable[[float], None] | None = None) -> EventRecording:
+        """Read the recording, or its first `seconds`; `progress` is called with the fraction done.
 
         Raises:
             RecordingError, CalibrationError: it cannot be read.
-            StudyError: it holds no events.
+            StudyError: it contains no events.
         """
         recording = open_recording(self.path, self.options, progress)
         if not isinstance(recording, EventRecording):
             raise StudyError(
-                f"{self.path} holds tracks; expected events, whose front end is measured as well"
+                f"{self.path} contains tracks; expected events, because the front end is measured as well"
             )
         return first_seconds(recording, self.seconds) if self.seconds else recording
 
@@ -54,16 +54,16 @@ def simulated_workload(
     folder: Path | None = None,
     progress: ProgressCallback | None = None,
 ) -> Workload:
-    """The fixed workload, simulated into a folder where it is not there yet.
+    """The fixed workload, simulated into a folder unless it exists.
 
     Args:
-        seconds: how much to simulate.
-        config: settings to run it with.
-        folder: where sequences are kept; None for `speed` in the cache of conversions.
-        progress: is told the share simulated.
+        seconds: duration.
+        config: settings of the run.
+        folder: folder of sequences; None for `speed` in the conversion cache.
+        progress: called with the fraction done.
 
     Raises:
-        SimulationError: no such length can be simulated.
+        SimulationError: the duration is invalid.
         RecordingError: it cannot be written.
     """
     scenario = replace(EVENT_SCENARIOS[SCENARIO], duration_s=seconds)

@@ -1,4 +1,4 @@
-"""Medians with bootstrap intervals; a figure that is not finite counts as worse than all others."""
+"""Medians with bootstrap intervals; values that are not finite count as worse than all others."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class Interval:
 def median_interval(values: Sequence[float]) -> Interval:
     """Median with its 95 % percentile-bootstrap interval (2000 draws, fixed seed), of at least one value.
 
-    What is not finite counts as infinite: a method that fails in most cases has an infinite median error.
+    Values that are not finite count as infinite, so a method that mostly fails has an infinite median error.
     """
     given = np.asarray(values, dtype=np.float64)
     failed = ~np.isfinite(given)
     ordered = np.where(failed, np.inf, given)
-    # Values of the sample itself, never between two of them: half-way to infinity there is nothing.
+    # Without interpolation between values, because some may be infinite.
     low, high = np.quantile(
         _medians(ordered), [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], method="inverted_cdf"
     )
@@ -43,7 +43,7 @@ def median_interval(values: Sequence[float]) -> Interval:
 
 
 def median_ratio(values: Sequence[float], reference: Sequence[float]) -> Interval:
-    """Median of `values / reference`, paired, as `median_interval`; pairs of which both failed count as 1."""
+    """`median_interval` of `values / reference`, paired; pairs in which both failed count as 1."""
     above, below = (
         np.where(np.isfinite(column), column, np.inf)
         for column in (np.asarray(values, dtype=np.float64), np.asarray(reference, dtype=np.float64))

@@ -1,4 +1,4 @@
-"""What a study is: a grid of conditions times seeds, one measurement of each, and how to look at them."""
+"""Definition of a study: a grid of conditions and seeds, a measurement of each, and views of the results."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from asyneio.version import __version__
 #: The value of one factor of a condition.
 Value = str | int | float
 
-#: How many seeds a study has unless told otherwise, and with `quick`.
+#: Default number of seeds of a study, and with `quick`.
 SEEDS, QUICK_SEEDS = 10, 2
 
 
@@ -25,12 +25,12 @@ class Task(Protocol):
 
     @property
     def seed(self) -> int:
-        """Everything random in the measurement follows from it."""
+        """Seed of all random parts of the measurement."""
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure that tasks measure, smaller is better; `name` as in what `measure` returns."""
+    """A measured quantity, smaller is better; `name` is its key in the result of `measure`."""
 
     name: str
     label: str
@@ -44,9 +44,10 @@ class Metric:
 
 @dataclass(frozen=True)
 class View:
-    """Metrics against the factor `across`, one line for each combination of `lines`, at `where` only.
+    """Metrics against the factor `across`, with one line for each combination of `lines`, restricted to
+    `where`.
 
-    Factors that are in none of the three must be constant there, but for the seed.
+    All other factors except the seed must be constant there.
     """
 
     name: str
@@ -60,7 +61,7 @@ class View:
 
 @dataclass(frozen=True)
 class Contest:
-    """Which combination of `rivals` has the smallest `metric`, over a map of `rows` times `columns`."""
+    """The combination of `rivals` with the smallest `metric`, in a map of `rows` times `columns`."""
 
     name: str
     title: str
@@ -73,11 +74,11 @@ class Contest:
 
 @dataclass(frozen=True)
 class Study:
-    """A study: `measure` turns a task into figures, the same ones each time (durations apart).
+    """A study: `measure` maps a task to results, which are reproducible except for durations.
 
-    `settings` hold, in JSON's types, all that figures depend on beside the task. A figure that is not finite
-    says that the method failed there, which is a result; an exception is a failure of the measurement.
-    `labels` names factors for readers.
+    `settings` contain, in JSON types, everything except the task that results depend on. A result that is not
+    finite means that the method failed, which is a valid result; an exception is a failure of the
+    measurement. `labels` are the names of factors in reports.
     """
 
     name: str
@@ -91,17 +92,17 @@ class Study:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of the settings and of the version: results of others are not this study's."""
+        """Hash of the settings and the version; only results with the same hash belong to this study."""
         return fingerprint(self.name, self.settings)
 
 
 def fingerprint(name: str, settings: Mapping[str, Any]) -> str:
-    """Hash of what results depend on beside their task: settings in JSON's types, and the version."""
+    """Hash of the settings (JSON types) and the version."""
     return _short_hash([name, __version__, settings])
 
 
 def task_key(values: Mapping[str, Value]) -> str:
-    """A task's values, in an order of their own, as text that names it."""
+    """Key of a task: its values as text, in a fixed order."""
     return json.dumps(dict(values), sort_keys=True)
 
 
@@ -111,7 +112,7 @@ def task_values(task: Task) -> dict[str, Value]:
 
 
 def code_fingerprint() -> str:
-    """Hash of the package's source files: tells results of an edited program from those of this one."""
+    """Hash of the package's source files, to distinguish results of different versions of the code."""
     root = Path(__file__).resolve().parents[1]
     return _short_hash(
         [

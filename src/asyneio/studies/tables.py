@@ -1,4 +1,4 @@
-"""What was gathered as tables: CSV with everything, Markdown to read."""
+"""Tables of results: complete CSV files, and Markdown for reading."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def records_csv(records: Sequence[Record]) -> str:
-    """One row a task: its factors, its seed, what was measured."""
+    """One row per task: its factors, seed and results."""
     factors = list(records[0].task)
     names = list(records[0].measured)
     rows = [[record.task[f] for f in factors] + [record.measured[n] for n in names] for record in records]
@@ -31,7 +31,7 @@ def records_csv(records: Sequence[Record]) -> str:
 
 
 def view_csv(across: str, gathered: Sequence[Gathered]) -> str:
-    """One row a point: factor across, line, and the interval of each metric."""
+    """One row per point: factor across, line, and the interval of each metric."""
     header = [across, "line", *(f"{g.metric.name}_{s}" for g in gathered for s in _STATISTICS)]
     rows = [
         [x, line, *(value for g in gathered for value in _plain(g.cells[x, line]))]
@@ -43,7 +43,8 @@ def view_csv(across: str, gathered: Sequence[Gathered]) -> str:
 
 
 def view_markdown(across: str, gathered: Sequence[Gathered]) -> str:
-    """A table a metric: rows over the factor across, a column a line, the smallest median of a row bold."""
+    """One table per metric: rows over the factor across, a column per line, smallest median of a row in
+    bold."""
     return "\n".join(
         f"**{g.metric.title}**\n\n" + markdown([across, *g.lines], (_pivot(g, x) for x in g.xs))
         for g in gathered
@@ -51,7 +52,7 @@ def view_markdown(across: str, gathered: Sequence[Gathered]) -> str:
 
 
 def contest_csv(contest: Contest, decided: Mapping[tuple[Value, Value], Winner]) -> str:
-    """One row a cell: who wins, by how much, and who cannot be told from the winner."""
+    """One row per cell: the winner, its lead, and rivals that are statistically equal."""
     header = [contest.rows, contest.columns, "winner", contest.metric.name, "margin", "low", "high", "equals"]
     rows = [
         [row, column, w.name, w.middle, w.margin.middle, w.margin.low, w.margin.high, "; ".join(w.equals)]
@@ -61,7 +62,7 @@ def contest_csv(contest: Contest, decided: Mapping[tuple[Value, Value], Winner])
 
 
 def contest_markdown(study: Study, contest: Contest, decided: Mapping[tuple[Value, Value], Winner]) -> str:
-    """The map as a table of words."""
+    """The map as a text table."""
     rows, columns = map_axes(decided)
     corner = f"{label(study, contest.rows)} \\ {label(study, contest.columns)}"
     return markdown(
@@ -76,7 +77,7 @@ def map_axes(decided: Mapping[tuple[Value, Value], Winner]) -> tuple[list[Value]
 
 
 def winner_words(winner: Winner | None, separator: str = " ") -> str:
-    """Winner, its median and its lead; or who shares the first place."""
+    """Winner, its median and its lead; or the rivals that share first place."""
     if winner is None:
         return "-"
     if not math.isfinite(winner.middle):
@@ -91,12 +92,12 @@ def winner_words(winner: Winner | None, separator: str = " ") -> str:
 
 
 def label(study: Study, factor: str) -> str:
-    """A factor's name for readers."""
+    """The name of a factor in reports."""
     return study.labels.get(factor, factor)
 
 
 def number(value: float) -> str:
-    """Three significant digits; what is not finite is a failure."""
+    """Three significant digits; values that are not finite are failures."""
     if not math.isfinite(value):
         return "fails"
     return f"{value:.0f}" if 1e3 <= value < 1e6 else f"{value:.3g}"
@@ -109,7 +110,7 @@ def _pivot(gathered: Gathered, x: Value) -> list[str]:
 
 
 def _words(cell: Interval, smallest: str) -> str:
-    """Median and interval; bold where the median reads as the smallest one does."""
+    """Median and interval; in bold if the printed median equals the smallest one."""
     middle = number(cell.middle)
     if middle == smallest and math.isfinite(cell.middle):
         middle = f"**{middle}**"

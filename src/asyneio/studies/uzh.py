@@ -1,8 +1,8 @@
-"""The UZH event camera data set (DAVIS240C) as a benchmark: sequences below a folder, one measurement each.
+"""Benchmark on the UZH event camera data set (DAVIS240C): one measurement for each sequence in a folder.
 
-Its ground truth is the camera's pose (Mueggler et al. 2017), in the camera's clock; the estimate is the
-IMU's. So the estimate is moved into the camera by the extrinsics, and to its clock by the time shift, before
-the two are compared.
+The ground truth is the pose of the camera in the camera clock (Mueggler et al. 2017); the estimate is that of
+the IMU. The estimate is therefore transformed to the camera by the extrinsics, and to its clock by the time
+shift.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from asyneio.studies.published import COMPARED
 from asyneio.studies.study import fingerprint
 from asyneio.types import NS_PER_S, Calibration, Estimate, EventRecording, PoseTrajectory
 
-#: Measured unless others are named: those with translation and with ground truth over their whole length.
+#: Default sequences: those with translation and with ground truth over their whole duration.
 SEQUENCES = (*COMPARED, "shapes_translation", "shapes_6dof")
-#: Under these, each estimate is compared with the truth: ours, and those of the published figures.
+#: Protocols of the comparison with ground truth: ours, and those of published results.
 PROTOCOLS = ("posyaw", "uslam", "hku")
 
 _EVENTS_FILE = "events.txt"
@@ -36,9 +36,9 @@ _ARCHIVES = (".bag", ".zip")
 
 @dataclass(frozen=True)
 class SequenceTask:
-    """A sequence where it was found; size and time of change tell whether it is still the same.
+    """A sequence and its path; size and modification time identify its contents.
 
-    `seconds`: measure the first so many; 0: all.
+    `seconds`: duration of the measured part; 0: all.
     """
 
     sequence: str
@@ -51,7 +51,7 @@ class SequenceTask:
 
 @dataclass(frozen=True)
 class BenchSettings:
-    """What holds for all sequences. `calibration` and `imu` are paths, `camera` and `preset` names."""
+    """Settings of all sequences. `calibration` and `imu` are paths, `camera` and `preset` are names."""
 
     config: Config
     preset: str | None
@@ -61,7 +61,7 @@ class BenchSettings:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of all that results depend on beside their sequence, contents of files included."""
+        """Hash of everything except the sequence that results depend on, including contents of files."""
         plain = asdict(replace(self, config=Config())) | {"config": self.config.model_dump()}
         for name in ("calibration", "imu"):
             if plain[name] is not None:
@@ -70,24 +70,24 @@ class BenchSettings:
 
 
 def find_sequences(data: Path, names: Sequence[str] = (), seconds: float = 0.0) -> tuple[SequenceTask, ...]:
-    """Sequences in a folder or in the folders in it: each a folder, a bag or a zip archive of that name.
+    """Sequences in a folder or its subfolders: each is a folder, a bag or a zip archive with that name.
 
     Args:
-        data: where to look.
-        names: which sequences; empty: those of SEQUENCES that are there.
-        seconds: how much of each.
+        data: folder to search.
+        names: names of sequences; empty: all of SEQUENCES that exist.
+        seconds: duration of each that is measured.
 
     Raises:
-        StudyError: there is no such folder, none of the sequences, or one that was named is missing.
+        StudyError: the folder does not exist, or sequences are missing.
     """
     if not data.is_dir():
-        raise StudyError(f"{data} is no folder; expected the folder that holds the sequences")
+        raise StudyError(f"{data} is not a folder; expected the folder that contains the sequences")
     found = {name: source for name in names or SEQUENCES if (source := _source(data, name)) is not None}
     missing = [name for name in names if name not in found]
     if missing or not found:
         what = f"no sequence {', '.join(missing)}" if missing else "no sequence of the UZH data set"
         raise StudyError(
-            f"{what} below {data}; expected folders with events.txt, or .bag or .zip files, by the data "
+            f"{what} in {data}; expected folders with events.txt, or .bag or .zip files, with the data "
             f"set's names: {', '.join(SEQUENCES)}"
         )
     return tuple(_task(name, source, seconds) for name, source in found.items())
@@ -109,7 +109,7 @@ def measure_sequence(task: SequenceTask, settings: BenchSettings) -> dict[str, f
     options = ReadOptions(calibration, imu, camera=settings.camera, preset=settings.preset)
     recording = open_recording(Path(task.source), options)
     if not isinstance(recording, EventRecording):
-        raise RecordingError(f"{task.source} holds tracks; expected events")
+        raise RecordingError(f"{task.source} contains tracks; expected events")
     if recording.ground_truth is None:
         raise EvaluationError(f"{task.source} has no ground truth; expected groundtruth.txt with the events")
     part = first_seconds(recording, task.seconds) if task.seconds else recording
@@ -121,7 +121,7 @@ def measure_sequence(task: SequenceTask, settings: BenchSettings) -> dict[str, f
 
 
 def first_seconds(recording: EventRecording, seconds: float) -> EventRecording:
-    """The recording up to so many seconds after its first event; the truth stays whole."""
+    """The recording up to `seconds` after its first event; the ground truth is not cut."""
     shift_ns = recording.calibration.timeshift_ns if recording.calibration else 0
     end_ns = int(recording.events["t_ns"][0]) + round(seconds * NS_PER_S)
     gyroscope, accelerometer = (
@@ -133,7 +133,7 @@ def first_seconds(recording: EventRecording, seconds: float) -> EventRecording:
 
 
 def camera_trajectory(estimates: Sequence[Estimate], calibration: Calibration) -> PoseTrajectory:
-    """Poses of the camera, in its clock, from those of the IMU."""
+    """Poses of the camera in its clock, from those of the IMU."""
     T_w_c = np.array([estimate.T_w_b for estimate in estimates]) @ calibration.T_b_c
     return PoseTrajectory(
         np.array([estimate.t_ns for estimate in estimates], dtype=np.int64) - calibration.timeshift_ns,
@@ -150,7 +150,7 @@ def _figures(result: RunResult, trajectory: PoseTrajectory, truth: PoseTrajector
         except EvaluationError:
             if name == PROTOCOLS[0]:
                 raise
-            # A protocol that fits on later seconds than there are has no figure for a short run.
+            # A protocol whose window is beyond the end of a short run has no result.
             figures |= {f"mpe_percent_{name}": np.nan, f"yaw_deg_per_m_{name}": np.nan}
             continue
         figures |= {
@@ -173,7 +173,7 @@ def _figures(result: RunResult, trajectory: PoseTrajectory, truth: PoseTrajector
 
 
 def _source(data: Path, name: str) -> Path | None:
-    """Where a sequence is: a folder before a bag before an archive, here before one folder down."""
+    """Path of a sequence: a folder, else a bag, else an archive; in this folder, else in a subfolder."""
     for folder in (data, *sorted(path for path in data.iterdir() if path.is_dir())):
         if (folder / name / _EVENTS_FILE).is_file():
             return folder / name

@@ -1,4 +1,4 @@
-"""The benchmark on the UZH data set as tables: ours, and what is published, each with its protocol."""
+"""Tables of the benchmark on the UZH data set: our results and published ones, each with its protocol."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PROTOCOL_WORDS = {
 
 
 def report_markdown(records: Sequence[Record], command: str) -> str:
-    """Both tables, what failed, and what is to be said of them."""
+    """Both tables, failures and remarks."""
     good = _good(records)
     parts = [
         "# UZH event camera data set, DAVIS240C\n",
@@ -35,12 +35,16 @@ def report_markdown(records: Sequence[Record], command: str) -> str:
     if failed:
         parts.append("Failed:\n\n" + "".join(f"- {_name(r)}: {r.failure}\n" for r in failed))
     if any(name in COMPARED for name in good):
-        parts += ["## Beside published figures, MPE [%]\n", comparison_table(records), _caution(records)]
+        parts += [
+            "## Comparison with published results, MPE [%]\n",
+            comparison_table(records),
+            _caution(records),
+        ]
     return "\n".join(parts)
 
 
 def own_table(records: Sequence[Record]) -> str:
-    """One row a sequence, and the mean of those that succeeded."""
+    """One row per sequence, and the mean of the successful ones."""
     header = [
         "sequence",
         "s",
@@ -73,7 +77,7 @@ def own_table(records: Sequence[Record]) -> str:
 
 
 def comparison_table(records: Sequence[Record]) -> str:
-    """Published figures of the sequences that were measured, and means over these alone."""
+    """Published results of the measured sequences, and means over these."""
     good = _good(records)
     names = [name for name in COMPARED if name in good]
     rows = [
@@ -95,7 +99,7 @@ def comparison_table(records: Sequence[Record]) -> str:
 
 
 def report_json(records: Sequence[Record], command: str) -> dict[str, Any]:
-    """Everything as plain values, NaN as None."""
+    """All results as plain values, NaN as None."""
     good = _good(records)
     return {
         "command": command,
@@ -118,13 +122,13 @@ def report_json(records: Sequence[Record], command: str) -> dict[str, Any]:
 def _caution(records: Sequence[Record]) -> str:
     short = sorted({float(record.task["seconds"]) for record in records if record.task["seconds"]})
     partial = (
-        f" Ours are of the first {short[0]:g} s of each sequence, theirs of all: they do not compare."
+        f" Ours are over the first {short[0]:g} s of each sequence, theirs over all of it: not comparable."
         if short
         else ""
     )
     return (
-        "Published figures are their authors' own, each under the protocol that is named; only rows of one "
-        f"protocol compare.{partial}\n"
+        "Published results are the authors' own, with the given protocol; only rows with the same "
+        f"protocol are comparable.{partial}\n"
     )
 
 
@@ -137,7 +141,7 @@ def _name(record: Record) -> str:
 
 
 def _mean(good: Mapping[str, Mapping[str, float]], key: str) -> float:
-    """NaN where any is: a mean over fewer sequences would not be the same figure."""
+    """Mean, or NaN if any value is NaN: a mean over fewer sequences is not comparable."""
     values = [measured[key] for measured in good.values()]
     return sum(values) / len(values) if values else math.nan
 

@@ -1,4 +1,4 @@
-"""Results of tasks gathered by condition: curves with intervals, and who wins where."""
+"""Results grouped by condition: curves with intervals, and maps of winners."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from asyneio.studies.records import Record
 from asyneio.studies.statistics import Interval, median_interval, median_ratio
 from asyneio.studies.study import Contest, Metric, Value, View
 
-#: Relative differences smaller than this are of no use to anybody, however certain.
+#: Relative differences smaller than this do not matter, even if significant.
 _SAME = 0.005
-#: Of fewer pairs even all on one side prove nothing: half to the power of four is still 6 %.
+#: Minimum number of pairs for significance: with four, all on one side has a probability of 6 %.
 _FEWEST = 5
 
 #: A point of a view: value of the factor across, label of the line.
@@ -21,7 +21,7 @@ Place = tuple[Value, str]
 
 @dataclass(frozen=True)
 class Gathered:
-    """Intervals of one metric of a view, and what its places are, in the order of the tasks."""
+    """Intervals of one metric of a view, and the values of its factors in the order of the tasks."""
 
     metric: Metric
     xs: tuple[Value, ...]
@@ -33,9 +33,9 @@ class Gathered:
 class Winner:
     """The best of one cell of a contest.
 
-    `equals` are rivals that cannot be told from the winner: the 95 % interval of their ratio to it, paired by
-    seed, reaches 1, or they are within half a percent of it, or there are fewer than five seeds. `margin` is
-    the ratio of the second best to the winner, infinite where it failed.
+    `equals` are rivals that are statistically equal to the winner: the 95 % interval of their ratio to it,
+    paired by seed, reaches 1, or the ratio is within half a percent, or there are fewer than five seeds.
+    `margin` is the ratio of the second best to the winner, infinite if that failed.
     """
 
     name: str
@@ -48,7 +48,7 @@ def gather(view: View, records: Sequence[Record]) -> tuple[Gathered, ...]:
     """The metrics of a view over the seeds.
 
     Raises:
-        StudyError: a place of the view mixes conditions.
+        StudyError: a point of the view mixes conditions.
     """
     chosen = [record for record in records if _at(record.task, view.where)]
     places: dict[Place, list[Record]] = {}
@@ -74,7 +74,7 @@ def gather(view: View, records: Sequence[Record]) -> tuple[Gathered, ...]:
 
 
 def decide(contest: Contest, records: Sequence[Record]) -> dict[tuple[Value, Value], Winner]:
-    """The winner of every cell (row, column) for which two rivals at least have results of common seeds."""
+    """The winner of every cell (row, column) in which at least two rivals have results of common seeds."""
     cells: dict[tuple[Value, Value], dict[str, dict[int, float]]] = {}
     for record in records:
         if _at(record.task, contest.where):
@@ -111,7 +111,7 @@ def _at(task: Mapping[str, Value], where: Mapping[str, Value]) -> bool:
 
 
 def _ordered(values: Iterable[Value]) -> tuple[Value, ...]:
-    """Without repetition; numbers ascending, names as they come."""
+    """Unique values; numbers ascending, names in order of appearance."""
     unique = list(dict.fromkeys(values))
     numbers = [value for value in unique if not isinstance(value, str)]
     return tuple(sorted(numbers)) if len(numbers) == len(unique) else tuple(unique)

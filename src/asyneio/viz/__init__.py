@@ -1,4 +1,8 @@
-"""Plots and the report page. matplotlib is imported only when something is drawn."""
+"""Plots and the report page.
+
+`viz.data` is the interface: plain arrays that describe a run (`ReportData` and its parts). All plots take
+these and know neither the estimator nor files. matplotlib is imported only when something is drawn.
+"""
 
 from asyneio.viz.data import (
     Comparison,

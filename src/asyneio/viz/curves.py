@@ -1,4 +1,4 @@
-"""Comparisons: curves with error bands, and maps of who wins where. Plain data in, a PNG out."""
+"""Comparisons: curves with error bands, and maps of winners, from plain data to a PNG file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from asyneio.viz.style import plotting, to_png
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Okabe and Ito, dark enough for lines; a marker each, so that grey prints tell them apart as well.
+#: Okabe-Ito colours that are dark enough for lines, each with a marker for printing in grey.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#666666", "#000000")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 _PANEL = (4.2, 3.0)
@@ -26,7 +26,7 @@ _STRONG, _PALE = 0.5, 0.12
 
 @dataclass(frozen=True)
 class Curve:
-    """Middle, low and high (N,) over `x` (N,); what is not finite is not drawn."""
+    """Middle, low and high (N,) over `x` (N,); values that are not finite are not drawn."""
 
     label: str
     x: FloatArray
@@ -37,7 +37,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Panel:
-    """Curves of one quantity; `ticks` name the places 0, 1, ... where x is no number."""
+    """Curves of one quantity; `ticks` are labels of x = 0, 1, ... if x is not numeric."""
 
     title: str
     x_title: str
@@ -50,7 +50,7 @@ class Panel:
 class Map:
     """A table of winners: `text` and `winner` (an index into `names`, -1 for none) of each row and column.
 
-    Cells that are not `clear` are pale: there others are as good.
+    Cells that are not `clear` are pale: other entries are equally good.
     """
 
     row_title: str
@@ -86,7 +86,7 @@ def render_panels(title: str, panels: Sequence[Panel]) -> bytes:
 
 
 def render_map(title: str, drawn: Map) -> bytes:
-    """A map of winners as a PNG file. Raises VisualizationError as `render_panels`."""
+    """A map of winners as a PNG file. Raises VisualizationError like `render_panels`."""
     with plotting():
         from matplotlib.colors import to_rgba
         from matplotlib.figure import Figure
@@ -116,7 +116,8 @@ def render_map(title: str, drawn: Map) -> bytes:
 
 
 def vertical_scale(curves: Sequence[Curve]) -> str:
-    """`log` where positive curves span a factor of three at least: else a logarithmic axis has no labels."""
+    """`log` if positive curves span at least a factor of three; otherwise a logarithmic axis has no
+    labels."""
     middles = np.concatenate([curve.middle for curve in curves])
     middles = middles[np.isfinite(middles)]
     wide = middles.size > 0 and 0.0 < 3.0 * middles.min() < middles.max()
@@ -128,7 +129,7 @@ def _draw(axes: Axes, panel: Panel) -> None:
         color, marker = COLORS[index % len(COLORS)], _MARKERS[index % len(_MARKERS)]
         drawn = np.isfinite(curve.middle)
         x, middle = curve.x[drawn], curve.middle[drawn]
-        # An interval that reaches infinity is drawn to its finite end only.
+        # An interval up to infinity is drawn to its finite end only.
         high = np.where(np.isfinite(curve.high), curve.high, curve.middle)[drawn]
         axes.plot(x, middle, color=color, marker=marker, markersize=4.0, label=curve.label)
         axes.fill_between(x, curve.low[drawn], high, color=color, alpha=0.18, linewidth=0.0)

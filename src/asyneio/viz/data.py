@@ -1,4 +1,8 @@
-"""What a report shows, as plain arrays: no estimator, no files, no ground-truth logic."""
+"""The interface of this package: the contents of a report as plain arrays.
+
+The caller computes these from a run; the plots need no estimator, no files and no alignment with ground
+truth.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ Rows = tuple[tuple[str, str], ...]
 class Series:
     """A vector over time: `t_s` (N,), `value` (N,3), `sigma` (N,3) standard deviations in the same unit.
 
-    `truth` (N,3) where it is known. A row that is not finite parts two segments.
+    `truth` (N,3) is the ground truth, if known. A row that is not finite separates two segments.
     """
 
     t_s: FloatArray
@@ -25,18 +29,18 @@ class Series:
     truth: FloatArray | None = None
 
     def scaled(self, factor: float) -> Series:
-        """The same in a unit that is smaller by a factor."""
+        """The same series in a unit that is smaller by a factor."""
         truth = None if self.truth is None else factor * self.truth
         return Series(self.t_s, factor * self.value, factor * self.sigma, truth)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """An estimate beside ground truth; segments are aligned each on its own and parted as in `Series`.
+    """An estimate and its ground truth; segments are aligned individually and separated as in `Series`.
 
-    `position_estimate` and `position_truth` (N,3) [m] in the world of the truth, aligned. `position_error`
-    [m, world axes] and `orientation_error` [deg, body axes] are relative to the first estimate, as their
-    sigmas are.
+    `position_estimate` and `position_truth` (N,3) [m] are aligned, in the world of the ground truth.
+    `position_error` [m, world axes] and `orientation_error` [deg, body axes] are relative to the first
+    estimate, like their sigmas.
     """
 
     position_estimate: FloatArray
@@ -47,8 +51,8 @@ class Comparison:
 
 @dataclass(frozen=True)
 class States:
-    """What was estimated: `paths`, (N,3) [m] each, of the segments in worlds of their own; velocity in m/s,
-    biases in rad/s and m/s^2, over all segments."""
+    """Estimated states: `paths`, (N,3) [m] each, of the segments in their own worlds; velocity [m/s] and
+    biases [rad/s, m/s^2] over all segments."""
 
     paths: tuple[FloatArray, ...]
     velocity: Series
@@ -58,7 +62,8 @@ class States:
 
 @dataclass(frozen=True)
 class Features:
-    """Feature tracks over time: `t_s` (N,), `alive` (N,) how many, `age_s` (N,3) quartiles of their ages."""
+    """Feature tracks over time: `t_s` (N,), number of live tracks `alive` (N,), quartiles of their ages
+    `age_s` (N,3)."""
 
     t_s: FloatArray
     alive: IntArray
@@ -67,7 +72,7 @@ class Features:
 
 @dataclass(frozen=True)
 class EventRate:
-    """Events over time: `t_s` (N,) and `rate` (N,) [events/s] of the packet that ended there."""
+    """Event rate over time: `t_s` (N,), and `rate` (N,) [events/s] of the packet that ends then."""
 
     t_s: FloatArray
     rate: FloatArray
@@ -75,7 +80,7 @@ class EventRate:
 
 @dataclass(frozen=True)
 class Timing:
-    """Processing time of each step: `t_s` (N,), `step_s` (N,), against the `interval_s` one may take."""
+    """Processing time of each step: `t_s` (N,), `step_s` (N,), and its real-time limit `interval_s`."""
 
     t_s: FloatArray
     step_s: FloatArray
@@ -84,7 +89,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class HealthChange:
-    """From `t_s` on the estimator was in `state`, in so-numbered a segment, and said why."""
+    """A change of health: from `t_s` on, the estimator is in `state` in this segment, for this reason."""
 
     t_s: float
     state: str
@@ -94,8 +99,8 @@ class HealthChange:
 
 @dataclass(frozen=True)
 class HealthTimeline:
-    """State of the estimator at each step: `t_s` (N,), `state` (N,) index into `names`, `segment` (N,); and
-    its changes in words."""
+    """Health of the estimator at each step: `t_s` (N,), `state` (N,) index into `names`, `segment` (N,); and
+    its changes with reasons."""
 
     t_s: FloatArray
     state: IntArray
@@ -106,11 +111,11 @@ class HealthTimeline:
 
 @dataclass(frozen=True)
 class ReportData:
-    """One run; times count from the start of the recording.
+    """A run; times are relative to the start of the recording.
 
-    `states` is None where nothing was estimated, `comparison` where no truth is known, `events` for a
-    recording of tracks; so is `scene`, the tracks over their events. `settings` are name and value of those
-    that differ from the defaults, `failure` says why the trajectory is not whole.
+    `states` is None without estimates, `comparison` without ground truth; `events` and `scene` (the tracks
+    over their events) are None for a recording of tracks. `settings` are names and values of settings that
+    differ from the defaults. `failure` is the reason for an incomplete trajectory.
     """
 
     health: HealthTimeline
@@ -126,5 +131,5 @@ class ReportData:
 
 
 def finite_rows(position: FloatArray) -> FloatArray:
-    """Rows of (N,3) that hold numbers a picture can show: what diverged beyond a million km has none."""
+    """Rows of (N,3) that can be plotted: finite and within a million km."""
     return position[(np.isfinite(position) & (np.abs(position) < 1e9)).all(axis=1)]

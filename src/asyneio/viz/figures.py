@@ -1,4 +1,4 @@
-"""Which figures a report has: those that what is known of a run can fill, in the order of the page."""
+"""The figures of a report, as far as there are data for them, in the order of the page."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from asyneio.viz.tracks import draw_tracks, plot_tracks, shown_instants
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Paths in worlds of their own are drawn one by one; of more than this, the longest.
+#: Maximum number of paths in separate worlds that are drawn; of more, the longest.
 _MOST_PATHS = 4
 
 
 @dataclass(frozen=True)
 class ReportFigure:
-    """One figure: `name` of its file, title, caption and what draws it (inside `style.plotting()`).
+    """A figure: `name` of its file, title, caption and the function that draws it (inside
+    `style.plotting()`).
 
-    `space` is what the page's script turns in its place; `raster`: better stored as pixels.
+    `space` is the interactive view of the page's script; `raster`: to be stored as pixels.
     """
 
     name: str
@@ -44,28 +45,28 @@ def report_figures(data: ReportData) -> Iterator[ReportFigure]:
         if data.comparison is not None:
             yield from _errors(data.comparison)
         yield from _states(data.states)
-    states = "What the estimator thinks of itself; dashed: another segment begins, in a world of its own."
+    states = "Health of the estimator; dashed lines: a new segment with its own world begins."
     yield ReportFigure("health", "Health", states, lambda: plots.plot_health(data.health))
-    alive = "Tracks alive at each step and their age."
+    alive = "Number of live tracks at each step, and their age."
     yield ReportFigure("features", "Features", alive, lambda: plots.plot_features(data.features))
     events = data.events
     if events is not None:
-        rate = "Events of the camera, packet by packet."
+        rate = "Event rate of the camera, per packet."
         yield ReportFigure("events", "Event rate", rate, lambda: plots.plot_events(events))
     scene = data.scene
     if scene is not None:
-        look = "Coloured lines: where features went in the last 0.4 s; below them the newest events."
+        look = "Coloured lines: feature tracks of the last 0.4 s, over the latest events."
         yield ReportFigure(
             "tracks", "Events and tracks", look, lambda: plot_tracks(scene, WIDTH), raster=True
         )
-    cost = "Per knot, compilation apart; what tracking takes beside it is among the figures."
+    cost = "Per knot, without compilation; the time for tracking is in the table."
     yield ReportFigure("timing", "Processing time", cost, lambda: plots.plot_timing(data.timing))
 
 
 def plot_overview(data: ReportData) -> Figure | None:
-    """One picture of a run: what the camera saw, the path, and how wrong or how uncertain it is.
+    """Overview of a run: events and tracks, the path, and its errors or uncertainty.
 
-    None where nothing was estimated.
+    None without estimates.
     """
     from matplotlib.figure import Figure
 
@@ -99,8 +100,8 @@ def _paths(states: States, truth: Comparison | None) -> Iterator[ReportFigure]:
     several = len(states.paths) > 1
     if truth is not None:
         if _drawable(truth.position_estimate):
-            aligned = "Aligned to the truth in position and yaw"
-            aligned += ", each segment on its own." if several else "."
+            aligned = "Aligned with the ground truth in position and yaw"
+            aligned += ", each segment individually." if several else "."
             yield from _path("path", "Path", aligned, truth.position_estimate, truth)
         return
     longest = sorted(range(len(states.paths)), key=lambda n: -len(states.paths[n]))[:_MOST_PATHS]
@@ -120,7 +121,7 @@ def _path(
 ) -> Iterator[ReportFigure]:
     yield ReportFigure(name, title, caption, lambda: paths.plot_path(position, truth))
     space = space_of(position, truth.position_truth if truth else None)
-    hint = "Its shadow lies on the floor. Drag to turn; pinch, or + and -, to scale; double-click: back."
+    hint = "With its shadow on the floor. Drag to rotate; pinch, or + and -, to zoom; double-click to reset."
     yield ReportFigure(
         name.replace("path", "space"), f"{title} in space", hint, lambda: plot_space(space), space
     )
@@ -131,14 +132,14 @@ def _drawable(position: FloatArray) -> bool:
 
 
 def _errors(truth: Comparison) -> Iterator[ReportFigure]:
-    relative = "Relative to the first estimate; the band is what the estimator claims."
+    relative = "Relative to the first estimate; the band is the estimated 3-sigma uncertainty."
     yield ReportFigure(
         "position_error", "Position error", relative, lambda: plots.plot_errors(truth.position_error, "m")
     )
     yield ReportFigure(
         "orientation_error",
         "Orientation error",
-        f"About the body's axes. {relative}",
+        f"About the body axes. {relative}",
         lambda: plots.plot_errors(truth.orientation_error, "deg"),
     )
 

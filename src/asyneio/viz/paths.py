@@ -1,4 +1,4 @@
-"""Plots of a path from above and from the side; to be called inside `style.plotting()`."""
+"""Plots of a path in top and side view; to be called inside `style.plotting()`."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _PATH_WIDTH = WIDTH - 0.8
 
 
 def plot_path(position: FloatArray, comparison: Comparison | None) -> Figure:
-    """The path from above and from the side, over the truth where there is one; metres, equal scales."""
+    """Top and side view of the path, over the ground truth if known; in metres, with equal scales."""
     from matplotlib.figure import Figure
 
     shown = position if comparison is None else comparison.position_estimate
     everything = shown if comparison is None else np.vstack([shown, comparison.position_truth])
     centre, spans = _frame(finite_rows(everything))
-    # The sheet takes the shape of the path, so that equal scales neither crop it nor leave it lost in white.
+    # The figure has the aspect ratio of the path, so that equal scales leave little empty space.
     height = _PATH_WIDTH * float(spans[1] + spans[2]) / float(spans[0]) + 1.1
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     top, side = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": spans[1:]})
@@ -40,7 +40,7 @@ def plot_path(position: FloatArray, comparison: Comparison | None) -> Figure:
 
 
 def draw_path(axes: Axes, position: FloatArray, truth: FloatArray | None, vertical: int) -> None:
-    """x against another coordinate of a path (N,3), its start, and the truth (N,3) beneath it."""
+    """x against another coordinate of a path (N,3), its start, and the ground truth (N,3)."""
     if truth is not None:
         _line(axes, truth, vertical, TRUTH, "truth", 2.6, 0.45)
     _line(axes, position, vertical, ESTIMATE, "estimate", 1.1, 1.0)
@@ -57,7 +57,7 @@ def _line(
 
 
 def _frame(position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Middle (3,) and span (3,) of what the path's panels show, with a margin; no panel degenerates."""
+    """Centre (3,) and span (3,) of the panels, with a margin and a minimum span."""
     low, high = position.min(axis=0), position.max(axis=0)
     spans = np.maximum(1.12 * (high - low), 1e-3)
     spans[0] = max(spans[0], 0.8 * max(spans[1], spans[2]))

@@ -1,4 +1,4 @@
-"""The plots of a report over time: plain arrays in, a figure out; to be called inside `style.plotting()`."""
+"""Plots of a report over time, from plain arrays to a figure; to be called inside `style.plotting()`."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _XYZ = ("x", "y", "z")
-#: From so many events a second on the axis counts millions.
+#: Event rate from which the axis is in millions [events/s].
 _MEGA = 2e5
-#: More periods of one state than this are closer together than a line is wide.
+#: Maximum number of drawn periods of one state; more would be narrower than a line.
 _MOST_PERIODS = 1500
 
 
@@ -31,7 +31,7 @@ def plot_errors(series: Series, unit: str) -> Figure:
 
 
 def draw_errors(panels: list[Axes], series: Series, unit: str) -> None:
-    """The same into three panels."""
+    """Draw the same into three panels."""
     for axis, axes in enumerate(panels):
         t_s, error, sigma = thin(series.t_s, series.value[:, axis], series.sigma[:, axis])
         _band(axes, t_s, np.zeros_like(t_s), sigma, AXES_COLORS[axis])
@@ -42,16 +42,16 @@ def draw_errors(panels: list[Axes], series: Series, unit: str) -> None:
 
 
 def plot_vector(series: Series, unit: str) -> Figure:
-    """Value of each axis over time with its three-sigma band, and the truth where there is one."""
+    """Value of each axis over time with its three-sigma band, and the ground truth if known."""
     figure, panels = new_figure(3, 3.9)
     draw_vector(panels, series, unit)
-    known = "value, 3 sigma and truth (grey)" if series.truth is not None else "value and 3 sigma"
+    known = "value, 3 sigma and ground truth (grey)" if series.truth is not None else "value and 3 sigma"
     panels[0].set_title(known, fontweight="normal", fontsize=9)
     return figure
 
 
 def draw_vector(panels: list[Axes], series: Series, unit: str) -> None:
-    """The same into three panels."""
+    """Draw the same into three panels."""
     for axis, axes in enumerate(panels):
         t_s, value, sigma = thin(series.t_s, series.value[:, axis], series.sigma[:, axis])
         if series.truth is not None:
@@ -64,13 +64,13 @@ def draw_vector(panels: list[Axes], series: Series, unit: str) -> None:
 
 
 def plot_features(features: Features) -> Figure:
-    """How many tracks are alive, and how old they are."""
+    """Number of live tracks, and their ages."""
     figure, (count, age) = new_figure(2, 3.2)
     t_s, low, middle, high = envelope(features.t_s, features.alive.astype(np.float64))
     count.fill_between(t_s, low, high, color=ESTIMATE, alpha=0.25, linewidth=0.0)
     count.plot(t_s, middle, color=ESTIMATE)
     count.set(ylabel="tracks alive", ylim=(0.0, max(1.08 * np.max(high, initial=0.0), 1.0)))
-    # Without a track there is no age: the panel above shows it.
+    # No age without tracks; the upper panel shows their number.
     known = np.isfinite(features.age_s).all(axis=1)
     t_s, low, middle, high = thin(features.t_s[known], *features.age_s[known].T)
     age.fill_between(t_s, low, high, color=AXES_COLORS[1], alpha=0.2, linewidth=0.0, label="quartiles")
@@ -82,7 +82,7 @@ def plot_features(features: Features) -> Figure:
 
 
 def plot_events(events: EventRate) -> Figure:
-    """Events a second over time; the band reaches from the quietest to the busiest packet."""
+    """Event rate over time; the band is from the minimum to the maximum of the packets."""
     figure, (axes,) = new_figure(1, 2.1)
     t_s, low, middle, high = envelope(events.t_s, events.rate)
     mega = np.max(high, initial=0.0) >= _MEGA
@@ -94,7 +94,7 @@ def plot_events(events: EventRate) -> Figure:
 
 
 def plot_health(health: HealthTimeline) -> Figure:
-    """State over time, one row for each; borders of segments as dashed lines."""
+    """Health over time, one row per state; borders of segments as dashed lines."""
     figure, (axes,) = new_figure(1, 1.8, left=0.85)
     step_s = float(np.median(np.diff(health.t_s))) if health.t_s.size > 1 else 0.1
     heads = np.flatnonzero(np.r_[True, np.diff(health.state) != 0])
@@ -103,7 +103,7 @@ def plot_health(health: HealthTimeline) -> Figure:
         own = np.flatnonzero(health.state[heads] == row)
         begin_s = health.t_s[heads[own]] - step_s
         length_s = health.t_s[ends[own]] - begin_s
-        # Of very many periods, the longest: the others are too short to be seen.
+        # Only the longest of many periods; shorter ones are not visible.
         kept = np.argsort(-length_s, kind="stable")[:_MOST_PERIODS]
         periods = np.column_stack([begin_s, length_s])[kept]
         color = HEALTH_COLORS[row % len(HEALTH_COLORS)]
@@ -118,7 +118,7 @@ def plot_health(health: HealthTimeline) -> Figure:
 
 
 def plot_timing(timing: Timing) -> Figure:
-    """Processing time of each step against the time it may take; the band reaches to the slowest."""
+    """Processing time of each step against its real-time limit; the band is up to the slowest."""
     figure, (axes,) = new_figure(1, 2.3)
     t_s, low, middle, high = envelope(timing.t_s, 1e3 * timing.step_s)
     budget_ms = 1e3 * timing.interval_s
@@ -128,7 +128,7 @@ def plot_timing(timing: Timing) -> Figure:
     axes.set(xlabel="time [s]", ylabel="processing [ms]", yscale="log")
     slowest = float(np.max(high, initial=budget_ms))
     fastest = float(np.percentile(middle, 1.0)) if middle.size else budget_ms
-    # From a whole decade on, so that at least two are named; values between them are not.
+    # Limits at whole decades, so that the axis has at least two labels.
     floor = 10.0 ** np.floor(np.log10(np.clip(fastest, 1e-3, 0.3 * budget_ms)))
     axes.set_ylim(floor, 3.5 * slowest)
     axes.yaxis.set_major_formatter("{x:g}")
@@ -143,7 +143,7 @@ def _band(axes: Axes, t_s: FloatArray, middle: FloatArray, sigma: FloatArray, co
 
 
 def _limit_to_settled(axes: Axes, value: FloatArray, sigma: FloatArray) -> None:
-    """Keep a wide band of the first seconds from flattening the rest of the curve."""
+    """Limit the axis so that a wide band in the first seconds does not flatten the rest of the curve."""
     finite = np.isfinite(value) & np.isfinite(sigma)
     settled = finite & (np.arange(value.size) >= value.size // 10)
     if not settled.any():

@@ -1,4 +1,4 @@
-"""The report: one HTML file that holds everything, readable on a phone, printable, no network needed."""
+"""The report: a self-contained HTML file, readable on a phone, printable, without network access."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ from asyneio.viz.figures import ReportFigure, plot_overview, report_figures
 from asyneio.viz.space import space_json
 from asyneio.viz.style import plotting, to_png, to_svg
 
-#: Dots an inch of pictures on the page and of picture files.
+Advance = Callable[[float], None]
+
+#: Resolution of images on the page and of image files [dots per inch].
 _PAGE_DPI, _FILE_DPI = 180, 200
-#: More changes of health than this are left to the file.
+#: Maximum number of changes of health on the page; the file contains all.
 _MOST_CHANGES = 100
 
 
@@ -33,11 +35,11 @@ def render_report(
 
     Args:
         title: heading of the page.
-        lead: a sentence below it: where the data come from.
-        table: rows of figures: what, and the value with its unit.
-        data: what to plot.
-        version: of the package, for the foot of the page.
-        advance: is told the share done, 0 to 1.
+        lead: sentence below it, such as the origin of the data.
+        table: rows of results: name, and value with unit.
+        data: data to plot.
+        version: version of the package, for the footer.
+        advance: called with the fraction done, 0 to 1.
 
     Raises:
         VisualizationError: matplotlib is not installed.
@@ -45,7 +47,7 @@ def render_report(
     with plotting():
         figures = {figure.name: _figure(figure) for figure in _counted(report_figures(data), advance)}
     sections = list(figures.items())
-    # The figures of the run come right after the first picture.
+    # The table of results follows the first figure.
     first = [sections.pop(0)[1]] if data.states is not None and sections else []
     body = [*first, _table("Figures", table, "figures")]
     for name, text in sections:
@@ -70,14 +72,14 @@ def render_report(
 
 
 def render_overview(data: ReportData) -> bytes | None:
-    """One picture of a run as a PNG file; None where nothing was estimated. Raises as `render_report`."""
+    """Overview of a run as a PNG file; None without estimates. Raises like `render_report`."""
     with plotting():
         figure = plot_overview(data)
         return None if figure is None else to_png(figure, _FILE_DPI)
 
 
-def render_pictures(data: ReportData, advance: ProgressCallback | None = None) -> Iterator[tuple[str, bytes]]:
-    """Every figure of the report by itself: its name, and a PNG file. As `render_report`."""
+def render_pictures(data: ReportData, advance: Advance | None = None) -> Iterator[tuple[str, bytes]]:
+    """Every figure of the report: its name, and a PNG file. Arguments and errors as in `render_report`."""
     with plotting():
         for figure in _counted(report_figures(data), advance):
             yield figure.name, to_png(figure.draw(), _FILE_DPI)
@@ -97,7 +99,7 @@ def _resource(name: str) -> str:
 
 
 def _policy() -> str:
-    """What a browser may do with the page: fetch nothing, and run this one script."""
+    """Content security policy of the page: no network access, and this single script."""
     digest = base64.b64encode(hashlib.sha256(_resource("space.js").encode()).digest()).decode()
     return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'"
 
@@ -123,7 +125,7 @@ def _table(title: str, rows: Rows, kind: str) -> str:
 
 
 def _changes(health: HealthTimeline) -> str:
-    """When the state changed, and why."""
+    """Table of the changes of health with their reasons."""
     if not health.changes:
         return ""
     several = any(change.segment for change in health.changes)

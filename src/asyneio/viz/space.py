@@ -1,4 +1,4 @@
-"""A path in space: what the page's script turns, and a still picture of the same for those without it."""
+"""A 3-D view of a path: data for the page's interactive script, and the same view as a static image."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Where the eye is to begin with, as seen from the middle: azimuth and elevation [rad].
+#: Initial azimuth and elevation of the viewpoint [rad].
 AZIMUTH, ELEVATION = math.radians(-60.0), math.radians(25.0)
-#: Height of the picture by its width, below one, for still and script alike.
+#: Height over width of the image, below one, for both static image and script.
 ASPECT = 0.8
 _MOST_LINES = 8
 _MOST_POINTS = 3000
@@ -28,10 +28,10 @@ _MOST_POINTS = 3000
 
 @dataclass(frozen=True)
 class Space:
-    """Paths over a floor of squares.
+    """Paths above a floor with a grid of squares.
 
-    `estimate` and `truth` are pieces (N,3) [m] that no line joins; the floor spans whole squares of `step`
-    [m] between `low` and `high` (2,), at height `floor`. `centre` (3,) and `radius` bound the paths.
+    `estimate` and `truth` are separate pieces (N,3) [m]. The floor at height `floor` consists of squares of
+    size `step` [m] between `low` and `high` (2,). `centre` (3,) and `radius` bound the paths.
     """
 
     estimate: tuple[FloatArray, ...]
@@ -44,14 +44,14 @@ class Space:
     radius: float
 
     def floor_lines(self) -> list[FloatArray]:
-        """The lines (2,3) of the floor."""
+        """Lines (2,3) of the grid."""
         (x0, y0), (x1, y1), z = self.low, self.high, self.floor
         across = [np.array([[x, y0, z], [x, y1, z]]) for x in _ticks(x0, x1, self.step)]
         return across + [np.array([[x0, y, z], [x1, y, z]]) for y in _ticks(y0, y1, self.step)]
 
 
 def space_of(position: FloatArray, truth: FloatArray | None) -> Space:
-    """The space of a path (N,3) and its truth; at least one row must hold numbers (`finite_rows`)."""
+    """The space of a path (N,3) and its ground truth; at least one row must be finite (`finite_rows`)."""
     everything = finite_rows(position if truth is None else np.vstack([position, truth]))
     low, high = everything.min(axis=0), everything.max(axis=0)
     wide, deep, tall = (high - low).tolist()
@@ -60,7 +60,7 @@ def space_of(position: FloatArray, truth: FloatArray | None) -> Space:
     high_xy = np.maximum(high_xy, low_xy + step)
     low[:2], high[:2] = low_xy, high_xy
     centre = (low + high) / 2.0
-    # The path never leaves the picture while it turns; corners of the floor may, a little.
+    # The path stays inside the image for all rotations; corners of the floor may extend beyond it.
     reach = float(np.linalg.norm(everything - centre, axis=1).max())
     radius = max(1.05 * reach, 0.85 * float(np.linalg.norm(high - centre)))
     pieces = (_pieces(position), () if truth is None else _pieces(truth))
@@ -68,8 +68,8 @@ def space_of(position: FloatArray, truth: FloatArray | None) -> Space:
 
 
 def space_json(space: Space) -> str:
-    """What the script needs, as JSON that may stand inside a `<script>` element."""
-    # A ten-thousandth of the picture is less than a pixel.
+    """Data of the script, as JSON that is valid inside a `<script>` element."""
+    # A ten-thousandth of the image is less than a pixel.
     digits = max(0, 4 - math.floor(math.log10(space.radius)))
     plain = {
         "estimate": [_plain(piece, digits) for piece in space.estimate],
@@ -87,7 +87,7 @@ def space_json(space: Space) -> str:
 
 
 def plot_space(space: Space) -> Figure:
-    """The still picture, from where the script begins."""
+    """Static image from the initial viewpoint of the script."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, WIDTH * ASPECT))
@@ -119,7 +119,7 @@ def plot_space(space: Space) -> Figure:
 
 
 def project(points: FloatArray) -> FloatArray:
-    """Points (...,3) as seen from afar by the first eye: right and up (...,2)."""
+    """Orthographic projection of points (...,3) from the initial viewpoint: right and up (...,2)."""
     sin_a, cos_a, sin_e, cos_e = *_turn(AZIMUTH), *_turn(ELEVATION)
     right = np.array([-sin_a, cos_a, 0.0])
     up = np.array([-sin_e * cos_a, -sin_e * sin_a, cos_e])
@@ -135,12 +135,12 @@ def _line(axes: Axes, points: FloatArray, **look: Any) -> None:
 
 
 def _plain(piece: FloatArray, digits: int) -> list[float]:
-    """One after another: x y z x y z ..."""
+    """Flat list x y z x y z ..."""
     return [round(value, digits) for value in piece.ravel().tolist()]
 
 
 def _pieces(position: FloatArray) -> tuple[FloatArray, ...]:
-    """A path thinned and cut where rows are not finite."""
+    """A path, thinned and divided at rows that are not finite."""
     index = np.arange(position.shape[0], dtype=np.float64)
     _, *axes = thin(index, *position.T, limit=_MOST_POINTS)
     thinned = np.stack(axes, axis=1)
@@ -150,7 +150,7 @@ def _pieces(position: FloatArray) -> tuple[FloatArray, ...]:
 
 
 def _round_step(wanted: float) -> float:
-    """1, 2 or 5 times a power of ten, at least as large as wanted."""
+    """The smallest 1, 2 or 5 times a power of ten that is at least the given value."""
     power = 10.0 ** math.floor(math.log10(wanted))
     return next(
         float(f"{factor * power:.3g}") for factor in (1, 2, 5, 10) if factor * power >= 0.999 * wanted

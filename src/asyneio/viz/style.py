@@ -1,4 +1,4 @@
-"""One look for all plots, and the only place that imports matplotlib."""
+"""Common style of all plots; the only module that imports matplotlib."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Colours that stay apart for colour-blind readers and in grey (Okabe and Ito).
+#: Colours that are distinct for colour-blind readers and in grey (Okabe and Ito).
 BLUE, RED, GREEN, AMBER, SKY = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9"
 INK, FAINT, GRID, TRUTH = "#222222", "#999999", "#e6e6e6", "#4d4d4d"
 AXES_COLORS = (RED, GREEN, BLUE)
 ESTIMATE, ACCENT = BLUE, RED
-#: Of the states of the estimator, in their order: initialising, tracking, degraded, lost.
+#: Colours of the states of the estimator: initializing, tracking, degraded, lost.
 HEALTH_COLORS = (SKY, GREEN, AMBER, RED)
-#: What a page calls these colours, so that it may choose others on a dark ground.
+#: Names of these colours in the page's style sheet, which changes them for a dark background.
 _THEME = {
     BLUE: "blue",
     RED: "red",
@@ -39,7 +39,7 @@ _THEME = {
     TRUTH: "truth",
 }
 
-#: Inches. Narrow figures with 9-point type are still legible when a phone shows them at full width.
+#: Inches. Narrow figures with 9-point type are legible on a phone at full width.
 WIDTH = 4.0
 
 _STYLE = {
@@ -65,14 +65,15 @@ _STYLE = {
     "legend.fontsize": 8.0,
     "lines.linewidth": 1.1,
     "figure.facecolor": "white",
-    # Text as text: small files, sharp at any zoom; fixed ids: the same run gives the same bytes.
+    # Text is stored as text, for small files that are sharp at any zoom; ids are fixed for reproducible
+    # files.
     "svg.fonttype": "none",
     "svg.hashsalt": "asyneio",
 }
 
 
 class VisualizationError(AsyneioError):
-    """A plot or a report cannot be made."""
+    """A plot or a report cannot be created."""
 
 
 def available() -> bool:
@@ -81,15 +82,15 @@ def available() -> bool:
 
 
 def _imported() -> ModuleType:
-    """matplotlib, whatever the environment says: figures go to files, so no backend of the user's is needed.
+    """Import matplotlib with any environment: figures are written to files and need no interactive backend.
 
-    It refuses to be imported where MPLBACKEND names one that is not installed here, such as a notebook's.
+    The import fails if MPLBACKEND names a backend that is not installed, such as a notebook's.
     """
     backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
     matplotlib = importlib.import_module("matplotlib")
     if backend is not None:
         os.environ["MPLBACKEND"] = backend
-        # For the user's own figures in the same program.
+        # Restored for the user's own figures in the same program.
         with suppress(ValueError):
             matplotlib.rcParams["backend"] = backend
     return matplotlib
@@ -97,7 +98,7 @@ def _imported() -> ModuleType:
 
 @contextmanager
 def plotting() -> Iterator[None]:
-    """Set the look for the figures made inside, without touching the user's own settings.
+    """Set the style of figures created inside the context, without changing the user's settings.
 
     Raises:
         VisualizationError: matplotlib is not installed.
@@ -112,9 +113,9 @@ def plotting() -> Iterator[None]:
 
 
 def new_figure(rows: int, height: float, left: float = 0.74) -> tuple[Figure, list[Axes]]:
-    """A figure with panels one above the other on a common time axis, `left` inches from the edge.
+    """A figure with vertically stacked panels on a common time axis, `left` inches from the edge.
 
-    No display is needed. Placed by hand: a layout engine would take most of the time of a page.
+    No display is needed. Positions are explicit: a layout engine would take most of the time of a page.
     """
     from matplotlib.figure import Figure
 
@@ -128,9 +129,9 @@ def new_figure(rows: int, height: float, left: float = 0.74) -> tuple[Figure, li
 
 
 def to_png(figure: Figure, dpi: int = 110) -> bytes:
-    """The figure as a PNG file on white, so many dots an inch.
+    """The figure as a PNG file on white, with a resolution in dots per inch.
 
-    Its colours are put into a table of 256: plots have few, and the file becomes three times smaller.
+    It has a palette of 256 colours, which suffices for plots and makes the file three times smaller.
     """
     from PIL import Image
 
@@ -146,8 +147,8 @@ def to_png(figure: Figure, dpi: int = 110) -> bytes:
 def to_svg(figure: Figure) -> str:
     """The figure as an `<svg>` element for a page that defines the colours `--blue`, `--ink`, ...
 
-    The ground is transparent. Points keep two decimals (a hundredth of a pixel), and only ids that something
-    refers to are left: figures of one page do not get into each other's way.
+    The background is transparent. Points have two decimals (a hundredth of a pixel). Unreferenced ids are
+    removed, so that the figures of a page do not conflict.
     """
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})

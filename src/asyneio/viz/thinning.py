@@ -1,4 +1,4 @@
-"""Fewer points for long runs, without hiding what stands out."""
+"""Reduce the number of points of long runs without losing extreme values."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import numpy as np
 
 from asyneio.types import FloatArray, IntArray
 
-#: More points than this no screen can show and only make the page heavy.
+#: Maximum number of points; more are not visible on a screen and only increase the size of the page.
 MAX_POINTS = 1500
 
 
 def thin(*columns: np.ndarray, limit: int = MAX_POINTS) -> tuple[np.ndarray, ...]:
-    """At most about `limit` rows: of each stretch, those with the least and the greatest of each column but
-    the first.
+    """Thin columns to about `limit` rows: from each interval, the rows with the minimum and maximum of each
+    column except the first.
 
     Args:
-        columns: (N,) each, in one order; the first is what the others are drawn over.
-        limit: rows from which on some are left out.
+        columns: columns (N,); the others are plotted over the first.
+        limit: number of rows above which rows are removed.
 
     Returns:
-        The columns (M,) in the same order. First and last row, and the first of adjoining rows that are not
-        finite (they part segments), are always among them.
+        The columns (M,) in the same order. They always include the first and the last row, and the first of
+        consecutive rows that are not finite, which separate segments.
     """
     size = columns[0].size
     if size <= limit:
@@ -40,9 +40,9 @@ def thin(*columns: np.ndarray, limit: int = MAX_POINTS) -> tuple[np.ndarray, ...
 
 
 def envelope(t_s: FloatArray, value: FloatArray, buckets: int = MAX_POINTS // 3) -> tuple[FloatArray, ...]:
-    """Time, least, middle and greatest value (M,) of at most `buckets` stretches; of few values (N,), all.
+    """Time, minimum, median and maximum (M,) of at most `buckets` intervals; all of a few values (N,).
 
-    Values that are not finite count for nothing; a stretch of such alone is not finite.
+    Values that are not finite are ignored; an interval with only such values is not finite.
     """
     if t_s.size <= buckets:
         return t_s, value, value, value
@@ -58,6 +58,6 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
 
 
 def _stretches(size: int, count: int) -> list[tuple[int, int]]:
-    """`count` stretches of nearly equal length that cover 0 to `size`."""
+    """`count` intervals of nearly equal length that cover 0 to `size`."""
     edges: IntArray = np.linspace(0, size, count + 1).astype(np.int64)
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))

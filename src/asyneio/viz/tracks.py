@@ -1,4 +1,4 @@
-"""Pictures of feature tracks: coloured lines over an image of the events around them."""
+"""Images of feature tracks: coloured lines over an image of the latest events."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: An image shows as many events as this share of the pixels: edges are thin at any speed.
+#: Number of events in an image, as a fraction of the pixels, so that edges are thin at any speed.
 _EVENTS_PER_PIXEL = 0.12
-#: How far back a track is drawn.
+#: Time span of the drawn part of a track.
 _TRAIL_NS = 400_000_000
-#: Full colour from this many events of one pixel on.
+#: Number of events of a pixel for full colour.
 _FULL = 2.0
-#: Backgrounds that leave the saturated colours to the tracks: brighter, darker (as 1 - RGB).
+#: Unsaturated colours of positive and negative events (as 1 - RGB), so that tracks stand out.
 _BRIGHTER = np.array([0.02, 0.22, 0.38])
 _DARKER = np.array([0.36, 0.20, 0.03])
 
@@ -31,21 +31,21 @@ _PANELS = 4
 _FRAMES = 60
 _FRAMES_PER_S = 15.0
 _ANIMATION_WIDTH_PX = 640
-#: Colours of a frame of the animation: more only make it larger.
+#: Number of colours of a frame of the animation.
 _COLORS = 96
 _TITLE_INCHES = 0.3
 
 
 @dataclass(frozen=True)
 class TrackScene:
-    """What to draw: `events` (EVENT_DTYPE, ascending) of a sensor `width` x `height`, and `observations`
+    """Data to draw: `events` (EVENT_DTYPE, ascending) of a sensor of `width` x `height`, and `observations`
     (OBSERVATION_DTYPE, any order) in the same clock; at least one of each."""
 
     events: RecordArray
     width: int
     height: int
     observations: RecordArray
-    #: Rows sorted by track and time, and where each track begins; made from `observations`.
+    #: Observations sorted by track and time, and first row of each track; computed from `observations`.
     rows: RecordArray = field(init=False)
     start: IntArray = field(init=False)
 
@@ -56,7 +56,7 @@ class TrackScene:
         object.__setattr__(self, "start", np.append(heads, rows.size))
 
     def trails(self, t_ns: int) -> list[tuple[int, FloatArray]]:
-        """Id and pixels (K,2), oldest first, of each track alive at a time."""
+        """Id and pixels (K,2), oldest first, of each live track at a time."""
         stamps = self.rows["t_ns"]
         alive = (stamps[self.start[:-1]] <= t_ns) & (stamps[self.start[1:] - 1] >= t_ns)
         found = []
@@ -68,7 +68,7 @@ class TrackScene:
         return found
 
     def image(self, t_ns: int) -> FloatArray:
-        """The last events before a time as colours (H,W,3)."""
+        """Image (H,W,3) of the last events before a time."""
         end = int(np.searchsorted(self.events["t_ns"], t_ns, side="right"))
         wanted = round(_EVENTS_PER_PIXEL * self.width * self.height)
         shown = np.asarray(self.events[max(end - wanted, 0) : end])
@@ -102,15 +102,16 @@ def plot_tracks(scene: TrackScene, width: float) -> Figure:
 
 
 def shown_instants(t_ns: IntArray) -> list[int]:
-    """The times [ns] that `plot_tracks` shows of events at `t_ns` (N,), ascending, at least one."""
+    """Times [ns] shown by `plot_tracks` for events at `t_ns` (N,), ascending, at least one."""
     begin, span = int(t_ns[0]), int(t_ns[-1]) - int(t_ns[0])
     return [begin + span * (k + 1) // (_PANELS + 1) for k in range(_PANELS)]
 
 
-def render_animation(scene: TrackScene, advance: ProgressCallback | None = None) -> bytes:
-    """Four seconds as a GIF file: in real time the middle of a longer recording, slower a shorter one.
+def render_animation(scene: TrackScene, advance: Callable[[float], None] | None = None) -> bytes:
+    """A GIF file of four seconds: the middle of a longer recording in real time, or a shorter one slowed
+    down.
 
-    `advance` is told the share done, 0 to 1.
+    `advance` is called with the fraction done, 0 to 1.
 
     Raises:
         VisualizationError: matplotlib is not installed.
@@ -146,7 +147,7 @@ def _span(scene: TrackScene) -> tuple[int, int]:
 
 
 def _frame(scene: TrackScene, t_ns: int) -> np.ndarray:
-    """One picture (H,W,3) of bytes."""
+    """One frame (H,W,3) of bytes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -154,18 +155,18 @@ def _frame(scene: TrackScene, t_ns: int) -> np.ndarray:
     high = wide * scene.height / scene.width
     figure: Figure = Figure(figsize=(wide, high + _TITLE_INCHES), dpi=100)
     canvas = FigureCanvasAgg(figure)
-    # Placed by hand: the layout engine would take most of the time.
+    # Explicit positions: a layout engine would take most of the time.
     draw_tracks(figure.add_axes((0.0, 0.0, 1.0, high / (high + _TITLE_INCHES))), scene, t_ns)
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]
 
 
 def draw_tracks(axes: Axes, scene: TrackScene, t_ns: int) -> None:
-    """The tracks alive at a time [ns] over the events before it."""
+    """The live tracks at a time [ns] over the events before it."""
     from matplotlib.collections import LineCollection
 
     trails = scene.trails(t_ns)
-    # Pixel (0, 0) is the centre of the top left pixel, as imshow has it.
+    # Position (0, 0) is the centre of the top left pixel, as in imshow.
     axes.imshow(scene.image(t_ns), interpolation="nearest")
     colors = [_color(identity) for identity, _ in trails]
     axes.add_collection(LineCollection([uv for _, uv in trails], colors=colors, linewidths=1.3))
@@ -180,5 +181,5 @@ def draw_tracks(axes: Axes, scene: TrackScene, t_ns: int) -> None:
 
 
 def _color(identity: int) -> tuple[float, float, float]:
-    """Neighbouring ids, neighbouring births, get colours far apart: steps of the golden ratio."""
+    """Colour of a track; consecutive ids get distant hues by steps of the golden ratio."""
     return colorsys.hsv_to_rgb((identity * 0.618034) % 1.0, 0.95, 0.72)

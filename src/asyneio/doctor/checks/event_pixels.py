@@ -1,4 +1,4 @@
-"""Checks on the pixels of events: size of the sensor, hot pixels, polarity, repeats."""
+"""Checks of event pixels: sensor size, hot pixels, polarity, repeated events."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from asyneio.frontend.surface import make_surface, refresh_hot_pixels
 from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
 from asyneio.types import FloatArray
 
-#: Usual sensors by width and height [px].
+#: Common sensors by width and height [px].
 SENSORS = {
     (128, 128): "DVS128",
     (240, 180): "DAVIS240",
@@ -26,36 +26,36 @@ SENSORS = {
     (1280, 720): "Gen4 or IMX636",
     (1280, 800): "CeleX-V",
 }
-#: A declared sensor of which events fill less than this share of a side is likely another one.
+#: If the events cover a smaller fraction of a side than this, the declared size is probably wrong.
 _FILLED = 0.8
-#: Fewer events need not reach everywhere.
+#: Fewer events need not cover the sensor.
 _ENOUGH = 20_000
-#: Share of events outside the body of the others: hot pixels and bit errors lie anywhere.
+#: Fraction of events ignored when measuring the extent: hot pixels and bit errors occur anywhere.
 _STRAY = 1e-4
-#: From this share of all events on, hot pixels are a nuisance; they are masked in any case.
+#: Fraction of all events from which hot pixels give WARNING; they are masked in any case.
 _HOT_SHARE = 0.05
-#: Share of events of either polarity that thresholds of usual biases give.
+#: Plausible fractions of positive events for common sensor biases.
 _BALANCE = (0.15, 0.85)
-#: Shares of events at the very time of another of their pixel: a pixel needs microseconds to recover.
+#: Fractions of events with the pixel and timestamp of another one: a pixel needs microseconds to recover.
 _REPEATS, _MANY_REPEATS = 0.001, 0.02
 _FEW = 1000
 
 
-def check_resolution(evidence: Inspection) -> CheckResult | None:
-    """Declared size against where events are."""
-    events = evidence.events
+def check_resolution(inspection: Inspection) -> CheckResult | None:
+    """Declared sensor size against the extent of the events."""
+    events = inspection.events
     if events is None or events.count == 0 or not events.counts.size:
         return None
     width, height = _extent(events)
     fills = f"events reach x = {width - 1}, y = {height - 1}"
     usual = _smallest_sensor(width, height)
     values: dict[str, Any] = {"reach": [width - 1, height - 1], "likely_sensor": usual}
-    declared = declared_sizes(evidence)
+    declared = declared_sizes(inspection)
     if len({size for _, size in declared}) > 1:
-        said = ", ".join(f"{who} {w} x {h}" for who, (w, h) in declared)
+        text = ", ".join(f"{who} {w} x {h}" for who, (w, h) in declared)
         return _fail(
             "resolution",
-            f"{said}; {fills}",
+            f"{text}; {fills}",
             "one size",
             f"use the calibration of this camera{_maybe(usual)}",
             **values,
@@ -63,7 +63,7 @@ def check_resolution(evidence: Inspection) -> CheckResult | None:
     if not declared:
         return note(
             "resolution",
-            f"no file tells it; {fills}{_maybe(usual)}",
+            f"no file contains it; {fills}{_maybe(usual)}",
             "a resolution in the calibration",
             **values,
         )
@@ -89,13 +89,13 @@ def check_resolution(evidence: Inspection) -> CheckResult | None:
             **values,
         )
     stray = f"; {outside} event(s) outside are dropped" if outside else ""
-    verdict = note if outside else ok
-    return verdict("resolution", f"{w} x {h} by {who}, {fills}{stray}", **values)
+    result = note if outside else ok
+    return result("resolution", f"{w} x {h} by {who}, {fills}{stray}", **values)
 
 
-def check_hot_pixels(evidence: Inspection) -> CheckResult | None:
-    """Pixels that fire far more often than their neighbours, by the front end's own rule."""
-    events = evidence.events
+def check_hot_pixels(inspection: Inspection) -> CheckResult | None:
+    """Pixels that fire far more often than their neighbours, by the front end's rule."""
+    events = inspection.events
     if events is None or events.count < _FEW or events.span_s <= 0.0:
         return None
     hot = hot_pixels(events)
@@ -118,35 +118,35 @@ def check_hot_pixels(evidence: Inspection) -> CheckResult | None:
         f"{hot.sum()} with {share:.2%} of the events, the worst at x = {first['x']}, y = {first['y']}: "
     )
     measured += f"{first['hz']:.4g} Hz"
-    if share < _HOT_SHARE or evidence.rest.throughout:
-        # At rest there is little else that fires.
+    if share < _HOT_SHARE or inspection.stationary.throughout:
+        # A stationary sensor produces few other events.
         return note("hot pixels", measured, "", "none needed: the front end masks them", **values)
     return warning(
         "hot pixels",
         measured,
         f"less than {_HOT_SHARE:.0%} of the events",
-        "the front end masks them; switch them off in the sensor, they take bandwidth from the others",
+        "the front end masks them; disable them in the sensor to save bandwidth",
         **values,
     )
 
 
 def hot_pixels(events: EventFigures) -> np.ndarray:
-    """(H,W) mask by the rule of the front end, over the whole recording."""
+    """Mask (H,W) of hot pixels by the front end's rule, over the whole recording."""
     height, width = events.counts.shape
     surface = make_surface(width, height)
     surface.fired[:] = np.minimum(events.counts, np.iinfo(np.int32).max)
-    # As often as the front end looks: a shorter recording has too few events to judge by rates.
+    # At least the front end's interval: a shorter recording has too few events for rates.
     refresh_hot_pixels(surface, max(events.span_s, 1.0))
     return surface.hot.copy()
 
 
-def check_polarity(evidence: Inspection) -> CheckResult | None:
-    """Brighter and darker in balance: the tracker uses the sign."""
-    events = evidence.events
+def check_polarity(inspection: Inspection) -> CheckResult | None:
+    """Balance of positive and negative events: the tracker uses the sign."""
+    events = inspection.events
     if events is None or events.count < _FEW:
         return None
     share = events.positive / events.count
-    measured = f"{share:.1%} brighter, {1.0 - share:.1%} darker"
+    measured = f"{share:.1%} positive, {1.0 - share:.1%} negative"
     low, high = _BALANCE
     if low <= share <= high:
         return ok("polarity", measured, positive_share=share)
@@ -154,21 +154,21 @@ def check_polarity(evidence: Inspection) -> CheckResult | None:
     return warning(
         "polarity",
         measured,
-        f"{low:.0%} to {high:.0%} brighter",
-        "the sign was lost on the way: convert again, the tracker needs it"
+        f"{low:.0%} to {high:.0%} positive",
+        "the polarity was lost in a conversion: convert again, the tracker needs it"
         if lost
-        else "thresholds far apart (biases), or a lamp that was switched: check the sensor's biases",
+        else "very different thresholds, or a lamp was switched: check the sensor's biases",
         positive_share=share,
     )
 
 
-def check_repeats(evidence: Inspection) -> CheckResult | None:
-    """Two events of one pixel at one time: no pixel recovers so fast; the stream was written twice."""
-    events = evidence.events
+def check_repeats(inspection: Inspection) -> CheckResult | None:
+    """Events with the pixel and timestamp of another one: the stream was probably written twice."""
+    events = inspection.events
     if events is None or events.count < _FEW:
         return None
-    share = events.twice / events.count
-    measured = f"{events.twice} event(s) ({share:.2%}) at the time of another one of their pixel"
+    share = events.repeated / events.count
+    measured = f"{events.repeated} event(s) ({share:.2%}) with the pixel and timestamp of another event"
     if share <= _REPEATS:
         return ok("repeated events", measured, share=share)
     if share <= _MANY_REPEATS or events.tick_ns > 20_000:
@@ -177,21 +177,21 @@ def check_repeats(evidence: Inspection) -> CheckResult | None:
         "repeated events",
         measured,
         f"at most {_MANY_REPEATS:.0%}",
-        "the stream is likely in the file twice (two topics, a packet sent again): convert it again",
+        "the file probably contains the stream twice (two topics, repeated packets): convert it again",
         share=share,
     )
 
 
-def declared_sizes(evidence: Inspection) -> list[tuple[str, tuple[int, int]]]:
-    """Who says what of the sensor's size."""
-    declared = [("the recording", evidence.size)] if evidence.size is not None else []
-    if evidence.camera is not None and not (evidence.lens_guessed or evidence.size_guessed):
-        declared.append(("the calibration", (evidence.camera.width, evidence.camera.height)))
+def declared_sizes(inspection: Inspection) -> list[tuple[str, tuple[int, int]]]:
+    """Sources of the sensor size, and the size that each declares."""
+    declared = [("the recording", inspection.size)] if inspection.size is not None else []
+    if inspection.camera is not None and not (inspection.intrinsics_guessed or inspection.size_guessed):
+        declared.append(("the calibration", (inspection.camera.width, inspection.camera.height)))
     return declared
 
 
 def _extent(events: EventFigures) -> tuple[int, int]:
-    """Width and height that hold all but a few stray events."""
+    """Width and height of the area that contains all but a few stray events."""
     return _reach(events.counts.sum(axis=0)), _reach(events.counts.sum(axis=1))
 
 
@@ -201,7 +201,7 @@ def _reach(counts: FloatArray) -> int:
 
 
 def _smallest_sensor(width: int, height: int) -> str:
-    """Name of the smallest usual sensor that holds so many columns and rows; empty where none is near."""
+    """Name of the smallest common sensor with at least this size; empty if none is close."""
     for (w, h), name in sorted(SENSORS.items(), key=lambda item: item[0][0] * item[0][1]):
         if w >= width and h >= height:
             return f"{name}, {w} x {h}" if width > _FILLED * w and height > _FILLED * h else ""

@@ -1,4 +1,4 @@
-"""Checks on the times of events: rate, pauses, order, unit, flicker."""
+"""Checks of event timestamps: rate, pauses, order, unit, flicker."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from asyneio.doctor.result import CheckResult
 from asyneio.io.parsing.stamp_checks import MAX_DISORDER_NS
 from asyneio.types import NS_PER_S
 
-#: What the front end follows in real time on one core [events/s].
+#: Event rate that the front end processes in real time on one core [events/s].
 FRONTEND_HZ = 2.5e6
 _PEAK_WINDOW_NS = 10_000_000
-#: Events per second and pixel that a sensor can give. A still one gives 0.05 and more by leaks and noise (two
-#: real ones: 0.44 and 0.62), a textured scene in fast motion 60; readouts end at 300 (12 Mev/s of a DAVIS240)
-#: to 1200 (1.07 Gev/s of a Gen4). Far below and far above is a wrong unit.
+#: Plausible events per second and pixel. A stationary sensor gives at least 0.05 from leak and noise events
+#: (two real ones: 0.44 and 0.62), a textured scene in fast motion 60; the readout limit is 300 (12 Mev/s of a
+#: DAVIS240) to 1200 (1.07 Gev/s of a Gen4). Values far outside indicate a wrong unit of time.
 _PLAUSIBLE_HZ_PER_PIXEL = (2e-4, 2000.0)
-#: No event sensor's clock ticks as seldom [ns].
+#: Clock tick [ns] that is too coarse for any event sensor.
 _COARSE_TICK_NS = 10_000_000
-#: Fewer events tell nothing, and nothing can be followed in them.
+#: With fewer events no statistics and no tracking are possible.
 _FEW = 1000
 
-#: Lamps flicker at twice the frequency of the mains; some, and screens, at the mains' own.
+#: Lamps flicker at twice the mains frequency; some lamps, and screens, at the mains frequency.
 _LAMPS_HZ = (50.0, 60.0, 100.0, 120.0)
-#: A line of the spectrum: so many times the power around it, and a modulation of the rate by such a share.
+#: A spectral line has at least this ratio to the power around it, and this modulation depth of the rate.
 _LINE_CONTRAST, _LINE_DEPTH = 20.0, 0.1
 _SEGMENT = 2048
 _LEAST_FLICKER_S = 1.0
 
 
-def check_event_rate(evidence: Inspection) -> CheckResult | None:
-    """Mean and peak rate: what the front end can take, and whether there is anything to see."""
-    events = evidence.events
+def check_event_rate(inspection: Inspection) -> CheckResult | None:
+    """Mean and peak rate, against the minimum for a recording and the real-time limit of the front end."""
+    events = inspection.events
     if events is None:
         return None
     if events.count < _FEW:
-        cure = "record again, or name another stream; is this a recording of events at all?"
-        return fail("event rate", f"{events.count} event(s)", f"{_FEW} and more", cure)
+        fix = "record again, or select another stream; check that this is an event recording"
+        return fail("event rate", f"{events.count} event(s)", f"at least {_FEW}", fix)
     peak = events.peak_hz(_PEAK_WINDOW_NS)
     share = events.share_above(FRONTEND_HZ, _PEAK_WINDOW_NS)
     measured = f"{_rate(events.rate_hz)} on average, {_rate(peak)} at most over 10 ms"
@@ -46,14 +46,14 @@ def check_event_rate(evidence: Inspection) -> CheckResult | None:
     if share == 0.0:
         return ok("event rate", measured, **values)
     measured += f"; {share:.0%} of the time above {_rate(FRONTEND_HZ)}"
-    expected = f"up to {_rate(FRONTEND_HZ)}, which the front end follows in real time"
-    cure = "slower than real time, but whole; raise the sensor's thresholds if it must be live"
-    return note("event rate", measured, expected, cure, **values)
+    expected = f"at most {_rate(FRONTEND_HZ)}, the real-time limit of the front end"
+    fix = "processing is slower than real time but complete; for live use raise the sensor's thresholds"
+    return note("event rate", measured, expected, fix, **values)
 
 
-def check_event_pauses(evidence: Inspection) -> CheckResult | None:
-    """Pauses of the stream: a moving camera sees events all the time, a still one makes noise."""
-    events = evidence.events
+def check_event_pauses(inspection: Inspection) -> CheckResult | None:
+    """Pauses of the stream: a moving camera produces events continuously, a stationary one noise events."""
+    events = inspection.events
     if events is None or events.count < 2:
         return None
     values = {
@@ -67,67 +67,66 @@ def check_event_pauses(evidence: Inspection) -> CheckResult | None:
     return warning(
         "event pauses",
         f"{events.pauses} pause(s), {events.silent_ns / NS_PER_S:.4g} s in all, the longest "
-        f"{events.longest_pause_ns / NS_PER_S:.4g} s from {at_s:.4g} s on",
+        f"{events.longest_pause_ns / NS_PER_S:.4g} s at {at_s:.4g} s",
         f"no pause longer than {PAUSE_NS / 1e6:.0f} ms",
-        "lost packets, or a still or dark scene: a run goes on with the IMU alone and calls itself degraded",
+        "lost packets, or a static or dark scene: a run continues with the IMU alone and reports DEGRADED",
         **values,
     )
 
 
-def check_event_order(evidence: Inspection) -> CheckResult | None:
-    """Stamps in order: a driver may exchange neighbours, a jump is a reset (refused by the reader)."""
-    events = evidence.events
+def check_event_order(inspection: Inspection) -> CheckResult | None:
+    """Ascending timestamps: drivers may swap neighbours; a jump is a clock reset (rejected by the reader)."""
+    events = inspection.events
     if events is None or events.count < 2:
         return None
     values = {
         "backward": events.backward,
         "worst_s": events.worst_backward_ns / NS_PER_S,
-        "absurd_stamps": events.absurd_stamps,
+        "impossible_stamps": events.impossible_stamps,
     }
-    if events.absurd_stamps:
+    if events.impossible_stamps:
         return fail(
             "event order",
-            f"{events.absurd_stamps} stamp(s) beyond 146 years",
-            "stamps of one clock in the unit of the format",
-            "the file is damaged, or time is in another unit",
+            f"{events.impossible_stamps} timestamp(s) beyond 146 years",
+            "timestamps of one clock in the unit of the format",
+            "the file is damaged, or the timestamps are in another unit",
             **values,
         )
     if events.backward == 0:
         return ok("event order", "ascending", **values)
-    worst = (
-        f"{events.backward} event(s) before an earlier one, by up to {events.worst_backward_ns / 1e6:.4g} ms"
-    )
+    worst = f"{events.backward} event(s) older than their predecessor, "
+    worst += f"by up to {events.worst_backward_ns / 1e6:.4g} ms"
     limit = f"{MAX_DISORDER_NS / 1e6:.0f} ms"
     if events.worst_backward_ns <= MAX_DISORDER_NS:
         return note(
-            "event order", worst, "ascending stamps", f"none needed: up to {limit} is sorted", **values
+            "event order", worst, "ascending timestamps", f"none needed: up to {limit} is sorted", **values
         )
     return warning(
         "event order",
         worst,
-        "ascending stamps",
-        f"what comes more than {limit} late is dropped; after a reset of the sensor split the file there",
+        "ascending timestamps",
+        f"events more than {limit} late are dropped; if the sensor was reset, split the file there",
         **values,
     )
 
 
-def check_event_clock(evidence: Inspection) -> CheckResult | None:
-    """The unit of time: the clock's tick, and a rate that the pixels can give."""
-    events = evidence.events
+def check_event_clock(inspection: Inspection) -> CheckResult | None:
+    """Unit of time, from the clock tick and the plausible event rate per pixel."""
+    events = inspection.events
     if events is None or events.count < 2:
         return None
     rate = events.rate_hz / max(events.counts.size, 1)
     low, high = _PLAUSIBLE_HZ_PER_PIXEL
     values = {"tick_ns": events.tick_ns, "hz_per_pixel": _finite(rate), "span_s": events.span_s}
-    found = f"{events.span_s:.6g} s long, {rate:.3g} events per second and pixel, stamps in steps of "
+    found = f"{events.span_s:.6g} s long, {rate:.3g} events per second and pixel, timestamps in steps of "
     found += f"{events.tick_ns / 1e3:g} us"
     if events.count >= _FEW and events.tick_ns >= _COARSE_TICK_NS:
         return fail(
             "event clock",
             found,
-            "steps of a microsecond or so",
-            f"the stamps are likely in a smaller unit (factor {_factor(events.tick_ns / 1e3)}: "
-            f"{'microseconds' if events.tick_ns >= 3e8 else 'finer steps'} taken for seconds): convert them",
+            "steps of about a microsecond",
+            f"the timestamps are probably in a smaller unit (factor {_factor(events.tick_ns / 1e3)}: "
+            f"{'microseconds' if events.tick_ns >= 3e8 else 'finer steps'} read as seconds): convert them",
             **values,
         )
     if events.count >= _FEW and not low <= rate <= high:
@@ -137,20 +136,20 @@ def check_event_clock(evidence: Inspection) -> CheckResult | None:
             "event clock",
             found,
             f"{low:g} to {high:g} events per second and pixel",
-            f"the stamps are likely in a {unit} unit (factor {factor}): convert them",
+            f"the timestamps are probably in a {unit} unit (factor {factor}): convert them",
             **values,
         )
     return ok("event clock", found, **values)
 
 
-def check_flicker(evidence: Inspection) -> CheckResult | None:
-    """Lamps on the mains: their flicker makes events everywhere that follow no motion."""
-    events = evidence.events
+def check_flicker(inspection: Inspection) -> CheckResult | None:
+    """Flicker of lamps: it produces events that do not come from motion."""
+    events = inspection.events
     if events is None or events.count < _FEW or events.span_s < _LEAST_FLICKER_S:
         return None
     sample_hz = NS_PER_S / events.bin_ns
     if sample_hz < 2.5 * max(_LAMPS_HZ):
-        return note("flicker", f"not looked for in a recording of {events.span_s:.4g} s")
+        return note("flicker", f"not checked in a recording of {events.span_s:.4g} s")
     length = min(_SEGMENT, events.bins.size)
     frequency, power = welch(events.bins.astype(np.float64), sample_hz, nperseg=length)
     mean = float(events.bins.mean())
@@ -164,19 +163,19 @@ def check_flicker(evidence: Inspection) -> CheckResult | None:
         if contrast > _LINE_CONTRAST and depth > _LINE_DEPTH:
             lines[f"{lamp:g}"] = float(depth)
     if not lines:
-        return ok("flicker", "no line at 50, 60, 100 or 120 Hz", lines=lines)
-    said = ", ".join(f"{lamp} Hz ({depth:.0%} of the rate)" for lamp, depth in lines.items())
+        return ok("flicker", "no spectral line at 50, 60, 100 or 120 Hz", lines=lines)
+    text = ", ".join(f"{lamp} Hz ({depth:.0%} of the rate)" for lamp, depth in lines.items())
     return warning(
         "flicker",
-        f"the event rate swings at {said}",
-        "a rate that follows the motion alone",
-        "record in daylight or under lamps with a steady supply, or with the sensor's flicker filter on",
+        f"the event rate is modulated at {text}",
+        "a rate that depends on the motion only",
+        "record in daylight or with flicker-free lamps, or enable the sensor's flicker filter",
         lines=lines,
     )
 
 
 def _factor(ratio: float) -> int:
-    """The power of a thousand nearest to a ratio, at least 1000."""
+    """The power of 1000 nearest to a ratio, at least 1000."""
     return int(1000 ** max(1, min(3, round(np.log(max(ratio, 1.0)) / np.log(1000.0)))))
 
 

@@ -1,49 +1,52 @@
-"""Checks on what inertial sensors read: units, dead axes, saturation, spikes, noise, rest."""
+"""Checks of inertial readings: units, dead axes, saturation, spikes, noise, stationary spans."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
 from asyneio.doctor.checks.imu_time import streams_of
 from asyneio.doctor.inspection import Inspection, fail, note, ok, warning
 from asyneio.doctor.result import CheckResult
+from asyneio.doctor.stationary import StationarySpans
 from asyneio.errors import RecordingError
 from asyneio.inertial.gating import SampleGate, SensorLimits
 from asyneio.inertial.repeats import Renewals
 from asyneio.inertial.stationarity import LEAST_DENSITY, Stationarity, possible
-from asyneio.io.recording.inertial_units import STANDARD_GRAVITY, check_units
+from asyneio.io.recording.inertial_csv import STANDARD_GRAVITY, InertialStreams, check_units
 from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
 _SENSORS = ("gyroscope", "accelerometer")
-#: Least full-scale ranges [rad/s, m/s^2], as at the estimator's intake.
+#: Smallest full-scale ranges [rad/s, m/s^2], as in the estimator's measurement buffer.
 _LEAST_RANGES = (1.0, 12.0)
-#: A reading that stays the same to the last bit for so long, and so many samples, is no measurement.
+#: Readings identical to the last bit for this time [s] and number of samples are not measurements.
 _STUCK_S, _STUCK_SAMPLES = 0.2, 50
-#: Noise so many times the declared figure is trusted too much; so many times, beyond use. Declared figures
-#: are often inflated on purpose, so that only the second is worth a word the other way.
+#: Ratios of measured to declared noise that give WARNING and FAIL. Declared densities are often inflated on
+#: purpose, so only the second ratio counts in the other direction.
 _OFF, _FAR_OFF = 10.0, 100.0
 _GATE_SAMPLES = 2000
-#: Formats that define another unit, which their readers convert.
+#: Formats that define other units; their readers convert them.
 _BY_DEFINITION = {
     "AEDAT4": ", converted from g and deg/s, which the format defines",
     "AEDAT-2.0": ", converted from the sensor's counts",
 }
 _BLOCK_S = 0.005
-#: The error of an accelerometer that is worth a word; gravity differs by 0.5 % over the earth.
+#: Error of the accelerometer that is reported; gravity varies by 0.5 % over the earth.
 _GRAVITY_OFF = 0.015
 _UNIT_HINT = "check its unit (per sqrt(Hz), rad, m/s^2)"
 
 
-def check_imu_units(evidence: Inspection) -> CheckResult | None:
-    """Gravity tells the unit and the order of the columns: only an accelerometer reads it."""
-    samples = evidence.samples
+def check_imu_units(inspection: Inspection) -> CheckResult | None:
+    """Units and column order, from gravity: only an accelerometer measures it."""
+    samples = inspection.samples
     if samples is None or min(samples.gyroscope.size, samples.accelerometer.size) < 2:
         return None
     finite = [rows[possible(rows["xyz"])] for rows in (samples.gyroscope, samples.accelerometer)]
     if min(rows.size for rows in finite) < 2:
         return fail("imu units", "no finite readings", "readings", "the columns hold no measurements")
     by_definition = next(
-        (said for kind, said in _BY_DEFINITION.items() if evidence.kind.startswith(kind)), ""
+        (text for kind, text in _BY_DEFINITION.items() if inspection.kind.startswith(kind)), ""
     )
     force, rate = (float(np.median(np.linalg.norm(rows["xyz"], axis=1))) for rows in finite[::-1])
     values = {"median_accelerometer": force, "median_gyroscope": rate}
@@ -53,23 +56,23 @@ def check_imu_units(evidence: Inspection) -> CheckResult | None:
         streams = check_units(finite[0], finite[1], ())
     except RecordingError as error:
         return fail("imu units", measured, expected, str(error), **values)
-    complaint = evidence.gravity.force_complaint() if evidence.gravity else ""
+    complaint = inspection.gravity.force_complaint() if inspection.gravity else ""
     if complaint:
         return fail("imu units", measured, expected, complaint, **values)
-    if any("swapped" in said for said in streams.notes):
-        cure = "gravity stands in the gyroscope's columns: they are swapped; a run swaps them back"
-        return warning("imu units", measured, expected, cure, **values)
+    if any("swapped" in text for text in streams.notes):
+        fix = "gravity is in the gyroscope's columns: they are swapped; a run swaps them back"
+        return warning("imu units", measured, expected, fix, **values)
     if streams.notes:
-        said = "; ".join(streams.notes)
-        return warning("imu units", measured, expected, f"a run would go on so: {said}", **values)
+        text = "; ".join(streams.notes)
+        return warning("imu units", measured, expected, f"a run would continue with this: {text}", **values)
     return ok("imu units", f"{measured}: m/s^2 and rad/s{by_definition}", **values)
 
 
-def check_dead_axes(evidence: Inspection) -> CheckResult | None:
-    """Axes that stay the same to the last bit: noise alone never repeats a reading for long."""
+def check_dead_axes(inspection: Inspection) -> CheckResult | None:
+    """Axes that repeat a reading to the last bit: noise prevents that in a working sensor."""
     found: dict[str, float] = {}
     whole: list[str] = []
-    for name, t_ns, xyz in streams_of(evidence):
+    for name, t_ns, xyz in streams_of(inspection):
         if len(xyz) < _STUCK_SAMPLES:
             continue
         for axis, values in zip("xyz", xyz.T, strict=True):
@@ -79,23 +82,27 @@ def check_dead_axes(evidence: Inspection) -> CheckResult | None:
                 found[f"{name} {axis}"] = seconds
                 if length == len(values):
                     whole.append(f"{name} {axis}")
-    if not any(True for _ in streams_of(evidence)):
+    if not any(True for _ in streams_of(inspection)):
         return None
     if not found:
-        return ok("imu axes", "all six alive", stuck_s=found)
-    measured = ", ".join(f"{axis} stays the same for {seconds:.3g} s" for axis, seconds in found.items())
-    expected = "readings that differ by noise"
+        return ok("imu axes", "all six axes respond", stuck_s=found)
+    measured = ", ".join(f"{axis} is constant for {seconds:.3g} s" for axis, seconds in found.items())
+    expected = "readings that vary by noise"
     if whole:
-        cure = f"{', '.join(whole)}: dead, or not read; record again with the sensor working"
-        return fail("imu axes", measured, expected, cure, stuck_s=found)
+        fix = f"{', '.join(whole)}: dead or not read; record again with a working sensor"
+        return fail("imu axes", measured, expected, fix, stuck_s=found)
     return warning(
-        "imu axes", measured, expected, "the sensor or its driver hung: look at that time", stuck_s=found
+        "imu axes",
+        measured,
+        expected,
+        "the sensor or its driver stopped responding at that time",
+        stuck_s=found,
     )
 
 
-def check_spikes_and_saturation(evidence: Inspection) -> CheckResult | None:
-    """Readings at the end of the range, and single spikes, by the estimator's own rules."""
-    streams = evidence.streams
+def check_spikes_and_saturation(inspection: Inspection) -> CheckResult | None:
+    """Saturated readings and single spikes, by the estimator's own rules."""
+    streams = inspection.streams
     if streams is None or not streams.gyroscope.size:
         return None
     found: dict[str, dict[str, int]] = {}
@@ -110,125 +117,129 @@ def check_spikes_and_saturation(evidence: Inspection) -> CheckResult | None:
         if gate.spikes or gate.saturated:
             found[name] = {"saturated": gate.saturated, "spikes": gate.spikes, "samples": int(rows.size)}
     if not found:
-        return ok("imu range", "no saturated reading, no spike", found=found)
+        return ok("imu range", "no saturated readings, no spikes", found=found)
     measured = "; ".join(
-        f"{name}: {c['saturated']} reading(s) at the end of the range, {c['spikes']} spike(s)"
-        for name, c in found.items()
+        f"{name}: {c['saturated']} saturated reading(s), {c['spikes']} spike(s)" for name, c in found.items()
     )
     expected = "readings inside the sensor's range"
     share = max((c["saturated"] + c["spikes"]) / c["samples"] for c in found.values())
     if share < 1e-3:
-        return note("imu range", measured, expected, "left out by a run", found=found)
+        return note("imu range", measured, expected, "none needed: a run rejects them", found=found)
     return warning(
         "imu range",
         measured,
         expected,
-        "left out by a run, which is degraded there: set a larger range",
+        "a run rejects them and is degraded there: set a larger range",
         found=found,
     )
 
 
-def check_rest(evidence: Inspection) -> CheckResult | None:
-    """At rest throughout, there is nothing to estimate."""
-    streams = evidence.streams
+def check_stationary(inspection: Inspection) -> CheckResult | None:
+    """A recording that is stationary throughout contains no motion to estimate."""
+    streams = inspection.streams
     if streams is None or not streams.gyroscope.size:
         return None
-    rest = evidence.rest
-    values = {"spans": rest.spans, "still": rest.still}
-    if rest.spans == 0:
-        return note("rest", "too short to tell", "a tenth of a second of samples", "", **values)
-    if rest.throughout:
+    found = inspection.stationary
+    values = {"spans": found.spans, "stationary": found.count}
+    if found.spans == 0:
+        return note("stationary", "the recording is too short", "0.1 s of samples", "", **values)
+    if found.throughout:
         return note(
-            "rest",
-            "the sensor is at rest throughout",
+            "stationary",
+            "the sensor is stationary throughout",
             "motion",
-            "fine for checks of the start and of noise; there is no odometry without motion",
+            "suitable for checks of initialization and noise; odometry needs motion",
             **values,
         )
-    return ok("rest", f"at rest in {rest.still} of {rest.spans} half seconds", **values)
+    return ok("stationary", f"stationary in {found.count} of {found.spans} half seconds", **values)
 
 
-def check_gravity(evidence: Inspection) -> CheckResult | None:
-    """At rest an accelerometer reads gravity: what it reads otherwise is error of its scale or its bias."""
-    rest, witness = evidence.rest, evidence.gravity
-    if rest.force is None or (witness is not None and witness.force_complaint()):
+def check_gravity(inspection: Inspection) -> CheckResult | None:
+    """Specific force of a stationary sensor against gravity: the difference is an error of scale or bias."""
+    found, gravity = inspection.stationary, inspection.gravity
+    if found.force is None or (gravity is not None and gravity.force_complaint()):
         return None
-    where = f"at rest ({rest.still} half seconds)" if rest.still else "in the steadiest half second"
-    measured = f"|a| = {rest.force:.4g} m/s^2 {where}"
-    values = {"at_rest": rest.still > 0, "force": rest.force}
-    off = rest.force / STANDARD_GRAVITY - 1.0
+    where = f"stationary ({found.count} half seconds)" if found.count else "in the steadiest half second"
+    measured = f"|a| = {found.force:.4g} m/s^2 {where}"
+    values = {"stationary": found.count > 0, "force": found.force}
+    off = found.force / STANDARD_GRAVITY - 1.0
     if abs(off) <= _GRAVITY_OFF:
         return ok("imu gravity", measured, **values)
     return note(
         "imu gravity",
         f"{measured}, {off:+.1%} of gravity",
         f"{STANDARD_GRAVITY:.4g} m/s^2 within {_GRAVITY_OFF:.1%}",
-        "the accelerometer's scale or bias is off: calibrate it, or expect the scale of the path to be off",
+        "the accelerometer's scale or bias is wrong: calibrate it, or the scale of the trajectory is wrong",
         **values,
     )
 
 
-def check_noise(evidence: Inspection) -> CheckResult | None:
-    """White noise at rest against the declared densities; in motion only what bounds it from above."""
-    streams, calibration = evidence.streams, evidence.calibration
+def check_noise(inspection: Inspection) -> CheckResult | None:
+    """White noise against the declared densities; in motion only an upper bound of it is known."""
+    streams, calibration = inspection.streams, inspection.calibration
     if streams is None or streams.gyroscope.size < 20:
         return None
-    rest = evidence.rest
-    declared = (
-        (calibration.noise.gyroscope_density, calibration.noise.accelerometer_density)
-        if calibration
-        else None
-    )
-    found: dict[str, float] = {}
-    ratios: dict[str, float] = {}
-    for index, (name, rows, still) in enumerate(
-        zip(
-            _SENSORS,
-            (streams.gyroscope, streams.accelerometer),
-            (rest.gyroscope, rest.accelerometer),
-            strict=True,
-        )
-    ):
-        density = _at_rest(still) if still else _from_differences(rows)
-        found[name] = density
-        if declared is not None and density > 0.0:
-            ratio = density / declared[index]
-            # In motion differences hold motion as well: only a figure far too large is seen.
-            ratios[name] = ratio if still or ratio < 1.0 else 1.0
-    how = f"at rest ({rest.still} half seconds)" if rest.still else "at most, from differences in motion"
+    densities, stationary = _noise_densities(streams, inspection.stationary)
+    count = inspection.stationary.count
+    how = f"stationary ({count} half seconds)" if count else "at most, from differences in motion"
     measured = (
-        f"gyroscope {found['gyroscope']:.2g} rad/s/sqrt(Hz), accelerometer {found['accelerometer']:.2g} "
+        f"gyroscope {densities['gyroscope']:.2g} rad/s/sqrt(Hz), "
+        f"accelerometer {densities['accelerometer']:.2g} m/s^2/sqrt(Hz), {how}"
     )
-    measured += f"m/s^2/sqrt(Hz) {how}"
-    values = {"densities": found, "declared": list(declared) if declared else None, "at_rest": rest.still > 0}
-    if declared is None:
+    values: dict[str, Any] = {"densities": densities, "declared": None, "stationary": count > 0}
+    if calibration is None:
         return ok("imu noise", measured, **values)
+    declared = (calibration.noise.gyroscope_density, calibration.noise.accelerometer_density)
+    values["declared"] = list(declared)
     expected = (
         f"{declared[0]:.2g} and {declared[1]:.2g} as the calibration declares, within a factor {_OFF:g}"
     )
-    loud = max(ratios, key=lambda name: ratios[name], default="")
-    quiet = min(ratios, key=lambda name: ratios[name], default="")
-    if loud and ratios[loud] > _OFF:
-        cure = f"the declared density of the {loud} is too small by a factor {ratios[loud]:.0f}: {_UNIT_HINT}"
-        level = fail if ratios[loud] > _FAR_OFF else warning
-        return level("imu noise", measured, expected, cure, **values)
-    if quiet and ratios[quiet] < 1.0 / _FAR_OFF:
-        factor = 1.0 / ratios[quiet]
-        cure = f"the declared density of the {quiet} is too large by a factor {factor:.0f}: {_UNIT_HINT}"
-        return warning("imu noise", measured, expected, cure, **values)
+    ratios: dict[str, float] = {}
+    for name, density in zip(_SENSORS, declared, strict=True):
+        if densities[name] > 0.0:
+            ratio = densities[name] / density
+            # The bound in motion includes motion, so it proves a declared density too large, never too small.
+            ratios[name] = ratio if stationary[name] or ratio < 1.0 else 1.0
+    noisiest = max(ratios, key=lambda name: ratios[name], default="")
+    quietest = min(ratios, key=lambda name: ratios[name], default="")
+    text = "the declared density of the {} is too {} by a factor {:.0f}: " + _UNIT_HINT
+    if noisiest and ratios[noisiest] > _OFF:
+        level = fail if ratios[noisiest] > _FAR_OFF else warning
+        fix = text.format(noisiest, "small", ratios[noisiest])
+        return level("imu noise", measured, expected, fix, **values)
+    if quietest and ratios[quietest] < 1.0 / _FAR_OFF:
+        fix = text.format(quietest, "large", 1.0 / ratios[quietest])
+        return warning("imu noise", measured, expected, fix, **values)
     return ok("imu noise", measured, **values)
 
 
-def _at_rest(still: tuple[Stationarity, ...]) -> float:
-    """Median over spans and axes of scatter times the square root of the step."""
-    return float(np.median([found.scatter * np.sqrt(found.period_s) for found in still]))
+def _noise_densities(
+    streams: InertialStreams, spans: StationarySpans
+) -> tuple[dict[str, float], dict[str, bool]]:
+    """White noise density of each sensor, and whether it was measured while stationary."""
+    densities: dict[str, float] = {}
+    stationary: dict[str, bool] = {}
+    for name, rows, measured in zip(
+        _SENSORS,
+        (streams.gyroscope, streams.accelerometer),
+        (spans.gyroscope, spans.accelerometer),
+        strict=True,
+    ):
+        densities[name] = _stationary_density(measured) if measured else _density_bound(rows)
+        stationary[name] = bool(measured)
+    return densities, stationary
 
 
-def _from_differences(rows: RecordArray) -> float:
-    """An upper bound on the same in motion: second differences, in which slow motion cancels.
+def _stationary_density(spans: tuple[Stationarity, ...]) -> float:
+    """Median over spans and axes of the scatter times the square root of the sampling period."""
+    return float(np.median([span.scatter * np.sqrt(span.period_s) for span in spans]))
 
-    Of means over _BLOCK_S: sensors that are read often filter what they read, so that neighbours tell nothing
-    of the noise below the filter.
+
+def _density_bound(rows: RecordArray) -> float:
+    """Upper bound of the density in motion, from second differences, in which slow motion cancels.
+
+    The differences are between means over _BLOCK_S: many sensors filter their readings, and neighbouring
+    filtered readings underestimate the noise density.
     """
     period_s = max(float(np.median(np.diff(rows["t_ns"]))) / NS_PER_S, 1e-9)
     length = max(1, round(_BLOCK_S / period_s))

@@ -1,4 +1,4 @@
-"""Check that messages were stamped while the camera recorded, not while its recording was replayed."""
+"""Check that messages were stamped while the camera recorded, not while a recording was replayed."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from asyneio.doctor.result import CheckResult
 from asyneio.io.ros.sensor_clock import REPLAYED
 
 
-def check_replay(evidence: Inspection) -> CheckResult | None:
-    """The host's stamps of messages against the camera's own clock; silent where they agree."""
-    said = next((text for text in evidence.notes if REPLAYED in text), "")
-    if not said:
+def check_replay(inspection: Inspection) -> CheckResult | None:
+    """The host's message timestamps against the camera clock; no result if they agree."""
+    text = next((text for text in inspection.notes if REPLAYED in text), "")
+    if not text:
         return None
     return warning(
         "message stamps",
-        said,
-        "a second of the host for each second of the camera",
-        "record the camera and the IMU together, live; for features alone this is no matter (asyneio track)",
+        text,
+        "one second of the host clock for each second of the camera clock",
+        "record camera and IMU together, live; tracking features (asyneio track) is not affected",
     )

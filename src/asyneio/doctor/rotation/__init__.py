@@ -1,1 +1,1 @@
-"""Rotation of the camera from events or tracks, fitted to the gyroscope: extrinsics, clock offset, scale."""
+"""Angular rates of the camera, fitted to the gyroscope: extrinsics, time offset, scale."""

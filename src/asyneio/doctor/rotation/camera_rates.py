@@ -1,6 +1,6 @@
-"""The camera's angular velocity over many short windows, from events or from feature tracks.
+"""Angular velocity of the camera over many short windows, from events or from feature tracks.
 
-Neither pose nor extrinsics enter: the rates are in the camera's own frame, to be compared with a gyroscope's.
+The rates are in the camera frame and need neither poses nor extrinsics; they are compared with a gyroscope.
 """
 
 from __future__ import annotations
@@ -15,29 +15,34 @@ from asyneio.geometry.camera import CameraModel
 from asyneio.progress import ProgressCallback
 from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, IntArray, RecordArray
 
-#: Windows looked at: those in which the gyroscope turns fastest. The precision grows with their square root,
-#: the time with their number.
+#: Maximum number of windows: those with the fastest rotation. The precision grows with the square root of
+#: their number, the computing time with their number.
 _MAX_WINDOWS = 64
-#: A window ends when the gyroscope has turned by so much [rad], about ten pixels, and never lasts less or
-#: longer than so many seconds.
+#: A window ends when the gyroscope has rotated by this angle [rad], about ten pixels, within these limits of
+#: its length [s].
 _TURN, _SHORTEST_S, _LONGEST_S = 0.05, 0.006, 0.25
-#: Fewer events draw no picture; more than the second number add nothing.
+#: Minimum number of events of a window, and the number beyond which events are subsampled.
 _LEAST_EVENTS, _MOST_EVENTS = 500, 8000
-#: A picture that gets no sharper than this by the best rotation tells nothing: noise, or another motion.
+#: Minimum gain of sharpness by the best rotation; below it the window contains noise or another motion.
 _LEAST_GAIN = 0.01
 
-#: Tracks are taken over windows of this length, and there must be so many of them.
+#: Length of the windows for tracks, and minimum number of tracks in one.
 _TRACK_WINDOW_NS = 100_000_000
 _LEAST_TRACKS = 6
-#: Pairs of bearings are taken over windows of this length: shorter ones show little but noise.
+#: Length of the windows for pairs of bearings (shorter ones contain mostly noise), and minimum number of
+#: pairs.
 _PAIR_WINDOW_NS, _LEAST_PAIRS = 250_000_000, 10
 _ROBUST_STEPS = 5
 
 
 @dataclass(frozen=True)
 class CameraRates:
-    """Angular velocity `omega` (N,3) [rad/s] of the camera between `start_ns` and `end_ns` (N,), camera
-    clock."""
+    """Angular velocities of the camera over windows.
+
+    Attributes:
+        start_ns, end_ns: (N,) beginning and end of the windows [ns, camera clock].
+        omega: (N,3) mean angular velocity in the camera frame [rad/s].
+    """
 
     start_ns: IntArray
     end_ns: IntArray
@@ -55,13 +60,13 @@ def rates_from_events(
     gyroscope: RecordArray,
     progress: ProgressCallback | None = None,
 ) -> CameraRates:
-    """Rates by the sharpest picture of each excerpt (EVENT_DTYPE, ascending, inside the sensor).
+    """Rates that give the sharpest image of each excerpt (EVENT_DTYPE, ascending, inside the sensor).
 
     Args:
-        excerpts: some of the events.
-        camera: the lens.
-        gyroscope: INERTIAL_DTYPE, ascending, in the clock of the events; only its magnitude is used.
-        progress: is told the share done.
+        excerpts: parts of the events.
+        camera: intrinsics.
+        gyroscope: samples (INERTIAL_DTYPE), ascending, camera clock; only the magnitude is used.
+        progress: called with the fraction done, 0 to 1.
     """
     model = CameraModel(camera)
     rates = [_mean_rate(gyroscope, excerpt) for excerpt in excerpts]
@@ -89,15 +94,15 @@ def rates_from_events(
 
 
 def rates_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> CameraRates:
-    """Rates by robust least squares on the image motion of tracks (OBSERVATION_DTYPE, ascending).
+    """Rates by robust least squares from the image motion of tracks (OBSERVATION_DTYPE, ascending).
 
-    A point at rest moves on the normalised plane by `[x y w_x - (1 + x^2) w_y + y w_z,
-    (1 + y^2) w_x - x y w_y - x w_z]`, plus what the translation adds, which the robust cost bears in part.
+    A static point moves on the normalised plane by `[x y w_x - (1 + x^2) w_y + y w_z,
+    (1 + y^2) w_x - x y w_y - x w_z]`, plus a part due to translation, which the robust cost partly rejects.
     """
     xy, _, valid = CameraModel(camera).undistort(np.stack([observations["u"], observations["v"]], axis=1))
     rows: list[tuple[int, int, FloatArray]] = []
     t_ns = observations["t_ns"]
-    # Only windows with observations: stamps may be years apart.
+    # Only windows with observations: timestamps may be years apart.
     edges = t_ns[0] + np.unique((t_ns - t_ns[0]) // _TRACK_WINDOW_NS) * _TRACK_WINDOW_NS
     for start_ns, a, b in zip(
         edges.tolist(),
@@ -113,7 +118,7 @@ def rates_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> Ca
 
 
 def pairs_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> tuple[Pairs, CameraRates]:
-    """Bearings of tracks at both ends of windows, and the times of these (as rates of zero)."""
+    """Bearings of tracks at both ends of windows, and the windows (with zero rates)."""
     xy, _, valid = CameraModel(camera).undistort(np.stack([observations["u"], observations["v"]], axis=1))
     t_ns, ids = observations["t_ns"][valid], observations["id"][valid]
     xy = xy[valid]
@@ -152,7 +157,7 @@ def _mean_rate(gyroscope: RecordArray, events: RecordArray) -> float:
 
 
 def _track_motion(ids: IntArray, t_ns: IntArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Middle (N,2) and velocity (N,2) [1/s] of the tracks seen at two times or more, first to last."""
+    """Mean position (N,2) and velocity (N,2) [1/s], first to last, of tracks with at least two times."""
     order = np.lexsort((t_ns, ids))
     ids, t_s, xy = ids[order], t_ns[order] / NS_PER_S, xy[order]
     first = np.flatnonzero(np.concatenate([[True], ids[1:] != ids[:-1]])) if ids.size else np.zeros(0, int)

@@ -1,10 +1,10 @@
-"""Focal length, scale of a gyroscope and mounting from tracks, whatever the translation of the camera.
+"""Focal length, gyroscope scale and mounting from tracks, for any translation of the camera.
 
-Two bearings of a point at rest, the second turned back by the camera's rotation, and the direction of its
-translation lie in one plane: `v . (b_1 x R b_2) = 0` (Longuet-Higgins 1981). The rotation comes from the
-gyroscope, so that what spoils it, its scale, its bias, the mounting, and the focal length that makes bearings
-of pixels, spoils the planes. All are found by Gauss-Newton, with the direction `v` of each window eliminated;
-it minimises the quotient of forms that noise does not bias (Taubin 1991).
+Two bearings of a static point, the second one rotated into the first camera frame, are coplanar with the
+translation `v`: `v . (b_1 x R b_2) = 0` (Longuet-Higgins 1981). The rotation comes from the gyroscope, so
+errors of its scale, its bias, the mounting and the focal length violate the constraint. All are estimated by
+Gauss-Newton, with the direction `v` of each window eliminated. The cost is a quotient of quadratic forms that
+is unbiased by noise (Taubin 1991).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from scipy.spatial.transform import Rotation
 from asyneio.doctor.rotation.gains import Gains
 from asyneio.types import BoolArray, FloatArray, IntArray
 
-#: Standard deviations of what is known before: logarithms of focal length and scale, mounting [rad], bias.
+#: Prior standard deviations: logarithms of focal length and scale, mounting [rad], bias [rad/s].
 _PRIOR = np.array([0.5, 1.0, *(3 * [0.15]), *(3 * [0.05])])
 _STEPS, _MOST_STEP, _CONVERGED = 15, 0.3, 1e-5
 _DIFFERENCE = 1e-4
 _CAUCHY = 9.0
-#: Least standard deviations of the logarithms: real tracks on a plane were off by so much.
+#: Minimum standard deviations of the logarithms: the errors observed with real tracks of a planar scene.
 _LEAST_SIGMA = (0.004, 0.012)
 _LEAST_POINTS, _LEAST_WINDOWS = 10, 8
 
@@ -32,9 +32,9 @@ class Pairs:
     """Bearings of tracks at the ends of windows.
 
     Attributes:
-        window: (N,) number of the window, ascending.
-        first, last: (N,2) on the normalised plane, at the beginning and the end of the window.
-        seconds: (W,) length of the windows.
+        window: (N,) index of the window, ascending.
+        first, last: (N,2) positions on the normalised plane at the beginning and the end of the window.
+        seconds: (W,) length of the windows [s].
     """
 
     window: IntArray
@@ -43,20 +43,20 @@ class Pairs:
     seconds: FloatArray
 
     def of(self, windows: BoolArray) -> Pairs:
-        """Those of some windows (W,), numbered anew."""
+        """Pairs of the selected windows (W,) bool, with new indices."""
         numbers = np.cumsum(windows) - 1
         kept = windows[self.window]
         return Pairs(numbers[self.window[kept]], self.first[kept], self.last[kept], self.seconds[windows])
 
 
 def gains_of_tracks(pairs: Pairs, body: FloatArray, C_c_b: FloatArray, scale: float) -> Gains | None:
-    """Scale and focal length; None where the tracks do not tell.
+    """Gyroscope scale and focal length; None if there are too few tracks.
 
     Args:
-        pairs: the tracks.
-        body: (W,3) mean readings of the gyroscope over the windows [rad/s].
-        C_c_b: (3,3) body to camera directions, to some degrees.
-        scale: of the gyroscope, roughly: a start.
+        pairs: bearings of the tracks.
+        body: (W,3) mean gyroscope readings over the windows [rad/s].
+        C_c_b: (3,3) body to camera rotation, accurate to some degrees.
+        scale: initial value of the gyroscope scale.
     """
     counts = np.bincount(pairs.window, minlength=len(body))
     if len(body) < _LEAST_WINDOWS or np.count_nonzero(counts >= _LEAST_POINTS) < len(body):
@@ -90,7 +90,7 @@ class _Fit:
     def step(
         self, x: FloatArray, before: FloatArray, weight: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Step (8,), weights (N,) of the next one, and covariance (8,8) by the scatter of the windows."""
+        """Step (8,), weights (N,) of the next step, and covariance (8,8) from the scatter between windows."""
         window = self._pairs.window
         normals, xy = self._normals(x)
         v = self._directions(normals, xy, weight)
@@ -104,7 +104,7 @@ class _Fit:
             ],
             axis=1,
         )
-        # Two directions across v, in which it is free.
+        # Basis of the tangent plane of v.
         tangents = np.linalg.svd(v[:, None, :])[2][:, 1:]
         free = np.einsum("nd,ntd->nt", normals, tangents[window])
         w = (weight / sigma**2)[:, None]
@@ -120,8 +120,8 @@ class _Fit:
         return step, weight, inverse @ (pull.T @ pull + np.diag(1.0 / _PRIOR**2)) @ inverse
 
     def _normals(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Normals (N,3) of the planes, a second's worth, as long as on the plane of the calibrated focal
-        length; and middles (N,2) of the bearings."""
+        """Normals (N,3) of the epipolar planes, per second and in units of the calibrated focal length, and
+        mean positions (N,2) of the bearings."""
         pairs, factor = self._pairs, np.exp(x[0])
         rate = (self._body * np.exp(-x[1]) - x[5:]) @ self._C.T @ Rotation.from_rotvec(x[2:5]).as_matrix().T
         back = Rotation.from_rotvec(rate * pairs.seconds[:, None]).as_matrix()
@@ -133,7 +133,7 @@ class _Fit:
         return normals, 0.5 * (first + last)[:, :2]
 
     def _directions(self, normals: FloatArray, xy: FloatArray, weight: FloatArray) -> FloatArray:
-        """Translations (W,3), long so that the noise of errors is that of bearings."""
+        """Translations (W,3), scaled so that the errors have the noise of the bearings."""
         x, y = xy.T
         one, zero = np.ones_like(x), np.zeros_like(x)
         rows = [[one, zero, -x], [zero, one, -y], [-x, -y, x * x + y * y + 1e-6]]
@@ -145,5 +145,5 @@ class _Fit:
         return np.asarray(np.einsum("kji,kj->ki", root, least))
 
     def _sum(self, values: FloatArray) -> FloatArray:
-        """Sums over the rows of each window."""
+        """Sum over the rows of each window."""
         return np.asarray(np.add.reduceat(values, self._begin, axis=0))

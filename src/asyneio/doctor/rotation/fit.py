@@ -1,4 +1,4 @@
-"""The rotation that takes a gyroscope's rates to a camera's: robust Gauss-Newton on innovations."""
+"""Rotation that maps a gyroscope's rates to a camera's: robust Gauss-Newton on innovations."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from scipy.spatial.transform import Rotation
 from asyneio.doctor.rotation.noise import CAUCHY, Noise, differences, weights
 from asyneio.types import FloatArray
 
-#: Zero offset of a gyroscope [rad/s]: one standard deviation of what consumer sensors have uncorrected.
+#: Prior standard deviation of the gyroscope bias [rad/s]: typical of uncalibrated consumer sensors.
 BIAS_SIGMA = 0.05
-#: Steps of the search, and the step after which it ends.
+#: Maximum number of steps, and the step size at which the iteration stops.
 _STEPS, _CONVERGED = 12, 1e-4
-#: A difference of costs that is none: two standard deviations.
+#: Costs that differ by less than this (two standard deviations) are equal.
 _SAME_COST = 4.0
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Rotation `C` (3,3), `bias` (3,), robust cost, and normal matrix (6,6) of rotation and bias."""
+    """Rotation `C` (3,3), `bias` (3,) [rad/s], robust cost, and normal matrix (6,6) of rotation and bias."""
 
     C: FloatArray
     bias: FloatArray
@@ -35,7 +35,7 @@ def fit_rotation(
     noise: Noise,
     steps: int = _STEPS,
 ) -> Fit:
-    """Gauss-Newton from the rotation `start`; rates are (N,3)."""
+    """Gauss-Newton from the rotation `start` (3,3), for rates (N,3) of `camera` and `body` [rad/s]."""
     C, bias = start, np.zeros(3)
     normal = np.eye(6)
     for _ in range(steps):
@@ -65,10 +65,10 @@ def _cost(camera: FloatArray, body: FloatArray, C: FloatArray, bias: FloatArray,
 
 
 def nearest_fit(fit: Fit, claimed: FloatArray, camera: FloatArray, body: FloatArray, noise: Noise) -> Fit:
-    """Where the turn about one axis costs nothing, the rotation as near as possible to the claimed one."""
+    """The solution nearest to the claimed rotation, if rotation about one axis does not change the cost."""
     axis = fit.C @ np.linalg.svd(body - fit.bias)[2][0]
     x, y, z, w = Rotation.from_matrix(claimed @ fit.C.T).as_quat()
-    # The part of that rotation about `axis` (swing and twist).
+    # The twist of that rotation about `axis` (swing-twist decomposition).
     about = 2.0 * np.arctan2(float(axis @ [x, y, z]), w)
     twisted = Rotation.from_rotvec(about * axis).as_matrix() @ fit.C
     again = fit_rotation(camera, body, twisted, noise)
@@ -76,7 +76,7 @@ def nearest_fit(fit: Fit, claimed: FloatArray, camera: FloatArray, body: FloatAr
 
 
 def crosses(vectors: FloatArray) -> FloatArray:
-    """The matrices (N,3,3) of cross products with vectors (N,3)."""
+    """Cross-product matrices (N,3,3) of vectors (N,3)."""
     out = np.zeros((len(vectors), 3, 3))
     x, y, z = vectors.T
     out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -z, y, -x

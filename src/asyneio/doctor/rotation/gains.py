@@ -1,10 +1,10 @@
-"""How much faster the picture turns than the gyroscope says: about the optical axis, and across it.
+"""Ratio of the image rotation to the gyroscope, about the optical axis (roll) and about x and y.
 
-A roll of the picture does not depend on the focal length, and no translation of the camera imitates it: its
-gain is one over the gyroscope's scale. A turn across the axis moves the picture by the focal length: its gain
-is that of the roll times true over calibrated focal length. Translation adds to it, by chance or because the
-camera circles round what it looks at, so it counts only where little is left that the gyroscope does not
-explain. For tracks `epipolar` takes translation into account.
+The image roll does not depend on the focal length, and translation of the camera does not affect it: its gain
+is the inverse of the gyroscope's scale. A rotation about x or y moves the image in proportion to the focal
+length: its gain is that of the roll times the ratio of true to calibrated focal length. Translation adds to
+it, by chance or because the camera moves around the scene, so it is used only if the gyroscope explains
+nearly all of the motion. For tracks, `epipolar` models translation.
 """
 
 from __future__ import annotations
@@ -17,21 +17,22 @@ from asyneio.doctor.rotation.noise import differences, noise_of, spread, weights
 from asyneio.types import FloatArray
 
 _ROUNDS = 6
-#: Logarithms known no better than this are not told.
-TOLD = 0.1
-#: Across the axis: most of the camera's rate that the gyroscope may leave unexplained.
+#: Logarithms with a larger standard deviation are not observable.
+OBSERVABLE = 0.1
+#: Rotations about x and y: maximum fraction of the camera's rate that the gyroscope leaves unexplained.
 _MOST_LEFT = 0.12
-#: Least rates [rad/s] that have a gain, and least standard deviation of its logarithm.
+#: Minimum rate [rad/s] for a gain, and minimum standard deviation of its logarithm.
 _LEAST_RATE, _LEAST_SIGMA = 0.05, 0.004
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Scale of the gyroscope and factor of the focal length by the motion of the picture.
+    """Scale of the gyroscope and factor of the focal length, from the image motion.
 
     Attributes:
-        gyroscope: its readings over the roll of the picture; `gyroscope_sigma` of its logarithm.
-        focal: true over calibrated focal length; `focal_sigma` of its logarithm, infinite where not told.
+        gyroscope: gyroscope readings over image roll; `gyroscope_sigma` is the sigma of its logarithm.
+        focal: true over calibrated focal length; `focal_sigma` is the sigma of its logarithm, infinite if not
+            observable.
     """
 
     gyroscope: float
@@ -40,24 +41,24 @@ class Gains:
     focal_sigma: float
 
     @property
-    def gyroscope_told(self) -> bool:
-        """Whether the gyroscope's scale is told."""
-        return self.gyroscope_sigma < TOLD
+    def gyroscope_observable(self) -> bool:
+        """Whether the gyroscope's scale is observable."""
+        return self.gyroscope_sigma < OBSERVABLE
 
     @property
-    def focal_told(self) -> bool:
-        """Whether the focal length is told."""
-        return self.focal_sigma < TOLD
+    def focal_observable(self) -> bool:
+        """Whether the focal length is observable."""
+        return self.focal_sigma < OBSERVABLE
 
 
 def gains_of(camera: FloatArray, predicted: FloatArray, gaps: FloatArray, values: float) -> Gains:
-    """Gains of rates (N,3), camera frame, that the gyroscope predicts as (N,3).
+    """Gains of camera rates relative to those predicted from the gyroscope.
 
     Args:
-        camera: rates seen [rad/s].
-        predicted: rates by the gyroscope, its bias taken off.
-        gaps: times between the windows (N-1,), in units of the usual one.
-        values: number of independent values of what the gyroscope does not explain.
+        camera: (N,3) measured rates, camera frame [rad/s].
+        predicted: (N,3) rates predicted from the gyroscope without its bias, camera frame [rad/s].
+        gaps: (N-1,) times between windows, in units of their median.
+        values: number of independent values of the rate that the gyroscope does not explain.
     """
     roll, roll_sigma, _ = _gain(camera[:, 2:], predicted[:, 2:], gaps, values)
     across, across_sigma, left = _gain(camera[:, :2], predicted[:, :2], gaps, values)
@@ -68,7 +69,7 @@ def gains_of(camera: FloatArray, predicted: FloatArray, gaps: FloatArray, values
 def _gain(
     camera: FloatArray, predicted: FloatArray, gaps: FloatArray, values: float
 ) -> tuple[float, float, float]:
-    """Gain of rates (N,D), the standard deviation of its logarithm, and the share of the rates it leaves."""
+    """Gain of rates (N,D), standard deviation of its logarithm, and unexplained fraction of the rates."""
     square = (predicted**2).mean(axis=0)
     if np.sqrt(square.sum()) < _LEAST_RATE:
         return 1.0, np.inf, np.inf

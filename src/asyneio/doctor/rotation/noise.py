@@ -1,4 +1,4 @@
-"""Noise of rates window by window: each axis by itself, neighbours alike, outliers bounded."""
+"""Noise model of rates by window: autoregressive of order 1 for each axis, robust to outliers."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 
 from asyneio.types import FloatArray
 
-#: Noise of a rate below which none is believed [rad/s].
+#: Minimum standard deviation of a rate [rad/s].
 _LEAST_NOISE = 0.01
-#: Correlation of neighbours is never taken to be less or more.
+#: Limits of the correlation of neighbouring windows.
 _CORRELATION = (0.0, 0.95)
-#: Squared scale of the robust cost, in standard deviations.
+#: Squared scale of the Cauchy cost, in squared standard deviations.
 CAUCHY = 9.0
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Of residuals of windows: `sigma` (D,) of innovations, `alike` (N-1,D) share of the window before."""
+    """Standard deviation of innovations (D,), and correlation with the window before, `alike` (N-1,D)."""
 
     sigma: FloatArray
     alike: FloatArray
 
 
 def noise_of(residual: FloatArray, gaps: FloatArray) -> Noise:
-    """Noise of residuals (N,D), axis by axis."""
+    """Noise of residuals (N,D), for each axis separately."""
     limit = 3.0 * spread(residual)
     limited = np.clip(residual, -limit, limit)
     correlation = (limited[1:] * limited[:-1]).sum(axis=0) / np.maximum((limited**2).sum(axis=0), 1e-12)
@@ -34,14 +34,14 @@ def noise_of(residual: FloatArray, gaps: FloatArray) -> Noise:
 
 
 def differences(values: FloatArray, alike: FloatArray) -> FloatArray:
-    """What is new in each of `values` (N,D) against the one before: (N-1,D)."""
+    """Innovations (N-1,D) of `values` (N,D) relative to the window before."""
     return np.asarray(values[1:] - alike * values[:-1])
 
 
 def spread(residual: FloatArray) -> FloatArray:
-    """Robust standard deviation (D,) about zero of residuals (N,D)."""
+    """Robust standard deviation (D,) of residuals (N,D) about zero."""
     size = np.abs(residual)
-    # Smoother in its residuals than the median alone, which jumps from one of them to the next.
+    # A smooth function of the residuals, unlike the median, which jumps from one residual to the next.
     limited = np.minimum(size, 3.0 * 1.4826 * np.median(size, axis=0))
     return np.maximum(np.sqrt((limited**2).mean(axis=0)), _LEAST_NOISE)
 

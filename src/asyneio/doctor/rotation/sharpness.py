@@ -1,10 +1,10 @@
-"""The camera's angular velocity from a short window of events: the rotation that draws the sharpest picture.
+"""Angular velocity of the camera from a short window of events: the rotation that gives the sharpest image.
 
-Events of one edge, moved back along the motion to one instant, fall on one line; moved along another motion
-they smear (Gallego and Scaramuzza, "Accurate angular velocity estimation with an event camera", RA-L 2017).
-A point at rest moves in the camera by `dp/dt = -omega x p`, so an event at bearing `b` and time `t` was at
-`b + (t - t_0) omega x b` at the middle `t_0` of the window. No pose, no extrinsics and no scale are involved;
-a translation of the camera passes for a rotation about x and y, which `extrinsics` allows for.
+Events of one edge, warped along the true motion to one instant, fall on one line; warped along another motion
+they blur (Gallego and Scaramuzza, "Accurate angular velocity estimation with an event camera", RA-L 2017). A
+static point moves in the camera frame by `dp/dt = -omega x p`, so an event at bearing `b` and time `t` was at
+`b + (t - t_0) omega x b` at the middle `t_0` of the window. This needs no pose, no extrinsics and no scale. A
+translation of the camera acts as a rotation about x and y; the fit to the gyroscope models this as a leak.
 """
 
 from __future__ import annotations
@@ -15,47 +15,48 @@ from scipy.optimize import minimize
 
 from asyneio.types import FloatArray
 
-#: Pixels across the picture at most: finer pictures of large sensors gain nothing here.
+#: Maximum width of the image [px]: finer images of large sensors do not improve the estimate.
 _ACROSS = 240
-#: The coarse picture has so many times fewer: motions within a few of its pixels look alike, none is missed.
+#: Reduction of the coarse image: its cost has no local optima within a few pixels of motion.
 _COARSER = 4
-#: and is drawn of every so-many-th event.
+#: Subsampling of the events for the coarse image.
 _FEWER = 3
-#: Directions tried first, and how far: shares of what the gyroscope reads, and room for a translation.
+#: Initial directions, and their magnitudes as fractions of the gyroscope's rate; above 1 allows for
+#: translation.
 _DIRECTIONS = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)], dtype=np.float64) - 1.0
 _REACH = (0.6, 1.3)
-#: Steps of the search end below this share of a pixel's motion over the window.
+#: Tolerance of the search: image motion over the window [px].
 _TOLERANCE_PX = 0.05
 
 
 def find_rate(xy: FloatArray, t_s: FloatArray, expected: float, focal: float) -> tuple[FloatArray, float]:
-    """Angular velocity (3,) of the camera [rad/s] in its own frame, and how much sharper it draws.
+    """Angular velocity of the camera in its own frame, and the gain of sharpness.
 
     Args:
         xy: (N,2) undistorted positions on the normalised plane.
-        t_s: (N,) times, ascending.
-        expected: magnitude to search around [rad/s].
-        focal: focal length [px]: the picture is never finer than the sensor.
+        t_s: (N,) times [s], ascending.
+        expected: expected magnitude [rad/s].
+        focal: focal length [px]: the image is not finer than the sensor.
 
     Returns:
-        The rate, and the gain: sum of squares of the picture over that of the picture without motion, less 1.
+        The rate (3,) [rad/s], and the gain: sum of squares of the image over that without motion, minus 1.
     """
     low, high = xy.min(axis=0), xy.max(axis=0)
     scale = min(_ACROSS / max(float((high - low).max()), 1e-6), focal)
     dt = t_s - 0.5 * (t_s[0] + t_s[-1])
     few = slice(None, None, _FEWER)
-    coarse = _Picture(xy[few], dt[few], low, high, scale / _COARSER)
-    fine = _Picture(xy, dt, low, high, scale)
+    coarse = _WarpedImage(xy[few], dt[few], low, high, scale / _COARSER)
+    fine = _WarpedImage(xy, dt, low, high, scale)
     directions = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
     starts = np.concatenate([np.zeros((1, 3)), *(reach * expected * directions for reach in _REACH)])
     best = max(starts, key=coarse.sharpness)
     step = 0.5 * expected + 1e-3
-    for picture in (coarse, fine):
-        # One pixel at the border of the picture moves by so much a radian per second.
-        tolerance = _TOLERANCE_PX / (picture.scale * max(float(t_s[-1] - t_s[0]), 1e-6))
+    for image in (coarse, fine):
+        # Image motion at the border of the image per rad/s.
+        tolerance = _TOLERANCE_PX / (image.scale * max(float(t_s[-1] - t_s[0]), 1e-6))
         simplex = best + np.vstack([np.zeros(3), step * np.eye(3)])
         found = minimize(
-            picture.blur,
+            image.blur,
             best,
             method="Nelder-Mead",
             options={"initial_simplex": simplex, "xatol": tolerance, "fatol": np.inf, "maxfev": 80},
@@ -65,8 +66,8 @@ def find_rate(xy: FloatArray, t_s: FloatArray, expected: float, focal: float) ->
     return np.asarray(best), fine.sharpness(best) / still - 1.0
 
 
-class _Picture:
-    """Events drawn on a grid of `scale` pixels a unit of the normalised plane."""
+class _WarpedImage:
+    """Image of warped events, with `scale` pixels per unit of the normalised plane."""
 
     def __init__(
         self, xy: FloatArray, dt: FloatArray, low: FloatArray, high: FloatArray, scale: float
@@ -77,11 +78,11 @@ class _Picture:
         self._image = np.zeros((rows, columns))
 
     def blur(self, omega: FloatArray) -> float:
-        """The lower, the sharper."""
+        """Negative sharpness, to be minimised."""
         return -self.sharpness(omega)
 
     def sharpness(self, omega: FloatArray) -> float:
-        """Sum of squares of the blurred picture after moving events back along `omega` [rad/s]."""
+        """Sum of squares of the smoothed image of events warped with `omega` (3,) [rad/s]."""
         return float(_draw(self._xy, self._dt, omega, self._low, self.scale, self._image))
 
 
@@ -89,7 +90,7 @@ class _Picture:
 def _draw(
     xy: FloatArray, dt: FloatArray, omega: FloatArray, low: FloatArray, scale: float, image: FloatArray
 ) -> float:
-    """Draw events (bilinear votes) into `image` and sum the squares of it, blurred by [1 2 1] both ways."""
+    """Accumulate events in `image` with bilinear votes; sum of squares after a [1 2 1] filter both ways."""
     rows, columns = image.shape
     image.fill(0.0)
     w_x, w_y, w_z = omega[0], omega[1], omega[2]

@@ -1,4 +1,4 @@
-"""When did the camera turn, against when the gyroscope did: the offset with the least innovations."""
+"""Time offset between the rotations of camera and gyroscope: the offset with the smallest innovations."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from asyneio.doctor.rotation.camera_rates import CameraRates
 from asyneio.doctor.rotation.noise import differences, noise_of, spread, weights
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, RecordArray
 
-#: Offsets tried: so far either way, in such steps [s]; then so many fine steps on either side of the best.
+#: Range and step of the search [s]; then size [s] and number of the fine steps on each side of the best.
 _REACH_S, _STEP_S, _FINE_STEP_S, _FINE = 0.1, 0.007, 0.0015, 6
-#: Where the two do not agree there: so far either way, in such steps [s].
+#: Range and step [s] of the wide search, used if no offset within the first range fits.
 _FAR_S, _FAR_STEP_S = 10.0, 0.02
-#: Windows that tell anything at all.
+#: Minimum number of windows for an estimate.
 LEAST_WINDOWS = 6
 _ROBUST_STEPS = 3
 
 
 class TurnOf:
-    """The turn that a gyroscope (INERTIAL_DTYPE, ascending) measured, summed once by the trapezoidal rule."""
+    """Integral of a gyroscope's readings (INERTIAL_DTYPE, ascending) by the trapezoidal rule."""
 
     def __init__(self, gyroscope: RecordArray) -> None:
         self._origin_ns = int(gyroscope["t_ns"][0])
@@ -27,7 +27,7 @@ class TurnOf:
         self._turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]).T
 
     def means(self, rates: CameraRates, offset_s: float) -> tuple[FloatArray, BoolArray]:
-        """Mean rates (N,3) [rad/s] over the windows, shifted, and which of them its samples cover."""
+        """Mean rates (N,3) [rad/s] over the shifted windows, and which windows (N,) the samples cover."""
         start, end = (
             (stamps - self._origin_ns) / NS_PER_S + offset_s for stamps in (rates.start_ns, rates.end_ns)
         )
@@ -38,10 +38,10 @@ class TurnOf:
 
 
 def find_far_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> float | None:
-    """Of offsets within seconds of `around_s`, the one at which a linear map explains most; None without any.
+    """Offset within 10 s of `around_s` at which a linear map explains most; None without enough windows.
 
-    Coarse: to be refined by `find_offset`. Half the windows must be covered, and a costly search of every
-    recording would not be worth it: this is for two streams that do not agree at all.
+    The result is coarse and must be refined by `find_offset`. The search is expensive and used only for
+    streams that do not agree near the calibrated offset. At least half the windows must be covered.
     """
     trials = around_s + np.arange(-round(_FAR_S / _FAR_STEP_S), round(_FAR_S / _FAR_STEP_S) + 1) * _FAR_STEP_S
     limit = 3.0 * spread(rates.omega)
@@ -62,7 +62,7 @@ def find_far_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> float 
 
 
 def find_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> tuple[float, float]:
-    """The offset with the least innovations, and its standard deviation (infinite: not told)."""
+    """Offset with the smallest innovations [s], and its standard deviation [s] (infinite: not observable)."""
     reach = min(_REACH_S + 2.0 * abs(around_s), 5.0 * _REACH_S)
     trials = around_s + np.arange(-round(reach / _STEP_S), round(reach / _STEP_S) + 1) * _STEP_S
     costs = np.array([_offset_cost(rates, turn, trial) for trial in trials])
@@ -73,17 +73,17 @@ def find_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> tuple[floa
     costs = np.array([_offset_cost(rates, turn, trials[k] + step) for step in steps])
     if not np.isfinite(costs).all():
         return around_s, float("inf")
-    # A parabola, for single steps are ragged.
+    # A parabola, because the costs of single steps are noisy.
     a, b, _ = np.polyfit(steps, costs, 2)
     if a <= 0.0:
         return around_s, float("inf")
     shift = float(np.clip(-b / (2.0 * a), steps[0], steps[-1]))
-    # The cost counts standard deviations squared.
+    # The cost is in squared standard deviations.
     return float(trials[k] + shift), float(np.sqrt(1.0 / a))
 
 
 def _offset_cost(rates: CameraRates, turn: TurnOf, offset_s: float) -> float:
-    """A robust negative log-likelihood, times two, of the best linear map from body to camera; infinite where
+    """Twice the robust negative log-likelihood of the best linear map from body to camera rates; infinite if
     too few windows are covered."""
     body, inside = turn.means(rates, offset_s)
     if np.count_nonzero(inside) < max(LEAST_WINDOWS, rates.count // 2):
@@ -94,28 +94,28 @@ def _offset_cost(rates: CameraRates, turn: TurnOf, offset_s: float) -> float:
     for axis in rates.omega[inside].T:
         alike = np.zeros((len(gaps), 1))
         for _ in range(2):
-            rows, wanted = differences(design, alike), differences(axis[:, None], alike)
-            map_ = _robust_solution(rows, wanted)
+            rows, target = differences(design, alike), differences(axis[:, None], alike)
+            map_ = _robust_solution(rows, target)
             noise = noise_of(axis[:, None] - design @ map_, gaps)
             alike = noise.alike
-        # As of all windows, however many are covered: costs of two offsets must be comparable.
+        # Scaled to all windows, covered or not, so that the costs of two offsets are comparable.
         cost += 2.0 * rates.count * float(np.log(noise.sigma[0]))
     return cost
 
 
-def _robust_solution(rows: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Reweighted least squares of `rows @ x = wanted`, with a weak pull to zero: where the turn is about one
-    axis, the others are not told."""
+def _robust_solution(rows: FloatArray, target: FloatArray) -> FloatArray:
+    """Reweighted least squares of `rows @ x = target`, with weak regularization: for a rotation about a
+    single axis the other axes are not observable."""
     weight = np.ones((len(rows), 1))
     for _ in range(_ROBUST_STEPS):
         normal = rows.T @ (rows * weight) + 1e-3 * np.eye(rows.shape[1])
-        solution = np.linalg.solve(normal, rows.T @ (wanted * weight))
-        residual = wanted - rows @ solution
+        solution = np.linalg.solve(normal, rows.T @ (target * weight))
+        residual = target - rows @ solution
         weight = weights(residual, spread(residual))[:, None]
     return np.asarray(solution)
 
 
 def gaps_of(rates: CameraRates, inside: BoolArray) -> FloatArray:
-    """Times between neighbouring windows (N-1,), in units of the usual one."""
+    """Times between neighbouring windows (N-1,), in units of their median."""
     gaps = np.diff(rates.start_ns[inside]).astype(np.float64)
     return np.asarray(gaps / max(float(np.median(gaps)), 1.0))

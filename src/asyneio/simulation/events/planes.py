@@ -1,6 +1,6 @@
-"""Rectangles seen by a camera: per pose, each becomes three linear forms of a viewing ray.
+"""Rectangles seen by a camera: for each pose, a rectangle becomes three linear forms of a viewing ray.
 
-The pose of the camera is wanted in the frame of each body, so that it does not matter which of the two moves.
+Camera poses are given in the frame of each body, so moving bodies need no special treatment.
 
 With the ray `d = (x, y, 1)` in the camera, `1/z = M . d`, `s = A . d / M . d`, `t = B . d / M . d`, where `z`
 is the depth and `s`, `t` the coordinates on the rectangle.
@@ -8,29 +8,57 @@ is the depth and `s`, `t` the coordinates on the rectangle.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from asyneio.simulation.events.world import World
 from asyneio.types import FloatArray, IntArray
 
-#: Corners, edges and bodies of rectangles, as kernels take them.
-Rectangles = tuple[FloatArray, FloatArray, FloatArray, IntArray]
-#: Rectangles are cut off this close to the camera [m].
+#: Rectangles are clipped at this distance to the camera [m].
 NEAR_M = 0.05
 
 
+class Rectangles(NamedTuple):
+    """The rectangles of a world, as kernels take them; fields as in `World`."""
+
+    corner: FloatArray
+    edge_u: FloatArray
+    edge_v: FloatArray
+    body: IntArray
+
+
+class Planes(NamedTuple):
+    """R rectangles as seen from P camera poses.
+
+    Attributes:
+        forms: (P,R,9) linear forms [M, A, B] of `linear_forms`.
+        lines: (P,R,5,3) border lines of `border_lines`.
+    """
+
+    forms: FloatArray
+    lines: FloatArray
+
+
 def rectangles_of(world: World) -> Rectangles:
-    """The rectangles of a world as kernels take them."""
-    return world.corner, world.edge_u, world.edge_v, world.body
+    """The rectangles of a world."""
+    return Rectangles(world.corner, world.edge_u, world.edge_v, world.body)
 
 
 @njit(cache=True)
 def linear_forms(rectangles: Rectangles, T_o_c: FloatArray, pose: int, forms: FloatArray) -> None:
-    """Fill `forms` (R,9) = [M, A, B] for rectangles and one of the camera poses (P,B,4,4); M = 0 edge-on."""
-    corner, edge_u, edge_v, body = rectangles
+    """Fill `forms` (R,9) = [M, A, B] of all rectangles for one camera pose.
+
+    Args:
+        rectangles: R rectangles.
+        T_o_c: (P,B,4,4) camera poses in the frame of each body.
+        pose: index of the pose.
+        forms: output; zero for a rectangle seen edge-on.
+    """
+    corner = rectangles.corner
     for r in range(corner.shape[0]):
-        u, v, o = edge_u[r], edge_v[r], body[r]
+        u, v, o = rectangles.edge_u[r], rectangles.edge_v[r], rectangles.body[r]
         n = np.array([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
         offset, start_s, start_t, uu, vv = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(3):
@@ -57,9 +85,9 @@ def linear_forms(rectangles: Rectangles, T_o_c: FloatArray, pose: int, forms: Fl
 
 @njit(cache=True)
 def border_lines(forms: FloatArray, lines: FloatArray) -> None:
-    """Fill `lines` (R,5,3): `line . d` is positive for rays `d` that meet the rectangle.
+    """Fill `lines` (R,5,3): `line . d` is positive for all rays `d` that meet the rectangle.
 
-    Line 0 bounds the half space in front, where it is `1/z`; 1 to 4 are the borders, scaled so that the value
+    Line 0 is `1/z`, positive in front of the camera. Lines 1 to 4 are the borders, scaled so that the value
     is the distance from the border at unit depth.
     """
     for r in range(forms.shape[0]):
@@ -69,25 +97,25 @@ def border_lines(forms: FloatArray, lines: FloatArray) -> None:
             lines[r, 1, j], lines[r, 2, j] = forms[r, 3 + j], m - forms[r, 3 + j]
             lines[r, 3, j], lines[r, 4, j] = forms[r, 6 + j], m - forms[r, 6 + j]
         for k in range(1, 5):
-            # A border at infinity has no direction in the image; its sign is all that counts.
+            # A border at infinity has no direction in the image; only its sign is used.
             lines[r, k] /= max(np.hypot(lines[r, k, 0], lines[r, k, 1]), 1e-12)
 
 
 @njit(cache=True)
-def poses_forms_and_lines(rectangles: Rectangles, T_o_c: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Forms (P,R,9) and lines (P,R,5,3) of rectangles for camera poses (P,B,4,4), one a body each."""
-    count = rectangles[0].shape[0]
+def planes_of(rectangles: Rectangles, T_o_c: FloatArray) -> Planes:
+    """Forms and lines of rectangles for camera poses (P,B,4,4) in the frame of each body."""
+    count = rectangles.corner.shape[0]
     forms = np.empty((T_o_c.shape[0], count, 9))
     lines = np.empty((T_o_c.shape[0], count, 5, 3))
     for pose in range(T_o_c.shape[0]):
         linear_forms(rectangles, T_o_c, pose, forms[pose])
         border_lines(forms[pose], lines[pose])
-    return forms, lines
+    return Planes(forms, lines)
 
 
 @njit(cache=True)
 def nearest(forms: FloatArray, x: float, y: float) -> tuple[int, float]:
-    """Index of the first rectangle that a ray meets, and its inverse depth [1/m]; -1 for none."""
+    """Index of the nearest rectangle that a ray meets (-1 for none), and its inverse depth [1/m]."""
     best, found = 0.0, -1
     for r in range(forms.shape[0]):
         inverse = forms[r, 0] * x + forms[r, 1] * y + forms[r, 2]

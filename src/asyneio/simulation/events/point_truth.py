@@ -1,4 +1,4 @@
-"""Truth for feature tracks: what point of the world a pixel sees, where it goes, what hides it."""
+"""Ground truth for feature tracks: the world point seen by a pixel, its projections, and its visibility."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from asyneio.simulation.events.world import World
 from asyneio.simulation.motion import Motion
 from asyneio.types import CameraIntrinsics, FloatArray, IntArray
 
-#: A point counts as visible when what is seen in its direction is nearer by no more than this fraction.
+#: A point is visible unless a surface in its direction is nearer by more than this fraction.
 _TOLERANCE = 1e-3
-#: Spacing of the probes of `single_surface` [px].
+#: Spacing of the rays tested by `single_surface` [px].
 _PROBE_PX = 2.0
 
 
 @dataclass(frozen=True)
 class PointTruth:
-    """Exact rays and points of a run; times (N,) ns in the **camera clock**, distorted pixels (N,2).
+    """Exact rays and points of a run, for times (N,) [ns] in the **camera clock** and distorted pixels (N,2).
 
-    Times outside the run are answered too: the motion does not end there.
+    Times outside the run are valid too: the motion is defined for all times.
     """
 
     motion: Motion
@@ -41,10 +41,11 @@ class PointTruth:
         return self.motion.T_w_b(elapsed_ns * 1e-9) @ self.T_b_c
 
     def hit(self, t_ns: ArrayLike, uv: ArrayLike) -> tuple[FloatArray, IntArray, BoolArray]:
-        """What pixels see: points (N,3) [m], index (N,) of their rectangle, valid (N,).
+        """World points seen by pixels: points (N,3) [m], index (N,) of their rectangle, valid (N,).
 
-        Points are in the frame of the body that their rectangle is part of: in the world's, unless it moves.
-        Invalid, with points nan and index -1: the ray meets nothing, or the lens images nothing there.
+        Points are in the frame of the body that their rectangle belongs to, which is the world frame unless
+        it moves. If the ray meets nothing or does not exist, the entry is invalid, with points nan and index
+        -1.
         """
         points, surface = _hit(*self._arguments(t_ns, uv))
         return points, surface, surface >= 0
@@ -52,17 +53,17 @@ class PointTruth:
     def project(
         self, t_ns: ArrayLike, points: ArrayLike, surface: ArrayLike | None = None
     ) -> tuple[FloatArray, BoolArray]:
-        """Where points (N,3) [m] are seen: distorted pixels (N,2), visible (N,).
+        """Project points (N,3) [m]: distorted pixels (N,2), visible (N,).
 
-        `surface` (N,) are the rectangles that they lie on, as `hit` gives them: points go with the bodies of
-        these and are given in their frames. Without it they are points of the world.
+        `surface` (N,) are the rectangles of the points, as returned by `hit`: points are in the frames of the
+        bodies of these rectangles and move with them. Without it, points are in the world frame.
 
-        Visible: in front of the camera, inside the image, not hidden by a rectangle. Pixels of points that
-        are not in front are meaningless but finite.
+        Visible points are in front of the camera, inside the image, and not hidden by a rectangle. Pixels of
+        points behind the camera are meaningless but finite.
         """
         p_o = np.atleast_2d(np.asarray(points, dtype=np.float64))
         T_o_c = self._seen_from(t_ns)
-        # What lies on no rectangle stands still.
+        # Points on no rectangle are static.
         own = np.full(len(T_o_c), -1) if surface is None else np.atleast_1d(np.asarray(surface))
         T_own_c = T_o_c[np.arange(len(T_o_c)), np.where(own < 0, 0, self.world.body[own])]
         points_c = np.einsum("nji,nj->ni", T_own_c[:, :3, :3], p_o - T_own_c[:, :3, 3])
@@ -73,12 +74,12 @@ class PointTruth:
         return pixels, visible
 
     def single_surface(self, t_ns: ArrayLike, uv: ArrayLike, radius_px: float = 8.0) -> BoolArray:
-        """Whether all within `radius_px` of pixels (N,2) lies on one rectangle (N,)."""
+        """Whether the surroundings of pixels (N,2) within `radius_px` lie on a single rectangle (N,)."""
         steps = np.arange(-radius_px, radius_px + 1e-9, _PROBE_PX)
         grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         turn = np.arange(24) * (2.0 * np.pi / 24)
         rim = radius_px * np.column_stack([np.cos(turn), np.sin(turn)])
-        # The rim first: it decides most cases.
+        # The rim first, because it decides most cases.
         probes = np.vstack([rim, grid[np.hypot(*grid.T) <= radius_px]])
         return _single_surface(*self._arguments(t_ns, uv), probes)
 
@@ -103,7 +104,7 @@ def _hit(
 ) -> tuple[FloatArray, IntArray]:
     points = np.full((uv.shape[0], 3), np.nan)
     surface = np.full(uv.shape[0], -1, dtype=np.int64)
-    forms = np.empty((rectangles[0].shape[0], 9))
+    forms = np.empty((rectangles.corner.shape[0], 9))
     for n in range(uv.shape[0]):
         x, y, valid = pixel_ray(lens, uv[n, 0], uv[n, 1])
         if not valid:
@@ -113,7 +114,7 @@ def _hit(
         if found < 0:
             continue
         surface[n] = found
-        o = rectangles[3][found]
+        o = rectangles.body[found]
         for i in range(3):
             ray = T_o_c[n, o, i, 0] * x + T_o_c[n, o, i, 1] * y + T_o_c[n, o, i, 2]
             points[n, i] = T_o_c[n, o, i, 3] + ray / inverse
@@ -123,7 +124,7 @@ def _hit(
 @njit(cache=True)
 def _unhidden(rectangles: Rectangles, T_o_c: FloatArray, points_c: FloatArray) -> NDArray[np.bool_]:
     seen = np.empty(points_c.shape[0], dtype=np.bool_)
-    forms = np.empty((rectangles[0].shape[0], 9))
+    forms = np.empty((rectangles.corner.shape[0], 9))
     for n in range(points_c.shape[0]):
         linear_forms(rectangles, T_o_c, n, forms)
         depth = points_c[n, 2]
@@ -141,7 +142,7 @@ def _single_surface(
     probes: FloatArray,
 ) -> NDArray[np.bool_]:
     single = np.zeros(uv.shape[0], dtype=np.bool_)
-    forms = np.empty((rectangles[0].shape[0], 9))
+    forms = np.empty((rectangles.corner.shape[0], 9))
     for n in range(uv.shape[0]):
         x, y, valid = pixel_ray(lens, uv[n, 0], uv[n, 1])
         if not valid:

@@ -1,12 +1,12 @@
 """Mip pyramids of all textures of a world in one flat array, for the renderer.
 
-Each level averages 2 x 2 texels of linear intensity. Without levels a fine texture far away would be sampled
-at random texels: white noise that flickers with every step of the camera.
+Each level averages 2 x 2 texels of linear intensity. Without levels, a fine texture far away would be sampled
+at random texels, which is white noise that changes with every motion of the camera.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,15 @@ from asyneio.errors import SimulationError
 from asyneio.types import FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class Pyramids:
-    """`texels` (K,) float32; `offset` (R, levels) where each level of each texture starts, with a
-    border of one repeated texel all around; `size` (R,2) rows
-    and columns of level 0; `levels` (R,) how many there are."""
+class Pyramids(NamedTuple):
+    """The textures of R rectangles, as kernels take them.
+
+    Attributes:
+        texels: (K,) all levels of all textures, each with a border of one repeated texel.
+        offset: (R,L) index in `texels` of the first texel of each level.
+        size: (R,2) rows and columns of level 0.
+        levels: (R,) number of levels.
+    """
 
     texels: NDArray[np.float32]
     offset: IntArray
@@ -28,7 +32,7 @@ class Pyramids:
 
 
 def build_pyramids(textures: list[FloatArray]) -> Pyramids:
-    """Stack pyramids of textures whose sides are powers of two.
+    """Build the pyramids of textures whose sides are powers of two.
 
     Raises:
         SimulationError: a side is not a power of two.

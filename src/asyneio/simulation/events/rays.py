@@ -1,4 +1,4 @@
-"""Viewing rays of pixels: the lens distortion of this room's camera inverted by Newton's method."""
+"""Viewing rays of pixels: the distortion of `simulation.camera`, inverted by Newton's method."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _ITERATIONS = 30
 
 
 def lens_row(camera: CameraIntrinsics) -> FloatArray:
-    """The lens as eleven numbers for kernels: model, fx, fy, cx, cy, five coefficients, turning radius."""
+    """Intrinsics (11,) for kernels: model, fx, fy, cx, cy, five coefficients, turning radius."""
     coefficients = np.zeros(5)
     coefficients[: len(camera.coefficients)] = camera.coefficients
     head = [_CODE[camera.distortion], camera.fx, camera.fy, camera.cx, camera.cy]
@@ -23,10 +23,10 @@ def lens_row(camera: CameraIntrinsics) -> FloatArray:
 
 @njit(cache=True)
 def pixel_ray(lens: FloatArray, u: float, v: float) -> tuple[float, float, bool]:
-    """Point (x, y) at unit depth that the lens images at a distorted pixel, and whether there is one.
+    """Point (x, y) at unit depth that is projected to a distorted pixel, and whether it exists.
 
     Args:
-        lens: (11,) of `lens_row`.
+        lens: (11,) result of `lens_row`.
         u, v: distorted pixel.
     """
     mx, my = (u - lens[3]) / lens[1], (v - lens[4]) / lens[2]
@@ -76,7 +76,7 @@ def pixel_ray(lens: FloatArray, u: float, v: float) -> tuple[float, float, bool]
 
 @njit(cache=True)
 def pixel_rays(lens: FloatArray, uv: FloatArray) -> FloatArray:
-    """Rays (N,2) at unit depth of distorted pixels (N,2); nan where the lens images nothing there."""
+    """Rays (N,2) at unit depth of distorted pixels (N,2); nan for pixels without a ray."""
     rays = np.full(uv.shape, np.nan)
     for row in range(uv.shape[0]):
         x, y, valid = pixel_ray(lens, uv[row, 0], uv[row, 1])

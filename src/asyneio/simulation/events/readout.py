@@ -1,15 +1,15 @@
-"""How events leave the sensor: in the order of time, one after another, over a bus that holds only so much.
+"""Readout of the sensor: events leave in time order, one at a time, over a bus with a limited buffer.
 
 Array: a pixel raises a request and holds it until it is acknowledged. Requests are served one at a time in
-the order in which they are raised, each takes `1 / readout_hz`, and an event is stamped when it is served. A
-pixel that still waits cannot raise another: what it would have reported meanwhile is lost. (A real arbiter
-serves all that wait in a row together; waiting times are the same on average.)
+the order in which they are raised. Each takes `1 / readout_hz`, and an event is stamped when it is served. A
+pixel with a pending request cannot raise another one, so its events during that time are lost. (A real
+arbiter serves all requests of a row together; the waiting times are the same on average.)
 
-Bus: stamped events wait in a memory that is emptied at `bus_hz`. While it is full, events are dropped, as
-by the logic of the DAVIS when the transfer stalls. Within a time `T` no more than `bus_hz T + bus_buffer` get
-through.
+Bus: stamped events wait in a buffer that is emptied at `bus_hz`. While it is full, events are dropped, like
+in the logic of the DAVIS when the transfer stalls. At most `bus_hz T + bus_buffer` events pass within a time
+`T`.
 
-What waits in the array does not act back on the pixels' refractory times.
+Waiting in the array does not affect the refractory times of the pixels.
 """
 
 from __future__ import annotations
@@ -28,29 +28,33 @@ _NEVER = -1e18
 
 @dataclass
 class ReadoutCounts:
-    """What became of the events of a run so far."""
+    """Counts of the events of a run that were delivered, delayed or lost."""
 
-    #: Delivered.
+    #: Delivered events.
     read: int = 0
-    #: Of these, stamped a microsecond late or more, because others were served first.
+    #: Delivered events with a timestamp at least a microsecond late, because others were served first.
     delayed: int = 0
-    #: Lost because the pixel's previous event still waited.
+    #: Events lost because the pixel's previous request was still pending.
     lost_in_array: int = 0
-    #: Lost because the memory of the bus was full.
+    #: Events lost because the buffer of the bus was full.
     lost_on_bus: int = 0
 
     @property
     def dropped(self) -> int:
-        """All that were lost."""
+        """All lost events."""
         return self.lost_in_array + self.lost_on_bus
 
 
 @dataclass
 class Readout:
-    """The readout of one run; it takes the events of one span of time after another.
+    """Readout of one run, which processes consecutive spans of time.
 
-    Times in microseconds since the start of the run. `origin_ns` is that start; `end_us` the end of the run,
-    beyond which nothing is delivered.
+    Attributes:
+        spec: parameters of the sensor.
+        camera: its size.
+        origin_ns: start of the run, camera clock [ns].
+        end_us: end of the run since its start [us]; later events are not delivered.
+        counts: counts of events so far.
     """
 
     spec: SensorSpec
@@ -61,16 +65,17 @@ class Readout:
 
     def __post_init__(self) -> None:
         self._waiting = EventBuffer.of_size(0)
-        # When the array serves the next, when the bus has emptied its memory.
+        # Times at which the array is free and at which the buffer of the bus is empty.
         self._free_us = np.full(2, _NEVER)
         self._served_us = np.full(self.camera.width * self.camera.height, _NEVER)
 
     def deliver(self, parts: list[EventBuffer], until_us: int) -> RecordArray:
-        """Events (EVENT_DTYPE, ascending) that have left the sensor, out of new ones of the pixels.
+        """Events (EVENT_DTYPE, ascending) that have left the sensor, given new events of the pixels.
 
         Args:
-            parts: new events, none before the `until_us` of the last call; those of one pixel in order.
-            until_us: no pixel can raise another one before this time.
+            parts: new events, none before the `until_us` of the last call; the events of each pixel are in
+                order.
+            until_us: no pixel can raise another request before this time.
         """
         t_us, pixel, on = (np.concatenate(column) for column in zip(self._waiting, *parts, strict=True))
         order = _order(t_us)
@@ -81,7 +86,7 @@ class Readout:
         return self._records(stamp[kept], raised.pixel[:ready][kept], raised.on[:ready][kept])
 
     def _serve(self, raised: EventBuffer) -> tuple[IntArray, NDArray[np.bool_]]:
-        """Stamps (N,) [us], and which events come through."""
+        """Timestamps (N,) [us] and whether each event is delivered (N,)."""
         stamp = np.empty(raised.t_us.size, dtype=np.int64)
         kept = np.ones(raised.t_us.size, dtype=np.bool_)
         rates = (self.spec.readout_hz, self.spec.bus_hz)
@@ -89,7 +94,7 @@ class Readout:
         lost = _queue(
             raised, array_us, bus_us, self.spec.bus_buffer, self._free_us, self._served_us, stamp, kept
         )
-        # The queue goes on beyond the end of the run; nobody listens any more.
+        # The queue extends beyond the end of the run; those events are not delivered.
         kept &= stamp <= self.end_us
         self.counts.read += int(kept.sum())
         self.counts.delayed += int((stamp > raised.t_us)[kept].sum())
@@ -107,7 +112,7 @@ class Readout:
 
 @njit(cache=True)
 def _order(t_us: IntArray) -> IntArray:
-    """Stable order of times, by counting: a chunk has few microseconds."""
+    """Stable order of times by counting sort, as a chunk spans few microseconds."""
     order = np.empty(t_us.size, dtype=np.int64)
     if t_us.size == 0:
         return order
@@ -128,14 +133,26 @@ def _queue(
     raised: EventBuffer,
     array_us: float,
     bus_us: float,
-    room: int,
+    capacity: int,
     free_us: FloatArray,
     served_us: FloatArray,
     stamp: IntArray,
     kept: NDArray[np.bool_],
 ) -> tuple[int, int]:
-    """Serve requests in order, `array_us` each in the array and `bus_us` on the bus; returns how many were
-    lost in the array and on the bus. `free_us` (2,) and `served_us` (K,) carry the queues on."""
+    """Serve requests in order.
+
+    Args:
+        raised: requests in time order.
+        array_us, bus_us: time per event in the array and on the bus.
+        capacity: capacity of the bus buffer in events.
+        free_us: (2,) state, times at which the array is free and the buffer is empty.
+        served_us: (K,) state, time at which each pixel was served last.
+        stamp: (N,) output, timestamps.
+        kept: (N,) output, false for lost events.
+
+    Returns:
+        Number of events lost in the array and on the bus.
+    """
     in_array, on_bus = 0, 0
     for n in range(raised.t_us.size):
         t, k = float(raised.t_us[n]), raised.pixel[n]
@@ -148,10 +165,10 @@ def _queue(
         free_us[0] = served + array_us
         served_us[k] = served
         stamp[n] = int(served)
-        # Work in the memory of the bus, in time; the event itself takes a place in it.
+        # Backlog of the bus as a time; the event itself occupies one entry of the buffer.
         if bus_us > 0.0:
             done = max(served, free_us[1])
-            if done - served > (room - 1) * bus_us:
+            if done - served > (capacity - 1) * bus_us:
                 kept[n] = False
                 on_bus += 1
                 continue

@@ -1,17 +1,17 @@
-"""What pixels do between two renderings: photoreceptor, change detector, latency, refractory time, noise.
+"""Response of pixels between two renderings: photoreceptor, change detector, latency, refractory time, noise.
 
-A pixel remembers a level of log intensity and reports when the present level has moved from it by a
-threshold. The comparator answers after a latency; then the pixel is blind for the refractory time and
-remembers the level it finds at the end, as the real circuit does while its reset switch is closed; what
-happened meanwhile is lost.
+A pixel stores a reference level of log intensity and emits an event when the current level differs from it by
+a threshold. The comparator responds after a latency. The pixel is then blind for the refractory time, and its
+new reference is the level at the end of this time, as in the real circuit while the reset switch is closed.
+Changes during the blind time are lost.
 
-The intensity of a pixel is linear in time between two renderings, times the light of the lamp. It is taken
-in parts within which its logarithm may be taken for linear. The photoreceptor is a first-order low-pass
-filter of the log intensity, `dv/dt = w (x - v)`; for `x = x0 + q t` its response to the ramp is exact,
+The intensity of a pixel is linear in time between two renderings, times the light of the lamp. Each step is
+divided into parts in which its logarithm is nearly linear. The photoreceptor is a first-order low-pass filter
+of the log intensity, `dv/dt = w (x - v)`. For `x = x0 + q t`, its response is
 
     v(t) = x0 - q / w + q t + (v0 - x0 + q / w) exp(-w t),
 
-with `w` that of the mean light of the part.
+with `w` from the mean light of the part.
 """
 
 from __future__ import annotations
@@ -25,19 +25,21 @@ from numpy.typing import NDArray
 from asyneio.simulation.events.sensor import Circuit, EventBuffer, Pixels
 from asyneio.types import FloatArray
 
-#: A pixel reports at most this often between two renderings; more would be a change of tens of log units.
-MOST_PER_STEP = 128
-#: Within a part of a step log intensity changes by no more than this ...
+#: Maximum number of events of a pixel between two renderings; more would need a change of tens of log units.
+MAX_EVENTS_PER_STEP = 128
+#: Maximum change of log intensity within a part of a step, ...
 _LOG_PART = 0.25
-#: ... and the lamp by no more than this share of a period.
+#: ... and minimum number of parts in a period of the lamp.
 _PARTS_PER_PERIOD = 32.0
-#: Crossings of thresholds are found to this accuracy [us].
+#: Accuracy of the times of threshold crossings [us].
 _TOLERANCE_US = 0.05
 
 
 class Light(NamedTuple):
-    """Light on everything: `illumination`; of it the share `depth` flickers as a rectified sine at `rate`
-    [1/us], which is twice the mains frequency. Its mean is `illumination`."""
+    """Light on the whole scene, with the mean `illumination`.
+
+    The fraction `depth` of it flickers as a rectified sine at `rate` [1/us], twice the mains frequency.
+    """
 
     illumination: float
     rate: float
@@ -45,7 +47,7 @@ class Light(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """A photoreceptor's output from `begin` [us] on: `offset + slope t + swing exp(-rate t)`."""
+    """Output of a photoreceptor from `begin` [us] on: `offset + slope t + swing exp(-rate t)`."""
 
     begin: float
     offset: float
@@ -54,9 +56,24 @@ class Curve(NamedTuple):
     rate: float
 
 
+class Span(NamedTuple):
+    """A step from one rendering to the next [us]."""
+
+    begin: float
+    end: float
+
+
+class Square(NamedTuple):
+    """A square of pixels: its top row, left column and side."""
+
+    top: int
+    left: int
+    side: int
+
+
 @njit(cache=True, error_model="numpy")
 def light_at(light: Light, t_us: float) -> float:
-    """Intensity of the light at a time; that of the mean at the start of a run."""
+    """Intensity of the light at a time [us]; equal to its mean at time 0."""
     if light.depth == 0.0 or light.rate == 0.0:
         return light.illumination
     lamp = 0.5 * np.pi * abs(np.sin(np.pi * light.rate * t_us + np.arcsin(2.0 / np.pi)))
@@ -65,7 +82,7 @@ def light_at(light: Light, t_us: float) -> float:
 
 @njit(cache=True, inline="always")
 def _uniform(state: NDArray[np.uint64], k: int) -> float:
-    """A number in (0, 1] from a generator of our own (xorshift64*): its state travels with the pixel."""
+    """A uniform number in (0, 1] from the generator of pixel k (xorshift64*)."""
     x = state[k]
     x ^= x >> np.uint64(12)
     x ^= x << np.uint64(25)
@@ -76,14 +93,14 @@ def _uniform(state: NDArray[np.uint64], k: int) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _normal(state: NDArray[np.uint64], k: int) -> float:
-    """A number of the normal distribution, no more than four standard deviations from zero (Box-Muller)."""
+    """A standard normal number, clipped at four standard deviations (Box-Muller)."""
     radius = np.sqrt(-2.0 * np.log(_uniform(state, k)))
     return min(max(radius * np.cos(2.0 * np.pi * _uniform(state, k)), -4.0), 4.0)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def curve_value(curve: Curve, t: float) -> float:
-    """The photoreceptor's output at a time [us]."""
+    """Output of the photoreceptor at a time [us]."""
     since = t - curve.begin
     level = curve.offset + curve.slope * since
     if curve.swing != 0.0:
@@ -93,13 +110,13 @@ def curve_value(curve: Curve, t: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _solve(curve: Curve, low: float, high: float, value: float) -> float:
-    """When a curve that is monotonic between two times takes a value that lies between theirs (Illinois)."""
+    """Time at which a curve that is monotonic from `low` to `high` takes a value (Illinois method)."""
     f_low, f_high = curve_value(curve, low) - value, curve_value(curve, high) - value
     last, middle = 0, high
     while high - low > _TOLERANCE_US:
         middle = low - f_low * (high - low) / (f_high - f_low)
         if not low < middle < high:
-            # Rounded to an end: the curve is as good as straight from there.
+            # Rounded to an end: the curve is numerically straight there.
             return min(max(middle, low), high)
         f = curve_value(curve, middle) - value
         if (f > 0.0) == (f_high > 0.0):
@@ -117,11 +134,14 @@ def _solve(curve: Curve, low: float, high: float, value: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def first_crossing(curve: Curve, begin: float, end: float, upper: float, lower: float) -> tuple[float, int]:
-    """When a curve first leaves the range between two values within `begin` .. `end`, and whether upwards (1)
-    or downwards (-1); inf and 0 where it does not."""
+    """First time in `begin` .. `end` at which a curve leaves the range `lower` .. `upper`.
+
+    Returns:
+        The time [us], and 1 at the upper or -1 at the lower limit; infinity and 0 if it stays inside.
+    """
     turn = end
     if curve.swing != 0.0:
-        # The one extreme that it may have is where slope and decay cancel.
+        # Its only possible extremum is where slope and decay cancel.
         ratio = curve.slope / (curve.swing * curve.rate)
         if 0.0 < ratio < 1.0:
             extreme = curve.begin - np.log(ratio) / curve.rate
@@ -144,53 +164,55 @@ def first_crossing(curve: Curve, begin: float, end: float, upper: float, lower: 
 
 
 @njit(cache=True, error_model="numpy")
-def _report(
+def _emit(
     k: int,
-    begin: float,
-    end: float,
     curve: Curve,
-    light: float,
+    end: float,
+    brightness: float,
     circuit: Circuit,
     pixels: Pixels,
     buffer: EventBuffer,
     count: int,
-    most: int,
+    limit: int,
 ) -> int:
-    """Events of pixel `k` while its photoreceptor follows a curve from `begin` to `end`; returns the new
-    count, at most `most`."""
-    t, reference = begin, pixels.reference[k]
-    if pixels.blind_until[k] > begin:
+    """Emit the events of pixel `k` while its photoreceptor follows a curve until `end` [us].
+
+    Returns:
+        The new number of events in the buffer, at most `limit`.
+    """
+    t, reference = curve.begin, pixels.reference[k]
+    if pixels.blind_until[k] > curve.begin:
         t = pixels.blind_until[k]
         reference = curve_value(curve, t)
-    while count < most:
-        remembered = reference + pixels.error[k]
-        crossing, way = first_crossing(curve, t, end, remembered + pixels.on[k], remembered - pixels.off[k])
-        up = way > 0
+    while count < limit:
+        stored = reference + pixels.error[k]
+        crossing, direction = first_crossing(curve, t, end, stored + pixels.on[k], stored - pixels.off[k])
+        up = direction > 0
         if pixels.next_noise[k] < min(crossing, end):
-            strikes = max(pixels.next_noise[k], t)
+            noise_us = max(pixels.next_noise[k], t)
             blind = pixels.next_noise[k] < t
-            pixels.next_noise[k] = strikes - np.log(_uniform(pixels.random, k)) / pixels.noise_rate[k]
-            # Shot noise is strongest in the dark; a blind pixel reports none.
-            if blind or (not pixels.hot[k] and _uniform(pixels.random, k) < 0.75 * min(1.0, light)):
+            pixels.next_noise[k] = noise_us - np.log(_uniform(pixels.random, k)) / pixels.noise_rate[k]
+            # Shot noise is strongest in the dark; a blind pixel emits none.
+            if blind or (not pixels.hot[k] and _uniform(pixels.random, k) < 0.75 * min(1.0, brightness)):
                 continue
-            t = strikes
+            t = noise_us
             up = _uniform(pixels.random, k) < 0.5
             reference = curve_value(curve, t)
-        elif way != 0:
+        elif direction != 0:
             t = crossing
             reference += pixels.on[k] if up else -pixels.off[k]
         else:
             break
-        answer = t
+        output_us = t
         if circuit.latency > 0.0 or circuit.jitter > 0.0:
-            answer += max(0.0, circuit.latency + circuit.jitter * _normal(pixels.random, k))
+            output_us += max(0.0, circuit.latency + circuit.jitter * _normal(pixels.random, k))
         if circuit.noise > 0.0:
             pixels.error[k] = circuit.noise * _normal(pixels.random, k)
-        buffer.t_us[count] = int(answer)
+        buffer.t_us[count] = int(output_us)
         buffer.pixel[count] = k
         buffer.on[count] = 1 if up else 0
         count += 1
-        ready = answer + circuit.refractory
+        ready = output_us + circuit.refractory
         if ready > t:
             pixels.blind_until[k] = ready
             if ready > end:
@@ -203,7 +225,8 @@ def _report(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _decay(g: float) -> float:
-    """`exp(-g)` for g >= 0 to 1e-5, at a quarter of the cost: the eighth power of a Pade approximation."""
+    """`exp(-g)` for g >= 0 with an error of 1e-5: the eighth power of a Pade approximation, four times as
+    fast."""
     if g > 16.0:
         return 0.0
     y = 0.125 * g
@@ -219,26 +242,40 @@ def _in_parts(
     k: int,
     now: float,
     lamp: FloatArray,
-    span: tuple[float, float],
+    span: Span,
     parts: int,
     circuit: Circuit,
     pixels: Pixels,
     buffer: EventBuffer,
     count: int,
 ) -> int:
-    """Let pixel `k` go from the intensity that it has seen to `now` in equal parts of a step, `lamp` being
-    the light at equal distances within it; returns the new count of events."""
+    """Advance pixel `k` to the intensity `now` in equal parts of a step, and emit its events.
+
+    Args:
+        k: index of the pixel.
+        now: intensity at the end of the step.
+        lamp: light at equally spaced times of the step, both ends included.
+        span: the step.
+        parts: number of parts.
+        circuit: parameters of all pixels.
+        pixels: state of all pixels.
+        buffer: output.
+        count: number of events in the buffer.
+
+    Returns:
+        The new number of events in the buffer.
+    """
     seen, x, level = pixels.seen[k], pixels.target[k], pixels.level[k]
     pixels.seen[k] = now
-    dt, intervals = (span[1] - span[0]) / parts, lamp.size - 1
+    dt, intervals = (span.end - span.begin) / parts, lamp.size - 1
     brightness = lamp[0] * seen + circuit.dark
-    most = count + MOST_PER_STEP
+    limit = count + MAX_EVENTS_PER_STEP
     for part in range(parts):
-        begin, end = span[0] + part * dt, span[0] + (part + 1) * dt
+        begin, end = span.begin + part * dt, span.begin + (part + 1) * dt
         share = (part + 1.0) / parts
-        place = share * intervals
-        j = min(int(place), intervals - 1)
-        lit = lamp[j] + (place - j) * (lamp[j + 1] - lamp[j])
+        position = share * intervals
+        j = min(int(position), intervals - 1)
+        lit = lamp[j] + (position - j) * (lamp[j + 1] - lamp[j])
         before, brightness = brightness, lit * (seen + share * (now - seen)) + circuit.dark
         x_begin, x = x, np.log(brightness)
         slope = (x - x_begin) / dt
@@ -254,7 +291,7 @@ def _in_parts(
             continue
         pixels.reference[k] -= circuit.leak * dt * pixels.on[k]
         curve = Curve(begin, x_begin - lag, slope, swing, rate)
-        count = _report(k, begin, end, curve, brightness, circuit, pixels, buffer, count, most)
+        count = _emit(k, curve, end, brightness, circuit, pixels, buffer, count, limit)
     pixels.target[k], pixels.level[k] = x, level
     return count
 
@@ -263,22 +300,32 @@ def _in_parts(
 def respond(
     intensity: NDArray[np.float32],
     light: Light,
-    corner: tuple[int, int],
-    side: int,
-    span: tuple[float, float],
+    square: Square,
+    span: Span,
     circuit: Circuit,
     pixels: Pixels,
     buffer: EventBuffer,
     count: int,
 ) -> int:
-    """Let a square of pixels see what `intensity` (H,W) has become within `span` = (t0, t1) us.
+    """Advance a square of pixels to the end of a step, and emit their events.
 
-    `corner` is the top row and left column of the square. Events go into `buffer` from `count` on, which has
-    room for `MOST_PER_STEP` from each pixel; returns the new count. Events lie up to a latency after t1.
+    Args:
+        intensity: (H,W) rendered intensity at the end of the step.
+        light: light on the scene.
+        square: the pixels.
+        span: the step.
+        circuit: parameters of all pixels.
+        pixels: state of all pixels.
+        buffer: output, with capacity for `MAX_EVENTS_PER_STEP` more events of each pixel. Events may be up to
+            a latency after the end of the step.
+        count: number of events in the buffer.
+
+    Returns:
+        The new number of events in the buffer.
     """
     on, off, seen, target, levels, reference, error, blind_until, next_noise, _, _, _ = pixels
     bandwidth, least_bandwidth, dark = circuit.bandwidth, circuit.least_bandwidth, circuit.dark
-    t0, t1 = span
+    t0, t1 = span.begin, span.end
     dt = t1 - t0
     per_dt = 1.0 / dt
     leak = circuit.leak * dt
@@ -290,8 +337,8 @@ def respond(
     for j in range(parts + 1):
         lamp[j] = light_at(light, t0 + dt * j / parts)
     lit_before, lit = lamp[0], lamp[parts]
-    for v in range(corner[0], min(corner[0] + side, height)):
-        for u in range(corner[1], min(corner[1] + side, width)):
+    for v in range(square.top, min(square.top + square.side, height)):
+        for u in range(square.left, min(square.left + square.side, width)):
             k = v * width + u
             now = intensity[v, u]
             brightness = lit * now + dark
@@ -313,21 +360,21 @@ def respond(
             seen[k], target[k], levels[k] = now, x, level
             if blind_until[k] > t1:
                 continue
-            remembered = reference[k] - leak * on[k]
-            reference[k] = remembered
-            remembered += error[k]
-            # Most of the time nothing happens, and then this is all. The level turns within the step where it
-            # is on the other side of its target at the end.
+            stored = reference[k] - leak * on[k]
+            reference[k] = stored
+            stored += error[k]
+            # Fast path, taken by most pixels: no event is possible. The level has an extremum within the step
+            # if it is on the other side of its target at the end.
             if (
-                max(level0, level) < remembered + on[k]
-                and min(level0, level) > remembered - off[k]
+                max(level0, level) < stored + on[k]
+                and min(level0, level) > stored - off[k]
                 and (x0 - level0) * (x - level) >= 0.0
                 and next_noise[k] >= t1
                 and blind_until[k] <= t0
             ):
                 continue
             curve = Curve(t0, x0 - lag, change * per_dt, swing, rate)
-            count = _report(
-                k, t0, t1, curve, brightness, circuit, pixels, buffer, count, count + MOST_PER_STEP
+            count = _emit(
+                k, curve, t1, brightness, circuit, pixels, buffer, count, count + MAX_EVENTS_PER_STEP
             )
     return count

@@ -1,4 +1,4 @@
-"""What an event simulation simulates: one frozen record, and ready-made ones by name."""
+"""Event scenarios: the parameters of a simulated run, and predefined scenarios by name."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from asyneio.simulation.tracks.scenario import RigScenario, with_imu
 from asyneio.types import NS_PER_S, ImuNoise, IntArray
 
 _DAVIS = SensorSpec()
-#: A few lux: slow photoreceptors, much noise.
+#: A few lux: slow photoreceptors and much noise.
 _DIM = SensorSpec(threshold_on=0.30, threshold_off=0.27, shot_noise_hz=5.0, hot_pixels=20, leak_hz=0.2)
 
 
 class Person(StrEnum):
-    """Whether a box of a person's size is in front of the camera, and what it does there."""
+    """Motion of a box of a person's size in front of the camera, if there is one."""
 
     NOBODY = "nobody"
     STANDING = "standing"
@@ -31,14 +31,19 @@ class Person(StrEnum):
 class EventScenario(RigScenario):
     """One simulated run of an event camera with an IMU.
 
-    `world` names a `WorldKind`; `photographs`: textures are photographs instead of the built-in ones.
-    `motion_scale` multiplies the positions of the motion (a small world needs small ones). A `recorded` run
-    replaces motion and IMU (see `along`); it is never scaled. `illumination`: intensity of light, 1 in an
-    office; `sunlit`: how many times brighter patches of sun are. Of the light the share `flicker_depth` is of
-    lamps that flicker as a rectified sine at `flicker_hz`, twice the frequency of the mains (100 or 120); its
-    mean stays. The image moves at most `largest_step_px` between two renderings, which are at most
-    `longest_step_s` apart. `person` names a `Person`, who is in the way at `person_spot_m` on average; motion
-    and world do not depend on it.
+    Attributes:
+        world: a value of `WorldKind`.
+        photographs: use photographs as textures instead of procedural ones.
+        motion_scale: factor on the positions of the motion; small worlds need a small one.
+        recorded: recorded run that replaces motion and IMU (see `along`); it is not scaled.
+        illumination: intensity of the light; 1 is an office.
+        sunlit: ratio of the brightness of sunlit patches to shade.
+        flicker_depth: fraction of the light that comes from flickering lamps; it does not change the mean.
+        flicker_hz: frequency of the rectified sine of the lamps, twice the mains frequency [Hz].
+        largest_step_px: maximum image motion between two renderings [px].
+        longest_step_s: maximum time between two renderings [s].
+        person: a value of `Person`; motion and world do not depend on it.
+        person_spot_m: mean position of the person in the world [m].
     """
 
     name: str = "event_slow"
@@ -73,23 +78,23 @@ class EventScenario(RigScenario):
             raise SimulationError(f"{', '.join(wrong)}; expected a positive value")
         if not 0.0 <= self.flicker_depth <= 1.0 or not 0.0 < self.flicker_hz <= 1000.0:
             raise SimulationError(
-                f"flicker_depth = {self.flicker_depth} at flicker_hz = {self.flicker_hz}; expected a share "
+                f"flicker_depth = {self.flicker_depth} at flicker_hz = {self.flicker_hz}; expected a depth "
                 "of 0 to 1 and a frequency up to 1000 Hz"
             )
         if self.person not in list(Person):
             raise SimulationError(f"person {self.person!r} is unknown; expected one of {', '.join(Person)}")
         if self.recorded is not None and self.motion_scale != 1.0:
             raise SimulationError(
-                f"motion_scale = {self.motion_scale} with a recorded motion, which keeps its size: use "
+                f"motion_scale = {self.motion_scale} with a recorded motion, which cannot be scaled: use "
                 "motion_scale = 1 and a larger world, such as 'around'"
             )
 
     def along(self, recorded: RecordedRun, noise: ImuNoise) -> EventScenario:
-        """This scenario along a recorded way, in a room around it, with the samples of the IMU that went it.
+        """This scenario along a recorded path, in a room around it, with the IMU samples recorded on it.
 
         Args:
             recorded: motion and samples.
-            noise: of that IMU.
+            noise: noise of that IMU.
         """
         scenario = replace(
             self,
@@ -108,13 +113,13 @@ class EventScenario(RigScenario):
 
 
 def _rate_of(t_ns: IntArray) -> float:
-    """Rate of a stream [Hz], by the median of its steps."""
+    """Rate of a stream [Hz], from the median of its steps."""
     return NS_PER_S / float(np.median(np.diff(t_ns)))
 
 
 _SLOW = EventScenario()
 
-#: What the scenarios of the suite have in common: length, and the IMU of that camera.
+#: Base of the scenarios of the suite: their duration and the IMU of that camera.
 _SUITE = with_imu(replace(_SLOW, duration_s=30.0), imu_named("MPU-6150"))
 #: A lamp in a dim room.
 _HDR = {"illumination": 0.1, "sunlit": 60.0}
@@ -141,8 +146,8 @@ def _suite(
     )
 
 
-#: Sequences of the kinds of the DAVIS240C data set (Mueggler et al. 2017), with its camera, clock and IMU.
-#: Each has a seed of its own, so that no two share their motion.
+#: Sequences like those of the DAVIS240C data set (Mueggler et al. 2017), with its camera, clock and IMU.
+#: Each has its own seed, so that their motions differ.
 SUITE: tuple[EventScenario, ...] = (
     _suite(0, "boxes_6dof", "boxes", "six_dof", 1.0),
     _suite(1, "boxes_translation", "boxes", "translation", 1.0),
@@ -151,7 +156,7 @@ SUITE: tuple[EventScenario, ...] = (
     _suite(4, "poster_translation", "poster", "translation", 0.85),
     _suite(5, "hdr_poster", "poster", "six_dof", 0.85, **_HDR),
     replace(_suite(6, "dynamic_6dof", "room", "six_dof", 0.55), person="walking"),
-    # Further away: where the camera does not turn, the person makes most of the events.
+    # More distant, because without rotation of the camera the person causes most of the events.
     replace(
         _suite(7, "dynamic_translation", "room", "translation", 0.55),
         person="walking",
@@ -160,7 +165,7 @@ SUITE: tuple[EventScenario, ...] = (
     replace(_suite(8, "low_light", "room", "six_dof", 1.0, illumination=0.03), sensor=_DIM),
 )
 
-#: The dynamic ones with nobody in them, and with somebody who stands still: what the walking costs.
+#: The dynamic ones without a person, and with a standing person, to measure the effect of walking.
 TWINS: tuple[EventScenario, ...] = tuple(
     replace(scenario, name=f"{scenario.name}_{person}", person=person)
     for scenario in SUITE
@@ -170,16 +175,18 @@ TWINS: tuple[EventScenario, ...] = tuple(
 
 
 def at_resolution(scenario: EventScenario, width: int, height: int) -> EventScenario:
-    """The same run seen by another sensor behind the same lens: the view is as wide, pixels are square as
-    they were; a wider shape loses rows at top and bottom.
+    """The same run with another sensor behind the same lens.
+
+    The horizontal field of view and the shape of the pixels are unchanged; a wider aspect ratio loses rows at
+    top and bottom.
 
     Args:
-        scenario: of any sensor.
-        width, height: of the new one [px].
+        scenario: scenario with any sensor.
+        width, height: size of the new sensor [px].
     """
     old = scenario.camera
     scale = width / old.width
-    # The centre of a pixel lies half a pixel inside its border; the lens looks through the same place.
+    # Pixel centres are half a pixel inside the border of the image, which stays at the same position.
     camera = replace(
         old,
         fx=scale * old.fx,
@@ -192,7 +199,7 @@ def at_resolution(scenario: EventScenario, width: int, height: int) -> EventScen
     return replace(scenario, name=f"{scenario.name}_{width}x{height}", camera=camera)
 
 
-#: The boxes of the suite with finer print, and the same seen by sensors of today.
+#: The boxes of the suite with finer textures, also at the resolutions of current sensors.
 _FINE = _suite(0, "fine_6dof", "fine", "six_dof", 1.0)
 RESOLUTIONS: tuple[EventScenario, ...] = (
     _FINE,
@@ -200,7 +207,7 @@ RESOLUTIONS: tuple[EventScenario, ...] = (
     at_resolution(_FINE, 1280, 720),
 )
 
-#: Ready-made event scenarios by name; vary them with `dataclasses.replace`.
+#: Predefined event scenarios by name; change them with `dataclasses.replace`.
 EVENT_SCENARIOS: dict[str, EventScenario] = {
     scenario.name: scenario
     for scenario in (

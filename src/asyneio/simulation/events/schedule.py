@@ -1,7 +1,7 @@
-"""When to render: so often that the image moves by less than a pixel from one rendering to the next.
+"""Times of rendering, such that the image moves by less than a pixel between two renderings.
 
-Each tile of the image has its own pace: a far wall need not wait for the corner of a near box, nor for
-somebody who walks past in another part of the picture.
+Each tile of the image has its own stride, so that near or moving objects do not slow down the rest of the
+image.
 """
 
 from __future__ import annotations
@@ -20,17 +20,21 @@ from asyneio.types import BoolArray, FloatArray, IntArray
 #: Angular velocity [rad/s] and velocity [m/s] of a camera in its own frame, (N,3) each.
 Twist = tuple[FloatArray, FloatArray]
 
-#: Depths are looked up once for this long; speeds are followed on the lattice.
+#: Depths are evaluated once for a block of this length; speeds are evaluated on the lattice.
 BLOCK_US = 16_000
 _LATTICE_US = 1_000
-#: Depths, and the speed between lattice points, may change by this much within a block.
+#: Safety factor for changes of depth within a block and of speed between lattice points.
 _SAFETY = 1.08
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """When to render: `t_us` (N,) ascending, the last one the end of the block; `stride` (J,): a tile is
-    rendered at every stride-th of them and at the last."""
+    """Times of rendering in a block.
+
+    Attributes:
+        t_us: (N,) times [us], ascending; the last one is the end of the block.
+        stride: (J,) a tile is rendered at every stride-th of these times and at the last.
+    """
 
     t_us: IntArray
     stride: IntArray
@@ -46,19 +50,21 @@ def plan_block(
     largest_step_px: float,
     longest_step_us: int,
 ) -> Schedule:
-    """When to render which tile in a block of time, both ends in `span_us`, after its start.
+    """Times of rendering of each tile in a block of time.
 
     Args:
-        motion: of the body; `T_b_c` (4,4) mounts the camera on it.
-        world: what may move by itself in it.
-        view: of the camera.
-        inverse_depth: (J,) [1/m] of the nearest point in each tile of the view, at the start of the block.
-        largest_step_px: how far the image may move in between.
-        longest_step_us: how long it may take in between.
+        motion: motion of the body.
+        T_b_c: (4,4) pose of the camera on the body.
+        world: world with its moving bodies.
+        view: rays of the camera.
+        inverse_depth: (J,) inverse depth of the nearest point of each tile at the start of the block [1/m].
+        span_us: start and end of the block [us].
+        largest_step_px: maximum image motion between two renderings [px].
+        longest_step_us: maximum time between two renderings [us].
     """
     begin, end = span_us
     lattice_us = np.linspace(begin, end, max(2, (end - begin) // _LATTICE_US + 1))
-    # What is in a tile's neighbour now may be in the tile before the block ends.
+    # Points in a neighbouring tile may enter the tile before the block ends.
     reachable = _spread(inverse_depth, view)
     t_s = lattice_us * 1e-6
     camera = _camera_twist(motion, T_b_c, t_s)
@@ -72,7 +78,7 @@ def plan_block(
         speed[:, inside] = np.maximum(speed[:, inside], of_body[:, inside])
     speed = np.maximum(_SAFETY * speed * 1e-6 / largest_step_px, 1.0 / longest_step_us)
     speed = np.maximum(speed[1:], speed[:-1])
-    # Progress counts steps: it grows by one whenever the fastest tile has moved, or time has passed, enough.
+    # Progress in steps: it grows by one when the fastest tile needs the next rendering.
     fastest = speed.max(axis=1)
     progress = np.concatenate([[0.0], np.cumsum(fastest * np.diff(lattice_us))])
     marks = np.linspace(0.0, progress[-1], int(np.ceil(progress[-1])) + 1)[1:]
@@ -83,13 +89,13 @@ def plan_block(
 
 
 def _spread(of_tiles: FloatArray, view: View) -> FloatArray:
-    """The largest value (J,) among a tile and its neighbours."""
+    """Maximum over each tile and its neighbours (J,)."""
     grid = of_tiles.reshape(view.tile_rows, -1)
     return np.asarray(maximum_filter(grid, size=3, mode="nearest")).ravel()
 
 
 def _camera_twist(motion: Motion, T_b_c: FloatArray, t_s: FloatArray) -> Twist:
-    """Of the camera in the world."""
+    """Twist of the camera in the world."""
     C_b_c, p_b_c = T_b_c[:3, :3], T_b_c[:3, 3]
     omega_b = motion.angular_velocity_b(t_s)
     C_w_b = motion.T_w_b(t_s)[:, :3, :3]
@@ -98,7 +104,7 @@ def _camera_twist(motion: Motion, T_b_c: FloatArray, t_s: FloatArray) -> Twist:
 
 
 def _relative_twist(camera: Twist, T_w_c: FloatArray, body: Motion, t_s: FloatArray) -> Twist:
-    """Of the camera at `T_w_c` (N,4,4) as somebody on a moving body sees it."""
+    """Twist of the camera at `T_w_c` (N,4,4) relative to a moving body."""
     T_w_o = body.T_w_b(t_s)
     omega_w = np.einsum("nij,nj->ni", T_w_o[:, :3, :3], body.angular_velocity_b(t_s))
     lever_w = T_w_c[:, :3, 3] - T_w_o[:, :3, 3]
@@ -111,26 +117,27 @@ def _relative_twist(camera: Twist, T_w_c: FloatArray, body: Motion, t_s: FloatAr
 
 
 def _extent(T_o_c: FloatArray, corners_o: FloatArray, view: View) -> tuple[BoolArray, float]:
-    """Tiles (J,) in which a body may be seen during a block; inverse depth [1/m] of its nearest point.
+    """Tiles (J,) in which a body may be visible during a block, and inverse depth of its nearest point [1/m].
 
-    `T_o_c` (N,4,4): camera poses in the body's frame on the lattice; `corners_o` (K,3): of its rectangles.
+    `T_o_c` (N,4,4): camera poses in the body frame on the lattice; `corners_o` (K,3): corners of its
+    rectangles.
     """
     points_c = np.einsum("nji,nkj->nki", T_o_c[:, :3, :3], corners_o - T_o_c[:, None, :3, 3])
     depth = points_c[..., 2]
     if np.all(depth < NEAR_M):
         return np.zeros(len(view.tiles), dtype=bool), 0.0
     if np.any(depth < NEAR_M):
-        # It reaches past the camera: there is no bound on where it is seen.
+        # The body extends behind the camera: it may be visible anywhere.
         return np.ones(len(view.tiles), dtype=bool), 1.0 / NEAR_M
     rays = (points_c[..., :2] / depth[..., None]).reshape(-1, 2)
     low, high = rays.min(axis=0), rays.max(axis=0)
     inside = np.all((view.tiles[:, 2:] >= low) & (view.tiles[:, :2] <= high), axis=1)
-    # Its border is blended over a pixel, and between two points of the lattice it may bulge.
+    # Neighbours too: borders are blended over a pixel, and the body moves between lattice points.
     return _spread(inside.astype(np.float64), view) > 0.0, 1.0 / float(depth.min())
 
 
 def _speeds(twist: Twist, view: View, inverse_depth: FloatArray) -> FloatArray:
-    """Speed in the image (N,J) [px/s] of the centre of each tile under N twists."""
+    """Image speed (N,J) [px/s] of the centre of each tile for N twists."""
     wx, wy, wz = twist[0].T[:, :, None]
     vx, vy, vz = twist[1].T[:, :, None]
     x, y = 0.5 * (view.tiles[:, :2] + view.tiles[:, 2:]).T

@@ -1,4 +1,4 @@
-"""An event sensor: its parameters, with the sources of their defaults, and the state of its pixels."""
+"""Parameters of an event sensor, with the sources of their defaults, and the state of its pixels."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ from asyneio.types import CameraIntrinsics, FloatArray, IntArray
 class SensorSpec:
     """An event sensor. Thresholds in natural-log intensity, rates in Hz, times in seconds.
 
-    The defaults resemble a DAVIS240C: in published recordings 43 to 45 % of the events are "brighter", and a
-    pixel hardly ever reports twice within 1.5 ms. Each effect is switched off by its value 0.
+    The defaults resemble a DAVIS240C: in published recordings 43 to 45 % of the events are positive, and a
+    pixel rarely emits two events within 1.5 ms. The value 0 disables an effect.
 
     Thresholds: `threshold_mismatch` is the standard deviation over the pixels, as a fraction (3.5 %: Brandli
-    et al. 2014). `threshold_noise` is the standard deviation of the level that a pixel remembers after each
-    event (0.02: Joubert et al. 2021; ESIM, Rebecq et al. 2018, draws each threshold anew likewise).
+    et al. 2014). `threshold_noise` is the standard deviation of the reference level that a pixel stores after
+    each event (0.02: Joubert et al. 2021; ESIM, Rebecq et al. 2018, draws each threshold in a similar way).
 
-    Time: `bandwidth_hz` is the cut-off frequency of the photoreceptor at white in full light, proportional to
-    intensity down to `least_bandwidth_hz` (3 kHz at 1 klux: Lichtsteiner et al. 2008; proportional: Hu, Liu,
-    Delbruck 2021; 0 for an ideal one); `dark_intensity` is the intensity that dark current looks like.
-    `latency_s` and `latency_jitter_s` are mean and standard deviation of the comparator's delay, which comes
-    on top (100 and 30 us: Joubert et al. 2021). `refractory_s`: how long a pixel is blind after it.
+    Time: `bandwidth_hz` is the cut-off frequency of the photoreceptor at white in full light. It is
+    proportional to intensity down to `least_bandwidth_hz` (3 kHz at 1 klux: Lichtsteiner et al. 2008;
+    proportional: Hu, Liu, Delbruck 2021; 0 for an ideal photoreceptor). `dark_intensity` is the intensity
+    equivalent of the dark current. `latency_s` and `latency_jitter_s` are mean and standard deviation of the
+    comparator's additional delay (100 and 30 us: Joubert et al. 2021). `refractory_s` is the time for which a
+    pixel is blind after it.
 
-    Noise, for each pixel: `shot_noise_hz`, events of random polarity in the dark; a quarter of them in full
-    light. `leak_hz`: how often the leaking reset switch alone makes a pixel report "brighter". `hot_pixels`
-    report at `hot_pixel_hz`.
+    Noise of each pixel: `shot_noise_hz` is the rate of events of random polarity in the dark; it falls to a
+    quarter in full light. `leak_hz` is the rate of positive events due to the leaking reset switch.
+    `hot_pixels` pixels emit events at `hot_pixel_hz`.
 
-    Readout (`readout.py`): `readout_hz` events leave the array in a second (12 million: Brandli et al. 2014);
-    `bus_hz` the camera (5 million over USB 2: Berner et al. 2007), behind a memory for `bus_buffer` events
-    (64 KiB, the default of the driver libcaer, at four bytes an event).
+    Readout (`readout.py`): `readout_hz` is the event rate of the array (12 million: Brandli et al. 2014), and
+    `bus_hz` that of the bus (5 million over USB 2: Berner et al. 2007), which has a buffer for `bus_buffer`
+    events (64 KiB, the default of the driver libcaer, at four bytes per event).
     """
 
     threshold_on: float = 0.25
@@ -84,13 +85,16 @@ class SensorSpec:
         if min(others) < 0.0 or self.least_bandwidth_hz <= 0.0 or self.bus_buffer < 1:
             raise SimulationError(
                 f"{self} cannot be simulated; expected no negative value, a positive least_bandwidth_hz and "
-                "room for at least one event in bus_buffer"
+                "a bus_buffer of at least one event"
             )
 
 
 class Circuit(NamedTuple):
-    """What all pixels have in common, as kernels take it: rates in 1/us (`bandwidth`, `least_bandwidth` in
-    rad/us at an intensity of 1), times in us, `noise` of the remembered level in log intensity."""
+    """Parameters common to all pixels, as kernels take them.
+
+    Rates are in 1/us (`bandwidth`, `least_bandwidth` in rad/us at an intensity of 1) and times in us; `noise`
+    is the standard deviation of the stored reference level in log intensity.
+    """
 
     bandwidth: float
     least_bandwidth: float
@@ -119,12 +123,19 @@ class Circuit(NamedTuple):
 class Pixels(NamedTuple):
     """State of all pixels (K,), row by row, as kernels take it; times in microseconds since the start.
 
-    `seen` is the intensity that was rendered last, without the lamp; `target` the log intensity that the
-    photoreceptor follows, `level` its output, `reference` what the pixel remembers, and `error` by how much
-    it is wrong about that, all in log intensity. `blind_until` ends latency and refractory time; `next_noise`
-    is when noise strikes next, at `noise_rate` [1/us]; `hot` tells which pixels' noise does not depend on
-    light. `random`: each pixel has a generator of its own, so that its events depend on nothing but what it
-    sees, neither on other pixels nor on the order in which tiles are taken.
+    Attributes:
+        on, off: thresholds for positive and negative events.
+        seen: last rendered intensity, without the lamp.
+        target: log intensity at the input of the photoreceptor.
+        level: output of the photoreceptor [log intensity].
+        reference: reference level of the change detector [log intensity].
+        error: error of the stored reference level [log intensity].
+        blind_until: end of latency and refractory time.
+        next_noise: time of the next noise event.
+        noise_rate: rate of noise events [1/us].
+        hot: whether the noise of a pixel does not depend on light.
+        random: state of the pixel's own random generator. The events of a pixel therefore depend neither on
+            other pixels nor on the order in which tiles are processed.
     """
 
     on: FloatArray
@@ -142,7 +153,7 @@ class Pixels(NamedTuple):
 
 
 class EventBuffer(NamedTuple):
-    """Events before they are sorted: `t_us` (N,) since the start of the run, `pixel` (N,), `on` (N,)."""
+    """Unsorted events: `t_us` (N,) since the start of the run, `pixel` (N,), `on` (N,) polarity."""
 
     t_us: IntArray
     pixel: NDArray[np.int32]
@@ -150,11 +161,11 @@ class EventBuffer(NamedTuple):
 
     @classmethod
     def of_size(cls, size: int) -> EventBuffer:
-        """Room for some events."""
+        """An empty buffer for `size` events."""
         return cls(np.zeros(size, np.int64), np.zeros(size, np.int32), np.zeros(size, np.uint8))
 
     def between(self, first: int, end: int) -> EventBuffer:
-        """A copy of the events from the first one on, up to the end."""
+        """A copy of the events from index `first` to `end`."""
         chosen = slice(first, end)
         return EventBuffer(self.t_us[chosen].copy(), self.pixel[chosen].copy(), self.on[chosen].copy())
 
@@ -166,7 +177,7 @@ def make_pixels(
     illumination: float,
     rng: np.random.Generator,
 ) -> Pixels:
-    """Pixels that have looked at a still picture (H,W) in light of an intensity for long."""
+    """Pixels in the steady state for a constant image (H,W) under a constant illumination."""
     count = camera.width * camera.height
     spread = 1.0 + spec.threshold_mismatch * np.clip(rng.normal(size=(2, count)), -4.0, 4.0)
     hot = np.zeros(count, dtype=bool)

@@ -1,4 +1,4 @@
-"""The events of a scenario, chunk by chunk: schedule, render, let the pixels respond, sort by time."""
+"""Events of a scenario, in chunks: schedule, render, respond, read out."""
 
 from __future__ import annotations
 
@@ -7,23 +7,17 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from asyneio.errors import SimulationError
-from asyneio.simulation.events.planes import poses_forms_and_lines, rectangles_of
+from asyneio.simulation.events.planes import Planes, planes_of, rectangles_of
+from asyneio.simulation.events.pyramid import Pyramids
 from asyneio.simulation.events.readout import Readout, ReadoutCounts
-from asyneio.simulation.events.render import (
-    FloatImage,
-    TextureArrays,
-    empty_frame,
-    render,
-    render_tile,
-    texture_arrays,
-)
-from asyneio.simulation.events.response import MOST_PER_STEP, Light, respond
+from asyneio.simulation.events.render import Frame, empty_frame, render, render_tile
+from asyneio.simulation.events.response import MAX_EVENTS_PER_STEP, Light, Span, Square, respond
 from asyneio.simulation.events.scenario import EventScenario, Person
 from asyneio.simulation.events.schedule import BLOCK_US, plan_block
 from asyneio.simulation.events.sensor import Circuit, EventBuffer, Pixels, make_pixels
@@ -39,18 +33,34 @@ from asyneio.types import FloatArray, IntArray, RecordArray
 
 _US_PER_S = 1_000_000
 _BUFFER = 1 << 15
-#: Tiles are shared out over so many threads, so many shares at a time; neither changes any event.
+#: Number of threads, and of ranges of tiles distributed over them; neither affects the events.
 _THREADS = min(4, os.cpu_count() or 1)
-_SHARES = 8
-#: Spacing of the places that the way of a camera is checked at.
-_WAY_US = 10_000
-#: The camera stays so far from whatever moves.
-_ELBOW_ROOM_M = 0.2
+_RANGES = 8
+#: Spacing of the camera positions that are checked for free space.
+_PATH_STEP_US = 10_000
+#: Minimum distance of the camera to moving bodies.
+_CLEARANCE_M = 0.2
+
+
+class Seeds(NamedTuple):
+    """Random seeds of a run, one for each random part of it."""
+
+    motion: np.random.SeedSequence
+    world: np.random.SeedSequence
+    sensor: np.random.SeedSequence
+    gyroscope: np.random.SeedSequence
+    accelerometer: np.random.SeedSequence
+    person: np.random.SeedSequence
+
+    @classmethod
+    def of(cls, seed: int) -> Seeds:
+        """The seeds of a scenario's seed."""
+        return cls(*np.random.SeedSequence(seed).spawn(6))
 
 
 @dataclass(frozen=True)
 class Stage:
-    """What stands still during a run, and the way of the camera through it."""
+    """Motion, world and camera of a run."""
 
     scenario: EventScenario
     motion: Motion
@@ -66,16 +76,16 @@ class Stage:
         return self.world.seen_from(np.asarray(t_us * 1e-6), self.T_w_c(t_us))
 
 
-def set_stage(scenario: EventScenario, seeds: list[np.random.SeedSequence]) -> Stage:
-    """Draw motion and world of a scenario from the first two of `seeds`, and from the last the person in it.
+def set_stage(scenario: EventScenario, seeds: Seeds) -> Stage:
+    """Draw motion, world and person of a scenario.
 
     Raises:
-        SimulationError: something is unknown, or the camera would leave the free space of the world.
+        SimulationError: a name is unknown, or the camera would leave the free space of the world.
     """
     C_c_b = scenario.T_b_c[:3, :3].T
     motion: Motion
     if scenario.recorded is None:
-        rng = np.random.default_rng(seeds[0])
+        rng = np.random.default_rng(seeds.motion)
         motion = draw_motion(scenario.motion, rng, C_F_C @ C_c_b, scenario.motion_scale)
     else:
         motion = scenario.recorded.motion
@@ -85,9 +95,9 @@ def set_stage(scenario: EventScenario, seeds: list[np.random.SeedSequence]) -> S
         scenario.world,
         scenario.photographs,
         scenario.sunlit,
-        np.random.default_rng(seeds[1]),
-        _walker(scenario, np.random.default_rng(seeds[-1])),
-        _way_of(scenario, motion),
+        np.random.default_rng(seeds.world),
+        _walker(scenario, np.random.default_rng(seeds.person)),
+        _path_of(scenario, motion),
     )
     stage = Stage(scenario, motion, world, view_of(scenario.camera))
     _check_free(stage)
@@ -101,20 +111,20 @@ def _walker(scenario: EventScenario, rng: np.random.Generator) -> Walker | None:
     return Walker(draw_walk(rng, scenario.person_spot_m, still), rng)
 
 
-def _way_of(scenario: EventScenario, motion: Motion) -> FloatArray:
-    """Positions (N,3) of the camera along its way, close together [m]."""
-    t_us = np.arange(0, round(scenario.duration_s * _US_PER_S) + 1, _WAY_US)
+def _path_of(scenario: EventScenario, motion: Motion) -> FloatArray:
+    """Closely spaced positions (N,3) of the camera [m]."""
+    t_us = np.arange(0, round(scenario.duration_s * _US_PER_S) + 1, _PATH_STEP_US)
     return (motion.T_w_b(t_us * 1e-6) @ scenario.T_b_c)[:, :3, 3]
 
 
 def _check_free(stage: Stage) -> None:
-    t_us = np.arange(0, round(stage.scenario.duration_s * _US_PER_S) + 1, _WAY_US)
-    way = stage.T_w_c(t_us)[:, :3, 3]
+    t_us = np.arange(0, round(stage.scenario.duration_s * _US_PER_S) + 1, _PATH_STEP_US)
+    path = stage.T_w_c(t_us)[:, :3, 3]
     low, high = stage.world.free_low, stage.world.free_high
-    outside = ((way < low) | (way > high)).any(axis=1)
+    outside = ((path < low) | (path > high)).any(axis=1)
     if outside.any():
         raise SimulationError(
-            f"the camera goes from {np.round(way.min(axis=0), 2)} to {np.round(way.max(axis=0), 2)} m and "
+            f"the camera moves from {np.round(path.min(axis=0), 2)} to {np.round(path.max(axis=0), 2)} m and "
             f"leaves the free space of world {stage.scenario.world!r} {t_us[outside][0] * 1e-6:.2f} s after "
             f"the start; expected it within {low} to {high} m: use a larger world, a smaller motion_scale or "
             "a shorter run"
@@ -122,23 +132,27 @@ def _check_free(stage: Stage) -> None:
     poses = stage.seen_from(t_us)
     for body in range(1, poses.shape[1]):
         corners = stage.world.corners_of(body)
-        low, high = corners.min(axis=0) - _ELBOW_ROOM_M, corners.max(axis=0) + _ELBOW_ROOM_M
+        low, high = corners.min(axis=0) - _CLEARANCE_M, corners.max(axis=0) + _CLEARANCE_M
         inside = ((poses[:, body, :3, 3] > low) & (poses[:, body, :3, 3] < high)).all(axis=1)
         if inside.any():
             raise SimulationError(
-                f"the camera comes within {_ELBOW_ROOM_M} m of moving body {body} "
-                f"{t_us[inside][0] * 1e-6:.2f} s after the start; expected it to keep away: use "
-                "a spot further away or a smaller motion_scale"
+                f"the camera comes within {_CLEARANCE_M} m of moving body {body} "
+                f"{t_us[inside][0] * 1e-6:.2f} s after the start; expected a larger distance: use "
+                "a more distant person_spot_m or a smaller motion_scale"
             )
 
 
 def event_chunks(
     stage: Stage, seed: np.random.SeedSequence, counts: ReadoutCounts | None = None
 ) -> Iterator[RecordArray]:
-    """Events (EVENT_DTYPE, camera clock, ascending) of a stage, some milliseconds in each chunk.
+    """Events (EVENT_DTYPE, camera clock, ascending) of a stage, in chunks of some milliseconds.
 
-    The same stage and seed give the same events. Chunks may be empty. `counts` are added to as events leave
-    the sensor or are lost in its readout.
+    The same stage and seed give the same events. Chunks may be empty.
+
+    Args:
+        stage: motion, world and camera.
+        seed: seed of the sensor.
+        counts: updated as events leave the sensor or are lost in its readout.
     """
     scenario, sensor = stage.scenario, stage.scenario.sensor
     frame = empty_frame(stage.view)
@@ -151,10 +165,10 @@ def event_chunks(
         sensor, scenario.camera, scenario.start_ns - scenario.timeshift_ns, end_us, counts or ReadoutCounts()
     )
     light = Light(scenario.illumination, 1e-6 * scenario.flicker_hz, scenario.flicker_depth)
-    scene = (stage.view.rays, stage.view.pitch, stage.view.tiles)
-    textures, circuit = texture_arrays(stage.world), Circuit.of(sensor)
-    borders = _shares(len(stage.view.tiles))
-    buffers = [EventBuffer.of_size(_BUFFER) for _ in borders]
+    scene = Scene(stage.view, stage.world.pyramids, light)
+    circuit = Circuit.of(sensor)
+    ranges = _tile_ranges(len(stage.view.tiles))
+    buffers = [EventBuffer.of_size(_BUFFER) for _ in ranges]
     now = 0
     with ThreadPoolExecutor(_THREADS) as threads:
         for block_end in [*range(BLOCK_US, end_us, BLOCK_US), end_us]:
@@ -168,95 +182,108 @@ def event_chunks(
                 scenario.largest_step_px,
                 round(scenario.longest_step_s * _US_PER_S),
             )
-            planes = poses_forms_and_lines(rectangles_of(stage.world), stage.seen_from(plan.t_us))
             t_us = np.concatenate([[now], plan.t_us]).astype(np.float64)
-            work = [
-                (share, t_us, plan.stride, planes, scene, textures, light, frame, circuit, pixels, buffer)
-                for share, buffer in zip(borders, buffers, strict=True)
-            ]
-            parts = [part for share in threads.map(_events_of_tiles, work) for part in share]
+            planes = planes_of(rectangles_of(stage.world), stage.seen_from(plan.t_us))
+            block = Block(t_us, plan.stride, planes)
+
+            def events_of(
+                work: tuple[tuple[int, int], EventBuffer], block: Block = block
+            ) -> list[EventBuffer]:
+                tiles, buffer = work
+                return _events_of_tiles(tiles, block, scene, frame, circuit, pixels, buffer)
+
+            work = zip(ranges, buffers, strict=True)
+            parts = [part for of_range in threads.map(events_of, work) for part in of_range]
             yield readout.deliver(parts, block_end)
             now = block_end
 
 
-def _shares(tiles: int) -> list[tuple[int, int]]:
-    """First and last-but-one of the tiles that a thread takes at a time."""
-    borders = np.linspace(0, tiles, min(tiles, _SHARES) + 1).astype(int)
+class Scene(NamedTuple):
+    """What is constant during a run, as kernels take it: rays of the camera, textures and light."""
+
+    camera: View
+    textures: Pyramids
+    light: Light
+
+
+class Block(NamedTuple):
+    """A block of time, as kernels take it.
+
+    Attributes:
+        t_us: (N+1,) start of the block and the N times of rendering [us].
+        stride: (J,) a tile is rendered at every stride-th of these times and at the last.
+        planes: rectangles as seen at the N times.
+    """
+
+    t_us: FloatArray
+    stride: IntArray
+    planes: Planes
+
+
+def _tile_ranges(tiles: int) -> list[tuple[int, int]]:
+    """Ranges of tiles, first and end, that a thread processes at a time."""
+    borders = np.linspace(0, tiles, min(tiles, _RANGES) + 1).astype(int)
     return [(int(first), int(end)) for first, end in pairwise(borders)]
 
 
-def _events_of_tiles(work: tuple[Any, ...]) -> list[EventBuffer]:
-    """All that a share of the tiles reports in a block of time, tile by tile."""
-    (tile, end), t_us, stride, planes, scene, textures, light, frame, circuit, pixels, buffer = work
+def _events_of_tiles(
+    tiles: tuple[int, int],
+    block: Block,
+    scene: Scene,
+    frame: Frame,
+    circuit: Circuit,
+    pixels: Pixels,
+    buffer: EventBuffer,
+) -> list[EventBuffer]:
+    """Events of a range of tiles in a block of time, tile by tile."""
+    tile, end = tiles
     parts: list[EventBuffer] = []
     step = -1
     while tile < end:
-        tile, step, count = _advance(
-            (tile, end),
-            step,
-            t_us,
-            stride,
-            planes,
-            scene,
-            textures,
-            light,
-            frame.intensity,
-            frame.inverse_depth,
-            circuit,
-            pixels,
-            buffer,
-        )
+        tile, step, count = _advance((tile, end), step, block, scene, frame, circuit, pixels, buffer)
         parts.append(buffer.between(0, count))
     return parts
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _advance(
-    share: tuple[int, int],
+    tiles: tuple[int, int],
     step: int,
-    t_us: FloatArray,
-    stride: IntArray,
-    planes: tuple[FloatArray, FloatArray],
-    view: tuple[FloatArray, FloatArray, FloatArray],
-    textures: TextureArrays,
-    light: Light,
-    intensity: FloatImage,
-    inverse_depth: FloatArray,
+    block: Block,
+    scene: Scene,
+    frame: Frame,
     circuit: Circuit,
     pixels: Pixels,
     buffer: EventBuffer,
 ) -> tuple[int, int, int]:
-    """Take one tile after another through a block, rendering and responding at its own pace.
+    """Advance a range of tiles through a block, rendering each at its own stride, until the buffer is full.
 
-    `share` is the first tile and the one after the last; the first has been taken to `step`. `t_us` (N+1,)
-    begins with the start of the block; step -1 is that start. `view` is rays, pitch and tiles. Returns the
-    tile and step to resume with when the buffer is full, and the count of events.
+    Args:
+        tiles: first and end of the range.
+        step: step that the first tile has reached; -1 is the start of the block.
+        block: times of rendering, and rectangles as seen then.
+        scene: camera, textures and light.
+        frame: rendered image.
+        circuit: parameters of all pixels.
+        pixels: state of all pixels.
+        buffer: output.
+
+    Returns:
+        Tile and step to resume from, and the number of events in the buffer.
     """
-    forms, lines = planes
-    rays, pitch, tiles = view
-    across = (pitch.shape[1] + TILE - 1) // TILE
+    t_us, planes, view = block.t_us, block.planes, scene.camera
+    across = (view.pitch.shape[1] + TILE - 1) // TILE
     steps = t_us.size - 1
     count = 0
-    for tile in range(share[0], share[1]):
-        before = step if tile == share[0] else -1
-        top, left = (tile // across) * TILE, (tile % across) * TILE
+    for tile in range(tiles[0], tiles[1]):
+        before = step if tile == tiles[0] else -1
+        square = Square((tile // across) * TILE, (tile % across) * TILE, TILE)
         while before < steps - 1:
-            if count + TILE * TILE * MOST_PER_STEP > buffer.t_us.size:
+            if count + TILE * TILE * MAX_EVENTS_PER_STEP > buffer.t_us.size:
                 return tile, before, count
-            now = min(before + stride[tile], steps - 1)
-            inverse_depth[tile] = render_tile(
-                tile, forms, lines, now, rays, pitch, tiles, textures, intensity
-            )
-            count = respond(
-                intensity,
-                light,
-                (top, left),
-                TILE,
-                (t_us[before + 1], t_us[now + 1]),
-                circuit,
-                pixels,
-                buffer,
-                count,
-            )
+            now = min(before + block.stride[tile], steps - 1)
+            render_tile(tile, now, planes, view, scene.textures, frame)
+            span = Span(t_us[before + 1], t_us[now + 1])
+            count = respond(frame.intensity, scene.light, square, span, circuit, pixels, buffer, count)
             before = now
-    return share[1], -1, count
+    return tiles[1], -1, count

@@ -1,7 +1,7 @@
-"""Textures as a room has them: overlapping shapes of every size over mottled ground, or photographs.
+"""Textures of rooms: overlapping shapes of all sizes on a noise background, or photographs.
 
-Shapes of random reflectance cover one another ("dead leaves"), with as much area in every octave of size.
-Their statistics are those of natural pictures: edges, sharp corners and T-junctions at all scales.
+Shapes of random reflectance cover each other ("dead leaves" model), with equal area in every octave of size.
+Their statistics are those of natural images: edges, sharp corners and T-junctions at all scales.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from numba import njit
 from asyneio.errors import SimulationError
 from asyneio.types import FloatArray, IntArray
 
-#: Sides of the patch of mottle that is repeated, in texels; a power of two, as all sides are.
+#: Side of the noise patch that is repeated [texels]; a power of two like all sides.
 _PATCH = 512
 _DARKEST, _BRIGHTEST = 0.07, 0.9
-#: Radius of the smallest shapes, in rows of the texture.
+#: Radius of the smallest shapes [rows of the texture].
 _SMALLEST_SHAPE = 5.0
-#: Area that the shapes of each octave of size would cover if they did not overlap.
+#: Total area of the shapes of each octave of size, as a fraction of the texture.
 _COVER = 0.16
-#: Corners of the shapes, as often as they are listed; 0 is an ellipse.
+#: Number of corners of the shapes, drawn with equal probability from this list; 0 is an ellipse.
 _CORNERS = (0.0, 3.0, 4.0, 4.0, 4.0, 5.0)
 
 
 def procedural_texture(height: int, width: int, aspect: float, rng: np.random.Generator) -> FloatArray:
-    """Reflectance (height, width) in 0..1 of overlapping ellipses and polygons over mottled ground.
+    """Reflectance (height, width) in 0..1 of overlapping ellipses and polygons on a noise background.
 
     Sides are powers of two. `aspect`: height of a texel divided by its width, on the wall.
     """
     mottle = _mottle(height, width, rng)
     picture = np.exp(rng.uniform(np.log(0.2), np.log(0.6)) + 0.12 * mottle)
     _paint(picture, _draw_shapes(height, width, aspect, rng), aspect)
-    # The shapes are mottled too, if less.
+    # The shapes have noise too, but less.
     return np.clip(picture * (1.0 + 0.04 * mottle), 0.02, 1.0)
 
 
@@ -43,15 +43,15 @@ def load_photographs() -> list[FloatArray]:
     `../shared/data/textures`.
 
     Raises:
-        SimulationError: there is no such folder, no PNG in it, or nothing to read PNG files with.
+        SimulationError: the folder does not exist or contains no PNG file, or matplotlib is not installed.
     """
     named = os.environ.get("ASYNEIO_DATA")
     folder = (Path(named) if named else Path("..") / "shared" / "data") / "textures"
     files = sorted(folder.glob("*.png"))
     if not files:
         raise SimulationError(
-            f"photographs = True, but {folder} holds no PNG file; expected photographs there: set "
-            "ASYNEIO_DATA to the folder that holds `textures`, or use photographs = False"
+            f"photographs = True, but {folder} contains no PNG file; expected photographs there: set "
+            "ASYNEIO_DATA to the folder that contains `textures`, or use photographs = False"
         )
     try:
         from matplotlib.image import imread
@@ -66,7 +66,7 @@ def load_photographs() -> list[FloatArray]:
 def photograph_texture(
     photographs: list[FloatArray], height: int, width: int, rng: np.random.Generator
 ) -> FloatArray:
-    """One of the photographs, mirrored at its borders to fill (height, width), turned at random."""
+    """One of the photographs, mirrored at its borders to fill (height, width), randomly rotated."""
     chosen = np.rot90(photographs[int(rng.integers(len(photographs)))], int(rng.integers(4)))
     rows = _mirrored(height, chosen.shape[0], int(rng.integers(chosen.shape[0])))
     columns = _mirrored(width, chosen.shape[1], int(rng.integers(chosen.shape[1])))
@@ -80,7 +80,7 @@ def _mirrored(count: int, size: int, start: int) -> IntArray:
 
 def _reflectance(picture: FloatArray) -> FloatArray:
     grey = picture[..., :3].mean(axis=2) if picture.ndim == 3 else picture
-    # Files store the display's code values; light adds up linearly.
+    # Files contain gamma-encoded values; the renderer needs linear intensity.
     linear = grey**2.2
     low, high = np.quantile(linear, [0.01, 0.99])
     return np.clip(_DARKEST + (linear - low) / (high - low) * (_BRIGHTEST - _DARKEST), 0.02, 1.0)
@@ -89,7 +89,7 @@ def _reflectance(picture: FloatArray) -> FloatArray:
 def _mottle(height: int, width: int, rng: np.random.Generator) -> FloatArray:
     """Noise (height, width) with equal power in every octave, mean 0, standard deviation 1.
 
-    It is periodic, so that large textures can repeat a patch without a seam.
+    It is periodic, so that large textures can repeat it without a seam.
     """
     rows, columns = min(height, _PATCH), min(width, _PATCH)
     fy, fx = np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)
@@ -102,7 +102,7 @@ def _mottle(height: int, width: int, rng: np.random.Generator) -> FloatArray:
 def _draw_shapes(height: int, width: int, aspect: float, rng: np.random.Generator) -> FloatArray:
     """Shapes (K,7), largest first: centre x y, half axes, angle, corners (0: ellipse), reflectance.
 
-    Lengths are in rows; a row is `aspect` columns high.
+    Lengths are in rows; the height of a row is `aspect` times the width of a column.
     """
     octaves = []
     across = width / aspect
@@ -118,7 +118,7 @@ def _draw_shapes(height: int, width: int, aspect: float, rng: np.random.Generato
                     rng.uniform(0.0, height, count),
                     half,
                     half * rng.uniform(0.4, 1.0, count),
-                    # Things in rooms stand upright more often than not.
+                    # Most objects in rooms are upright.
                     rng.choice([0.0, 0.5 * np.pi], count) + rng.normal(size=count) * rng.choice([0.05, 1.0]),
                     rng.choice(_CORNERS, count),
                     np.exp(log_albedo),
@@ -131,7 +131,7 @@ def _draw_shapes(height: int, width: int, aspect: float, rng: np.random.Generato
 
 @njit(cache=True)
 def _paint(picture: FloatArray, shapes: FloatArray, aspect: float) -> None:
-    """Paint shapes over a picture (H,W), one over another, with borders softened to a texel."""
+    """Draw shapes into an image (H,W) in their order, with borders antialiased over a texel."""
     height, width = picture.shape
     for row in range(shapes.shape[0]):
         cx, cy, a, b, angle, corners, value = shapes[row]

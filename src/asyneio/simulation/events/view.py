@@ -1,8 +1,8 @@
-"""The rays of a camera's pixels, and the tiles that the image is rendered in."""
+"""Viewing rays of a camera's pixels, and the tiles in which the image is rendered."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,15 +10,20 @@ from asyneio.errors import SimulationError
 from asyneio.simulation.events.rays import lens_row, pixel_grid, pixel_rays
 from asyneio.types import CameraIntrinsics, FloatArray
 
-#: Side of the squares of pixels that are rendered together.
+#: Side of the square tiles of pixels that are rendered together [px].
 TILE = 8
 
 
-@dataclass(frozen=True)
-class View:
-    """A camera's rays: `rays` (H,W,2) at unit depth, `pitch` (H,W) their spacing per pixel; of each square of
-    8 x 8 pixels, row by row, `tiles` (J,4) x_low, y_low, x_high, y_high of the rays, `tile_pitch` (J,).
-    `tile_rows`: how many rows of tiles."""
+class View(NamedTuple):
+    """Viewing rays of a camera with H x W pixels and J tiles (row by row), as kernels take them.
+
+    Attributes:
+        rays: (H,W,2) rays at unit depth.
+        pitch: (H,W) distance between neighbouring rays at unit depth.
+        tiles: (J,4) bounds of the rays of each tile: x_low, y_low, x_high, y_high.
+        tile_pitch: (J,) pitch of the first pixel of each tile.
+        tile_rows: number of rows of tiles.
+    """
 
     rays: FloatArray
     pitch: FloatArray
@@ -28,16 +33,16 @@ class View:
 
 
 def view_of(camera: CameraIntrinsics) -> View:
-    """The rays of all pixels.
+    """Viewing rays of all pixels.
 
     Raises:
-        SimulationError: the lens model images nothing at some pixel.
+        SimulationError: the distortion cannot be inverted at some pixels.
     """
     rays = pixel_rays(lens_row(camera), pixel_grid(camera))
     if np.isnan(rays).any():
         raise SimulationError(
-            f"{int(np.isnan(rays[:, 0]).sum())} pixels see nothing with {camera}; expected a distortion "
-            "that can be inverted in the whole image: check the coefficients"
+            f"{int(np.isnan(rays[:, 0]).sum())} pixels have no viewing ray with {camera}; expected a "
+            "distortion that can be inverted in the whole image: check the coefficients"
         )
     rays = rays.reshape(camera.height, camera.width, 2)
     dv, du = np.gradient(rays, axis=(0, 1))

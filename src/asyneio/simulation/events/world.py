@@ -15,9 +15,12 @@ from asyneio.types import FloatArray, IntArray
 class World:
     """Rectangles `corner + s edge_u + t edge_v`, 0 <= s, t <= 1, one texture each.
 
-    `corner`, `edge_u`, `edge_v` (R,3) [m]; the edges of one rectangle are perpendicular. `body` (R,) tells
-    what each is part of, in whose frame it is given: 0 is the world itself, `b` the body that moves with
-    `motions[b - 1]`. A camera within `free_low` .. `free_high` (3,) [m] touches nothing that stands still.
+    Attributes:
+        corner, edge_u, edge_v: (R,3) [m] in the frame of their body; the edges are perpendicular.
+        pyramids: textures.
+        free_low, free_high: (3,) [m] bounds of the space without static objects, for the camera.
+        motions: motions of the moving bodies.
+        body: (R,) body of each rectangle: 0 is the static world, `b` the body with `motions[b - 1]`.
     """
 
     corner: FloatArray
@@ -31,12 +34,12 @@ class World:
 
     def __post_init__(self) -> None:
         if self.body.size != len(self.corner):
-            # All of it stands still.
+            # All rectangles are static.
             object.__setattr__(self, "body", np.zeros(len(self.corner), dtype=np.int64))
 
     def seen_from(self, t_s: FloatArray, T_w_c: FloatArray) -> FloatArray:
-        """Camera poses (N,B,4,4) in the frame of the world and of each moving body, of poses (N,4,4) in the
-        world at times (N,) [s]."""
+        """Camera poses (N,B,4,4) in the frames of the world and of each moving body, given poses (N,4,4) in
+        the world at times (N,) [s]."""
         poses = np.empty((len(T_w_c), 1 + len(self.motions), 4, 4))
         poses[:, 0] = T_w_c
         for index, motion in enumerate(self.motions, start=1):
@@ -48,7 +51,7 @@ class World:
         return poses
 
     def corners_of(self, body: int) -> FloatArray:
-        """Corners (4R',3) [m] of the rectangles of a body, in its frame."""
+        """Corners (4R',3) [m] of the rectangles of a body, in its own frame."""
         mine = self.body == body
         corner, u, v = self.corner[mine], self.edge_u[mine], self.edge_v[mine]
         return np.concatenate([corner, corner + u, corner + v, corner + u + v])

@@ -17,9 +17,9 @@ from asyneio.simulation.moving import PERSON_M
 from asyneio.types import FloatArray
 
 _LARGEST_SIDE = 2048
-#: Texel pitch of what a person wears [m].
+#: Texel pitch of a person's clothes [m].
 _CLOTHES_PITCH_M = 0.004
-#: The room around a way leaves so much free beside it.
+#: Minimum distance of the room around a path to the path [m].
 _SLACK_M = 0.05
 
 
@@ -38,7 +38,8 @@ class WorldKind(StrEnum):
 
 @dataclass(frozen=True)
 class _Plan:
-    """Rectangles (corner, edge_u, edge_v), the texel pitch [m], and the free space."""
+    """Rectangles, each (3,3) of corner, edge_u and edge_v [m], their texel pitch [m], and the free space
+    [m]."""
 
     rectangles: list[FloatArray]
     pitch_m: float
@@ -48,7 +49,7 @@ class _Plan:
 
 @dataclass(frozen=True)
 class Walker:
-    """Somebody who moves through a world: how, and the source of randomness for the clothes."""
+    """A person who moves through a world: the motion, and the random generator for the clothes."""
 
     motion: Motion
     rng: np.random.Generator
@@ -60,17 +61,17 @@ def build_world(
     sunlit: float,
     rng: np.random.Generator,
     walker: Walker | None = None,
-    way: FloatArray | None = None,
+    path: FloatArray | None = None,
 ) -> World:
-    """A world by name.
+    """Build a world by name.
 
     Args:
         kind: a value of `WorldKind`.
         photographs: textures from photographs instead of procedural ones.
-        sunlit: how many times brighter patches of sun are than shade; 1 for even light.
+        sunlit: ratio of the brightness of sunlit patches to shade; 1 for uniform light.
         rng: source of randomness; the same state gives the same world.
-        walker: a box of a person's size in it; None for nobody. The rest of the world stays the same.
-        way: positions (N,3) of the camera, which the room `around` leaves free; the others are what they are.
+        walker: a box of a person's size, or None; it does not change the rest of the world.
+        path: positions (N,3) of the camera that the room `around` keeps free; the other worlds ignore it.
 
     Raises:
         SimulationError: the world is unknown, or photographs are missing.
@@ -78,7 +79,7 @@ def build_world(
     if kind not in list(WorldKind):
         raise SimulationError(f"world {kind!r} is unknown; expected one of {', '.join(WorldKind)}")
     if kind == WorldKind.AROUND:
-        plan = _around(rng, np.zeros((1, 3)) if way is None else way)
+        plan = _around(rng, np.zeros((1, 3)) if path is None else path)
     else:
         plan = _BUILDERS[WorldKind(kind)](rng)
     pictures = load_photographs() if photographs else []
@@ -110,7 +111,7 @@ def build_world(
 def _texture(
     rectangle: FloatArray, pitch_m: float, pictures: list[FloatArray], rng: np.random.Generator
 ) -> FloatArray:
-    """What is printed on a rectangle (3,3), with texels of about a pitch [m]."""
+    """Texture of a rectangle (3,3) with texels of about the given pitch [m]."""
     side_u, side_v = (float(np.linalg.norm(edge)) for edge in rectangle[1:])
     height, width = _texels(side_v, pitch_m), _texels(side_u, pitch_m)
     if pictures:
@@ -123,7 +124,8 @@ def _texels(length_m: float, pitch_m: float) -> int:
 
 
 def _sun(texture: FloatArray, sunlit: float, rng: np.random.Generator) -> FloatArray:
-    """Light on a surface, of its texture's shape: 1 in the shade, `sunlit` in a sharp slanted band."""
+    """Light on a surface, with the shape of its texture: `sunlit` in a slanted band with sharp borders, else
+    1."""
     height, width = texture.shape
     y, x = np.mgrid[:height, :width] / max(height, width)
     turn = rng.uniform(0.0, np.pi)
@@ -145,14 +147,14 @@ def _shell(low: FloatArray, high: FloatArray) -> list[FloatArray]:
 
 
 def _turned_box(centre: FloatArray, size: FloatArray, yaw: float) -> list[FloatArray]:
-    """Faces of a box turned about the vertical."""
+    """Faces of a box rotated about the vertical."""
     C = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     faces = _shell(-0.5 * size, 0.5 * size)
     return [face @ C.T + np.array([centre, np.zeros(3), np.zeros(3)]) for face in faces]
 
 
 def _panel(centre: FloatArray, width: float, height: float, normal: FloatArray) -> FloatArray:
-    """A rectangle with its middle at `centre`, its normal along `normal`, its lower side level."""
+    """A rectangle centred at `centre`, with its normal along `normal` and a horizontal lower side."""
     u = np.cross([0.0, 0.0, 1.0], normal)
     u /= np.linalg.norm(u)
     v = np.cross(normal / np.linalg.norm(normal), u)
@@ -166,13 +168,13 @@ def _clutter(
     spread: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[FloatArray]:
-    """Panels that face the origin more or less, `distance` [m] away, `size` [m] wide.
+    """Panels that approximately face the origin, at `distance` [m], with a width of `size` [m].
 
-    They lie ahead (world x), within `spread` [rad] to the sides and up and down, evenly shared out.
+    They are evenly distributed around world x, within `spread` [rad] horizontally and vertically.
     """
     panels = []
     for index in range(count):
-        # Golden-ratio turns share the directions out evenly; chance alone would leave holes.
+        # Steps of the golden ratio give evenly distributed directions; random ones would leave gaps.
         across = 2.0 * ((index + 0.5) * 0.6180339887 % 1.0) - 1.0
         up = 2.0 * (index + 0.5) / count - 1.0
         yaw = spread[0] * across + rng.uniform(-0.1, 0.1)
@@ -188,13 +190,13 @@ def _clutter(
 def _furnished(
     low: FloatArray, high: FloatArray, pieces: int, size: tuple[float, float], rng: np.random.Generator
 ) -> list[FloatArray]:
-    """A closed room with boxes along its walls, standing on the floor or hanging at some height."""
+    """A closed room with boxes along its walls, on the floor or at some height."""
     faces = _shell(low, high)
     middle = 0.5 * (low + high)
     for index in range(pieces):
         dimensions = rng.uniform(*size, 3)
         heading = 2.0 * np.pi * (index + rng.uniform(-0.25, 0.25)) / pieces
-        # Outwards from the middle until the wall, then back by half a piece.
+        # From the centre outwards to the wall, then back by half the size of a piece.
         reach = 0.5 * (high - low)[:2] - 0.5 * float(np.hypot(*dimensions[:2]))
         ahead = np.array([np.cos(heading), np.sin(heading)])
         spot = middle[:2] + ahead * np.min(reach / np.maximum(np.abs(ahead), 1e-9))
@@ -216,9 +218,9 @@ def _hall(rng: np.random.Generator) -> _Plan:
     return _Plan(faces, 0.02, (-11.0, -10.0, -3.0), (11.0, 10.0, 4.0))
 
 
-def _around(rng: np.random.Generator, way: FloatArray) -> _Plan:
-    """A furnished room of the size that a way needs, like `room` in all else."""
-    low, high = way.min(axis=0) - _SLACK_M, way.max(axis=0) + _SLACK_M
+def _around(rng: np.random.Generator, path: FloatArray) -> _Plan:
+    """A furnished room like `room`, with the size that a path needs."""
+    low, high = path.min(axis=0) - _SLACK_M, path.max(axis=0) + _SLACK_M
     walls = np.array([2.0, 2.0, 0.8])
     pieces = max(9, round(float((high - low + 2.0 * walls)[:2].sum()) / 1.4))
     faces = _furnished(low - walls, high + walls, pieces, (0.5, 1.1), rng)
@@ -232,7 +234,7 @@ def _boxes(rng: np.random.Generator) -> _Plan:
 
 
 def _fine(rng: np.random.Generator) -> _Plan:
-    """The boxes with print as fine as the pixels of a sensor of 1280 columns: a milliradian."""
+    """The boxes with textures as fine as the pixels of a sensor with 1280 columns: a milliradian."""
     return replace(_boxes(rng), pitch_m=0.0015)
 
 

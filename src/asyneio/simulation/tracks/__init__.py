@@ -1,1 +1,1 @@
-"""Scenarios of feature tracks, without events."""
+"""Simulation of feature tracks, without events."""

@@ -1,10 +1,9 @@
-"""Asynchronous feature tracks: every feature is observed at its own times, as an event tracker would.
+"""Asynchronous feature tracks: every feature is observed at its own times, as by an event tracker.
 
-A fixed number of slots each hold one live track. A track follows one landmark for a random life or until the
-landmark leaves the image, and is then replaced by a track of another landmark under a new id. A track is
-observed about once per `spacing_px` of its own motion in the image, within bounds on the time between two
-observations. Some of the slots may prefer points of an object that moves by itself. Nothing hides anything
-here, neither the object what is behind it nor itself: that is the event simulator's business.
+Each of a fixed number of slots holds one live track. A track follows one landmark for a random lifetime or
+until the landmark leaves the image; another landmark with a new id then takes its slot. A track is observed
+about once per `spacing_px` of its image motion, within limits of the time between two observations. Some of
+the slots may prefer points of a moving object. Occlusion is not simulated here, but in the event simulator.
 """
 
 from __future__ import annotations
@@ -21,22 +20,22 @@ from asyneio.simulation.motion import Motion
 from asyneio.simulation.moving import MovingObject
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
-#: Visibility and image speed are followed on this lattice; observation times themselves are off it.
+#: Lattice for visibility and image speed [s]; observation times are not restricted to it.
 _LATTICE_S = 0.004
-#: Landmarks tried first for a new track; only when none of them is visible are all of them tried.
+#: Number of landmarks tried first for a new track; if none of them is visible, all are tried.
 _TRIALS = 300
-#: An empty slot looks for a landmark again after this long.
+#: Time until an empty slot searches for a landmark again [s].
 _RETRY_S = 0.02
 
 
 @dataclass(frozen=True)
 class TrackSpec:
-    """How tracks live and are observed; times in seconds, lengths in pixels.
+    """Parameters of tracks; times in seconds, lengths in pixels.
 
-    Lives are exponential with mean `mean_life_s`, cut at `max_life_s`. The spacing between observations is
-    jittered by up to the fraction `jitter` of itself and lies within [`min_spacing_s`, `max_spacing_s`].
-    `outlier_fraction` of all observations is displaced by 5 to 25 px. `moving_share` of the tracks alive lie
-    on a moving object as long as it is in view, and on the scene when it is not.
+    Lifetimes are exponentially distributed with the mean `mean_life_s`, clipped at `max_life_s`. The spacing
+    between observations is jittered by up to the fraction `jitter` of itself, and within [`min_spacing_s`,
+    `max_spacing_s`]. `outlier_fraction` of all observations are displaced by 5 to 25 px. `moving_share` of
+    the live tracks are on a moving object while it is in view, otherwise on the scene.
     """
 
     features_alive: int = 60
@@ -78,8 +77,8 @@ class TrackSpec:
 class Tracks:
     """Observations in time order: `t_ns` (M,) since the start, `track` (M,) ids, `pixels` (M,2).
 
-    `outlier` (M,) tells which were displaced. `landmark_of_track` (K,) is the index of the landmark that each
-    track id 0..K-1 follows: of the scene, or beyond those the index of a point of the moving object.
+    `outlier` (M,) is true for displaced observations. `landmark_of_track` (K,) is the landmark of each track
+    id 0..K-1, with the indices of `Viewer`.
     """
 
     t_ns: IntArray
@@ -91,9 +90,9 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Viewer:
-    """A camera carried by a moving body through a scene: `T_b_c` (4,4), `landmarks_w` (L,3) [m].
+    """A camera on a moving body in a scene: `T_b_c` (4,4), `landmarks_w` (L,3) [m].
 
-    Landmarks are counted through: 0..L-1 of the scene, from L on the points of the `moving` object.
+    Landmark indices 0..L-1 are those of the scene; indices from L on are the points of the `moving` object.
     """
 
     motion: Motion
@@ -107,7 +106,7 @@ class Viewer:
         return self.motion.T_w_b(t_s) @ self.T_b_c
 
     def positions_w(self, landmark: IntArray, t_s: FloatArray) -> FloatArray:
-        """Where landmarks (N,) are in the world at times (N,) [s], or all at one (1,): (N,3) [m]."""
+        """World positions (N,3) [m] of landmarks (N,) at times (N,), or all at one time (1,) [s]."""
         still = len(self.landmarks_w)
         if self.moving is None or not np.any(landmark >= still):
             return self.landmarks_w[landmark]
@@ -121,13 +120,13 @@ class Viewer:
 def simulate_tracks(
     viewer: Viewer, spec: TrackSpec, start_s: float, end_s: float, rng: np.random.Generator
 ) -> Tracks:
-    """Tracks between two times since the start of the motion [s].
+    """Simulate tracks between two times since the start of the motion [s].
 
     Raises:
         SimulationError: the interval is empty, or no landmark is ever visible.
     """
     if end_s <= start_s + 2.0 * _LATTICE_S:
-        raise SimulationError(f"tracks from {start_s} s to {end_s} s; expected an end well after the start")
+        raise SimulationError(f"tracks from {start_s} s to {end_s} s; expected an end after the start")
     lattice_s = np.arange(start_s, end_s, _LATTICE_S)
     T_w_c = viewer.T_w_c(lattice_s)
     times: list[FloatArray] = []
@@ -147,11 +146,11 @@ def simulate_tracks(
 def _lives(
     viewer: Viewer, spec: TrackSpec, lattice_s: FloatArray, T_w_c: FloatArray, rng: np.random.Generator
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Landmark and observation times [s] of one track after another, in order of birth."""
+    """Landmark and observation times [s] of each track, in order of birth."""
     still = len(viewer.landmarks_w)
     free = np.ones(still + (len(viewer.moving.points_o) if viewer.moving else 0), dtype=bool)
     on_object = round(spec.moving_share * spec.features_alive)
-    # (lattice index of the next birth, slot, landmark that the slot frees then)
+    # (lattice index of the next birth, slot, landmark that the slot releases then)
     queue = [(0, slot, -1) for slot in range(spec.features_alive)]
     while queue:
         birth, slot, finished = heapq.heappop(queue)
@@ -187,9 +186,9 @@ def _pick_visible(
     free: IntArray,
     rng: np.random.Generator,
 ) -> int:
-    """One of the landmarks `free` (indices) that a camera at `T_w_c` (4,4) sees now, uniformly; -1 for none.
+    """A random one of the landmarks `free` (indices) that a camera at `T_w_c` (4,4) sees; -1 for none.
 
-    `now_s` (1,) [s] is the time.
+    `now_s` (1,) is the time [s].
     """
     shuffled = free[rng.permutation(free.size)]
     for some in (shuffled[:_TRIALS], shuffled[_TRIALS:]):
@@ -211,8 +210,8 @@ def _observation_times(
 ) -> FloatArray:
     """Times [s] at which a feature with the path `pixels` (N,2) at `t_s` (N,) is observed.
 
-    Observations come where an integrated rate passes jittered steps. The rate is bounded so that even the
-    shortest (longest) step cannot undercut (exceed) the bounds on the spacing.
+    Observations occur when an integrated rate crosses jittered steps. The rate is bounded so that the
+    shortest and the longest step respect the limits of the spacing.
     """
     if t_s.size < 2:
         return np.empty(0)

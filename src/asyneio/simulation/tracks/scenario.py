@@ -1,4 +1,4 @@
-"""What to simulate: one frozen record, and ready-made ones by name."""
+"""Scenarios: the parameters common to all simulated runs, those of track simulations, and predefined ones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DAVIS240C = CameraIntrinsics(
 )
 
 _DEFAULT_TRACKS = TrackSpec()
-#: Of the sensors at hand, the one with the smallest errors whose two streams are independent.
+#: The available sensor with the smallest errors and independent streams.
 _DEFAULT_IMU = imu_named("BMI085")
 
 #: An IMU without noise.
@@ -36,7 +36,8 @@ NOISE_FREE = ImuNoise(0.0, 0.0, 0.0, 0.0)
 
 
 def davis240c_T_b_c() -> FloatArray:
-    """Camera in the IMU (4,4) of that DAVIS240C, made exactly orthonormal: six decimals are published."""
+    """Camera pose in the IMU (4,4) of that DAVIS240C, orthonormalised because only six decimals are
+    published."""
     T_b_c = np.array(
         [
             [0.999905, -0.012237, 0.006325, 0.006747],
@@ -52,14 +53,14 @@ def davis240c_T_b_c() -> FloatArray:
 
 @dataclass(frozen=True)
 class RigScenario:
-    """What every simulated run has: a motion, a clock, a camera on an IMU, noise. Seconds, hertz, metres.
+    """Parameters common to all simulated runs, in seconds, hertz and metres.
 
-    `motion` names a `MotionStyle`. Everything random follows from `seed`, each part from a stream of its own.
-    `*_offset_s` is the time of a stream's first sample. `t_imu = t_cam + timeshift_ns`, which contains the
-    delay of the gyroscope's filter. `pause_s`: begin and end of a standstill.
+    `motion` is a value of `MotionStyle`. `seed` determines all random parts, each of which has its own
+    generator. `*_offset_s` is the time of a stream's first sample. `t_imu = t_cam + timeshift_ns`, which
+    contains the delay of the gyroscope's filter. `pause_s` is the beginning and end of a stationary phase.
 
-    `imu` gives the errors of the sensor other than noise and bias at the start, which `noise` and
-    `initial_*_bias_sigma` give; `with_imu` sets them all. `vibration` shakes the IMU and not the events.
+    `imu` contains the errors of the sensor except noise and initial bias, which are given by `noise` and
+    `initial_*_bias_sigma`; `with_imu` sets them all. `vibration` affects the IMU but not the events.
     """
 
     name: str = "moderate"
@@ -84,7 +85,7 @@ class RigScenario:
     pause_s: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        # Not a number is neither positive nor too long.
+        # Written so that NaN is rejected too.
         if not (0.0 < self.duration_s <= _LONGEST_S and self.ground_truth_rate_hz > 0.0):
             raise SimulationError(
                 f"duration_s = {self.duration_s}, ground_truth_rate_hz = {self.ground_truth_rate_hz}; "
@@ -121,7 +122,7 @@ _Some = TypeVar("_Some", bound=RigScenario)
 
 
 def with_imu(scenario: _Some, imu: ImuSensor) -> _Some:
-    """The scenario with another IMU: its errors, its noise and the spread of its biases."""
+    """The scenario with another IMU: its errors, noise and standard deviations of biases."""
     return replace(
         scenario,
         imu=imu,
@@ -133,11 +134,10 @@ def with_imu(scenario: _Some, imu: ImuSensor) -> _Some:
 
 @dataclass(frozen=True)
 class Scenario(RigScenario):
-    """One simulated run at the level of feature tracks. Another pixel noise leaves motion, scene and IMU as
-    they were.
+    """One simulated run of feature tracks. The pixel noise does not affect motion, scene and IMU.
 
-    `scene` names a `SceneKind` with `landmarks` points. `motion_scale` multiplies the positions of the
-    motion: 0 leaves a rotation on the spot. `camera_offset_s`: when the first track begins.
+    `scene` is a value of `SceneKind` with `landmarks` points. `motion_scale` is a factor on the positions of
+    the motion; 0 gives a pure rotation. `camera_offset_s` is the beginning of the first track.
     """
 
     scene: str = "room"
@@ -156,7 +156,7 @@ _SYNCHRONOUS = replace(
     accelerometer_offset_s=0.0,
 )
 
-#: Ready-made scenarios by name; vary them with `dataclasses.replace`.
+#: Predefined scenarios by name; change them with `dataclasses.replace`.
 SCENARIOS: dict[str, Scenario] = {
     scenario.name: scenario
     for scenario in (

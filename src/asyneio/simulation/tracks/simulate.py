@@ -1,4 +1,4 @@
-"""Run a scenario: a recording as a reader would deliver it, and the truth behind it."""
+"""Run a scenario: a recording as a reader would return it, and its ground truth."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from asyneio.simulation.tracks.scenario import Scenario
 from asyneio.simulation.truth import Truth
 from asyneio.types import OBSERVATION_DTYPE, FloatArray, IntArray, RecordArray, Recording
 
-#: Points on a moving object: always more than there are tracks to follow them.
+#: Number of points on a moving object, more than the number of tracks on it.
 _OBJECT_POINTS = 1000
 
 
@@ -26,9 +26,9 @@ _OBJECT_POINTS = 1000
 class Simulation:
     """A simulated run.
 
-    `recording` has all times in the IMU clock. `landmarks_w` (L,3) [m]; `landmark_of_track` (K,) is the index
-    of the landmark that track id k follows, from L on of the points of `moving_object`; `outlier` (M,) tells
-    which observations were displaced.
+    All times of `recording` are in the IMU clock. `landmarks_w` (L,3) [m] are the landmarks.
+    `landmark_of_track` (K,) is the landmark of each track id; indices from L on are points of
+    `moving_object`. `outlier` (M,) is true for displaced observations.
     """
 
     scenario: Scenario
@@ -41,12 +41,12 @@ class Simulation:
 
     @property
     def on_object(self) -> BoolArray:
-        """Which observations (M,) lie on the moving object."""
+        """Whether each observation (M,) is on the moving object."""
         landmark = self.landmark_of_track[self.recording.observations["id"]]
         return np.asarray(landmark >= len(self.landmarks_w))
 
     def observations_in_camera_clock(self) -> RecordArray:
-        """The observations as a camera would stamp them, `t_cam = t_imu - timeshift`, for writing files."""
+        """The observations in the camera clock, `t_cam = t_imu - timeshift`, for writing files."""
         observations = self.recording.observations.copy()
         observations["t_ns"] -= self.scenario.timeshift_ns
         return observations
@@ -56,13 +56,14 @@ def simulate(scenario: Scenario) -> Simulation:
     """Simulate a scenario; the same scenario gives the same arrays.
 
     Raises:
-        SimulationError: the scenario is impossible, or its camera never sees a landmark.
+        SimulationError: the scenario cannot be simulated, or its camera never sees a landmark.
     """
     seeds = np.random.SeedSequence(scenario.seed).spawn(6)
     for_motion, for_scene, for_tracks, for_gyroscope, for_accelerometer, for_object = map(
         np.random.default_rng, seeds
     )
-    # The camera, not the body, looks along the carrier: any mounting of the IMU then sees the same scene.
+    # The carrier frame is that of the camera, not of the body, so the mounting of the IMU does not change the
+    # view.
     mounting = C_F_C @ scenario.T_b_c[:3, :3].T
     motion: Motion = draw_motion(scenario.motion, for_motion, mounting, scenario.motion_scale)
     if scenario.pause_s is not None:

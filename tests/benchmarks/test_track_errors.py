@@ -1,4 +1,4 @@
-"""Tracks with known errors: points that move on known lines, a camera that turns at a known rate."""
+"""Tracks with known errors: points that move on known lines, a camera that rotates at a known rate."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import ArrayLike
 
 from asyneio.errors import EvaluationError
-from asyneio.evaluation.tracks import age_table, feature_age, track_errors
-from asyneio.evaluation.tracks_lives import group_tracks
-from asyneio.evaluation.tracks_motion import compare_rates, line_deviation, rotation_rates
+from asyneio.evaluation.tracks import group_tracks
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, BoolArray, FloatArray, IntArray, RecordArray
+from track_errors import age_table, feature_age, track_errors
+from track_motion import compare_rates, line_deviation, rotation_rates
 
 _START_NS = 1_600_000_000_000_000_000
 _SPEED_PX_S = 40.0
@@ -20,7 +20,7 @@ _SPEED_PX_S = 40.0
 
 @dataclass(frozen=True)
 class SlidingPlane:
-    """An image that slides along u; nothing is seen above v = 10, two surfaces above v = 20."""
+    """An image that moves along u; there is no surface above v = 10, and two above v = 20."""
 
     width: float = 200.0
 
@@ -49,7 +49,7 @@ class SlidingPlane:
 def make_track(
     identity: int, age_s: FloatArray, drift_px_s: float = 0.0, u: float = 20.0, v: float = 50.0
 ) -> RecordArray:
-    """A track that follows its point but for a drift along v; born after `identity` milliseconds."""
+    """A track that follows its point with a drift along v; it begins after `identity` milliseconds."""
     rows = np.zeros(age_s.size, dtype=OBSERVATION_DTYPE)
     rows["t_ns"] = _START_NS + identity * 1_000_000 + np.round(age_s * 1e9).astype(np.int64)
     rows["id"] = identity

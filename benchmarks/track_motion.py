@@ -1,7 +1,7 @@
-"""Feature tracks of real recordings against what is known of the camera's motion.
+"""Feature tracks of real recordings against known properties of the camera's motion.
 
-Positions come undistorted: lenses are no business of an evaluation. On a straight slider every point moves on
-a line; in a rotation about the optical axis the image turns as the gyroscope says.
+On a straight slider, every point moves on a line. In a rotation about the optical axis, the image rotates at
+the rate of the gyroscope. Positions must be undistorted.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from itertools import pairwise
 import numpy as np
 
 from asyneio.errors import EvaluationError
-from asyneio.evaluation.tracks_lives import Tracks
+from asyneio.evaluation.tracks import Tracks
 from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
 
-#: Features that an interval needs before it says anything about a rotation.
+#: Minimum number of features in an interval for a rotation rate.
 _MIN_FEATURES = 5
-#: Features that miss the common motion by more than so many medians are left out of the second fit.
+#: Features with residuals above this multiple of the median are outliers.
 _OUTLIER_MEDIANS = 3.0
 _MAX_LAG_NS = 60_000_000
 _LAG_STEP_NS = 2_000_000
@@ -25,7 +25,7 @@ _LAG_STEP_NS = 2_000_000
 
 @dataclass(frozen=True)
 class LineDeviation:
-    """Of tracks from straight lines: `rms` in the unit of the positions, and of how many."""
+    """Deviation of tracks from straight lines: `rms` in the unit of the positions, and their number."""
 
     rms: float
     tracks: int
@@ -34,10 +34,10 @@ class LineDeviation:
 
 @dataclass(frozen=True)
 class RotationRates:
-    """How fast the camera turned about its optical axis, by its tracks.
+    """Angular rate of the camera about its optical axis, from tracks.
 
-    Over M intervals around times `t_ns` (M,): `rate` (M,) [rad/s], positive from x to y; `features` (M,)
-    used.
+    Over M intervals centred at `t_ns` (M,): `rate` (M,) [rad/s], positive from x to y, and the number of
+    `features` (M,).
     """
 
     t_ns: IntArray
@@ -50,9 +50,9 @@ class RotationRates:
 class RateComparison:
     """Rotation rates of tracks against a gyroscope.
 
-    `correlation` and `slope` (of the tracks' rate over the gyroscope's) as the stamps are; `lag_s`: by how
-    much the tracks come later than the gyroscope where the correlation is largest, which is then
-    `correlation_at_lag`. `rms` [rad/s]: of the difference, as the stamps are.
+    `correlation`, `slope` (of the tracks' rate over the gyroscope's) and `rms` (of the difference [rad/s])
+    are without a time shift. `lag_s` is the delay of the tracks at the largest correlation,
+    `correlation_at_lag`.
     """
 
     intervals: int
@@ -66,18 +66,17 @@ class RateComparison:
 def line_deviation(
     tracks: Tracks, position: FloatArray, fit: bool, min_observations: int = 5
 ) -> LineDeviation:
-    """How far tracks stray across the motion of a camera that slides along its x axis.
+    """Deviation of tracks from straight lines, for a camera that moves along its x axis.
 
     Args:
         tracks: T tracks with N observations.
         position: undistorted positions (N,2), in pixels or any unit.
-        fit: False: lines are parallel to x, only their height is free: what a slider along x means, its
-            mounting included. True: slope and height of each line are fitted to its track, which also hides a
-            steady creep.
-        min_observations: tracks with fewer are left out.
+        fit: False: lines are parallel to x and only their height is fitted, so errors of the mounting count.
+            True: slope and height of each line are fitted, which also hides a constant drift.
+        min_observations: tracks with fewer observations are ignored.
 
     Raises:
-        EvaluationError: no track has so many observations.
+        EvaluationError: no track has enough observations.
     """
     squares, freedom, used, count = 0.0, 0, 0, 0
     for start, end in pairwise(tracks.start):
@@ -96,17 +95,17 @@ def line_deviation(
 def rotation_rates(
     tracks: Tracks, position: FloatArray, weighted: bool, interval_s: float = 0.05
 ) -> RotationRates:
-    """Rotation about the optical axis from the tracks alone.
+    """Rotation about the optical axis from tracks.
 
-    In each interval the positions of all tracks that span it, interpolated at its two ends, are brought to
-    each other by a rotation and a shift in the image (least squares, outliers dropped twice). The shift takes
-    up rotations about the other two axes to first order.
+    In each interval, a rotation and a shift of the image are fitted to the positions at its two ends of all
+    tracks that span it (interpolated; least squares with two rounds of outlier rejection). The shift
+    compensates rotations about the other two axes to first order.
 
     Args:
         tracks: T tracks with N observations.
         position: undistorted positions (N,2) [px], pixels square.
-        weighted: by the covariance that each observation brings. A track on a straight edge knows its place
-            across it only; False takes it at its word in both directions, as it does those without a
+        weighted: weight by the covariance of each observation: the position of a track on a straight edge is
+            only known across the edge. False weights both directions equally, as for observations without a
             covariance.
         interval_s: length of the intervals [s].
 
@@ -124,7 +123,7 @@ def rotation_rates(
             before, after = at_edges[both, k], at_edges[both, k + 1]
             whitener = _whitener(before[:, 2:], after[:, 2:], weighted)
             turn, used = _turn(before[:, :2], after[:, :2], whitener)
-            # The image turns against the camera.
+            # The image rotates opposite to the camera.
             found.append((edges[k] + interval_ns // 2, -turn / interval_s, used))
     if not found:
         raise EvaluationError(f"no interval of {interval_s} s is spanned by {_MIN_FEATURES} tracks")
@@ -165,12 +164,13 @@ def compare_rates(rates: RotationRates, gyroscope: RecordArray) -> RateCompariso
 
 
 def _interpolate(tracks: Tracks, values: FloatArray, t_ns: IntArray) -> FloatArray:
-    """Values (N,D) of observations at times (M,) for each track (T,M,D), NaN outside their lives."""
+    """Values (N,D) of observations, interpolated at times (M,) for each track (T,M,D); NaN outside its
+    life."""
     found = np.full((tracks.first.size, t_ns.size, values.shape[1]), np.nan)
     stamps = tracks.observations["t_ns"]
     for k, (start, end) in enumerate(pairwise(tracks.start)):
         low, high = np.searchsorted(t_ns, stamps[start]), np.searchsorted(t_ns, stamps[end - 1], side="right")
-        # Relative to the birth: nanoseconds of an epoch do not fit a double.
+        # Relative to the first time: nanoseconds since an epoch exceed the precision of a double.
         since = stamps[start:end] - stamps[start]
         for d in range(values.shape[1]):
             found[k, low:high, d] = np.interp(t_ns[low:high] - stamps[start], since, values[start:end, d])
@@ -178,7 +178,7 @@ def _interpolate(tracks: Tracks, values: FloatArray, t_ns: IntArray) -> FloatArr
 
 
 def _whitener(before: FloatArray, after: FloatArray, weighted: bool) -> FloatArray:
-    """Matrices (N,2,2) that make displacements between observations of covariances (N,3) white."""
+    """Whitening matrices (N,2,2) of displacements between observations with covariances (N,3)."""
     uu, uv, vv = (before + after).T
     covariance = np.stack([uu, uv, uv, vv], axis=1).reshape(-1, 2, 2)
     known = weighted & (uu * vv - uv * uv > 0.0)
@@ -187,9 +187,11 @@ def _whitener(before: FloatArray, after: FloatArray, weighted: bool) -> FloatArr
 
 
 def _turn(before: FloatArray, after: FloatArray, whitener: FloatArray) -> tuple[float, int]:
-    """Angle [rad] that with a shift brings points (N,2) to points (N,2), and of how many it was found."""
+    """Angle [rad] of the rotation that, with a shift, maps points (N,2) to points (N,2), and the number
+    used."""
     middle = 0.5 * (before + after)
-    # Exact for any angle: a turn moves points across their middle by twice the tangent of half the angle.
+    # Exact for any angle: relative to the midpoint, a rotation moves points by twice the tangent of half of
+    # it.
     design = np.zeros((len(middle), 2, 3))
     design[:, 0, 0], design[:, 1, 0] = -middle[:, 1], middle[:, 0]
     design[:, 0, 1] = design[:, 1, 2] = 1.0
