@@ -19,7 +19,7 @@ _MOST_PIXELS = 2**16
 _FINE, _UNORDERED, _STAMP, _PIXEL, _POLARITY = range(5)
 
 
-class EventBorder:
+class EventValidator:
     """Admits packets of events of one sensor, each later than the ones before.
 
     Args:
@@ -38,7 +38,7 @@ class EventBorder:
         self._width, self._height = width, height
         self._latest_ns = _EARLIEST_NS
 
-    def admitted(self, events: RecordArray) -> RecordArray:
+    def validated(self, events: RecordArray) -> RecordArray:
         """The packet (N,) as kernels take it: EVENT_DTYPE, contiguous, writable.
 
         Raises:

@@ -13,14 +13,14 @@ from asyneio.frontend.surface import NEVER_NS
 from asyneio.types import FloatArray, IntArray
 
 #: Circles of radius 3 and 4 in order around the centre (dx, dy), as in eFAST.
-INNER = np.stack(
+INNER_CIRCLE = np.stack(
     [
         [0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1],
         [3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1, 0, 1, 2, 3],
     ],
     axis=1,
 )
-OUTER = np.stack(
+OUTER_CIRCLE = np.stack(
     [
         [0, 1, 2, 3, 4, 4, 4, 3, 2, 1, 0, -1, -2, -3, -4, -4, -4, -3, -2, -1],
         [4, 4, 3, 2, 1, 0, -1, -2, -3, -4, -4, -4, -3, -2, -1, 0, 1, 2, 3, 4],
@@ -69,9 +69,9 @@ def is_corner(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) ->
     # Flat and with indices that cannot be negative: nothing is checked for them.
     flat = latest_ns.reshape(-1)
     middle = (y * width + x) * 2 + p
-    if not _has_arc(flat, width, middle, INNER, _SHORT, _SHORT * 2, scratch):
+    if not _has_arc(flat, width, middle, INNER_CIRCLE, _SHORT, _SHORT * 2, scratch):
         return False
-    if not _has_arc(flat, width, middle, OUTER, _LONG, _LONG * 2, scratch):
+    if not _has_arc(flat, width, middle, OUTER_CIRCLE, _LONG, _LONG * 2, scratch):
         return False
     return harris_score(latest_ns, p, x, y, scratch) > HARRIS_THRESHOLD
 

@@ -4,44 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Protocol
 
 import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.errors import RecordingError
-from asyneio.frontend.border import EventBorder, check_gyroscope
+from asyneio.frontend.border import EventValidator, check_gyroscope
 from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.frontend.haste.tracker import HasteTracker
-from asyneio.frontend.statistics import FrontendStatistics
-from asyneio.frontend.turns import STILL, TURN_DTYPE
+from asyneio.frontend.tracker import NO_ROLL, TURN_DTYPE, FrontendStatistics, Tracker
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: The rate of roll is taken as constant over this long.
 _ROLL_STEP_NS = 4_000_000
 #: No gyroscope reads more [rad/s]: such a sample, or one that is not finite, is corrupt.
 _MOST_ROLL = 1e3
-
-
-class Tracker(Protocol):
-    """What follows features through packets of events."""
-
-    def follow(self, events: RecordArray, turns: RecordArray) -> RecordArray:
-        """Observations (OBSERVATION_DTYPE) that a packet as `EventBorder.admitted` returns it leads to;
-        `turns` TURN_DTYPE, how the image rolls meanwhile."""
-        ...
-
-    def set_outlier_share(self, unused: float) -> None:
-        """From now on, that share of the tracks is of no use to who reads them."""
-        ...
-
-    def limit_load(self, share: float) -> None:
-        """From now on, use so much of a processor core by nominal costs; zero: any."""
-        ...
-
-    def statistics(self) -> FrontendStatistics:
-        """Counts since the start."""
-        ...
 
 
 _TRACKERS: dict[str, type[GradientTracker] | type[HasteTracker]] = {
@@ -64,7 +41,7 @@ class Frontend:
 
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
         self._tracker: Tracker = _TRACKERS[config.tracker](config, width, height)
-        self._border = EventBorder(width, height)
+        self._border = EventValidator(width, height)
         self._roll_rate = 0.0
 
     def process(self, events: RecordArray, gyroscope: RecordArray | None = None) -> RecordArray:
@@ -87,10 +64,10 @@ class Frontend:
         """
         if gyroscope is not None:
             check_gyroscope(gyroscope)
-        events = self._border.admitted(events)
+        events = self._border.validated(events)
         if events.size == 0:
             return np.empty(0, dtype=OBSERVATION_DTYPE)
-        turns = STILL if gyroscope is None else self._turns(events["t_ns"], gyroscope)
+        turns = NO_ROLL if gyroscope is None else self._turns(events["t_ns"], gyroscope)
         return self._tracker.follow(events, turns)
 
     def set_outlier_share(self, unused: float) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from asyneio.frontend.gradient.features import PATCH_HALF, PATCH_SIDE, PATCH_SIZE, RING, ROW
 from asyneio.frontend.gradient.patch import blur, contrast, share
-from asyneio.frontend.record import Record
+from asyneio.frontend.tracker import Record
 from asyneio.types import FloatArray, RecordArray
 
 #: Most events that the coarse search looks at.

@@ -17,7 +17,7 @@ from asyneio.frontend.gradient.features import (
     TEMPLATE_SIDE,
     TEMPLATE_SIZE,
 )
-from asyneio.frontend.record import Record
+from asyneio.frontend.tracker import Record
 from asyneio.types import FloatArray, RecordArray
 
 #: Sums over pixels are kept apart by column, and the columns added up last. So they vectorise without leave

@@ -14,14 +14,14 @@ import numpy as np
 
 from asyneio.frontend.gradient.features import PATCH_HALF, ROW, TEMPLATE_HALF, TEMPLATE_SIDE, TEMPLATE_SIZE
 from asyneio.frontend.gradient.patch import COLUMNS, clear_sums, shift_patch, total_of
-from asyneio.frontend.record import Record
+from asyneio.frontend.tracker import Record
 
 _FIRST, _MIDDLE, _LAST = 1, TEMPLATE_HALF, TEMPLATE_SIDE - 1
 
 
 @nb.njit(cache=True)
 def synthesise(
-    feature: Record, evidence: np.ndarray, slot: int, sx: float, sy: float, ridge: float, work: Record
+    feature: Record, gradient_sums: np.ndarray, slot: int, sx: float, sy: float, ridge: float, work: Record
 ) -> None:
     """Template for a displacement s = (sx, sy) in the patch frame: `T = s^T (A + ridge)^-1 B`."""
     xx, xy, yy = feature.xx + ridge, feature.xy, feature.yy + ridge
@@ -29,19 +29,19 @@ def synthesise(
     a = np.float32((yy * sx - xy * sy) / det)
     b = np.float32((xx * sy - xy * sx) / det)
     for k in range(TEMPLATE_SIZE):
-        work.template[k] = a * evidence[slot, 0, k] + b * evidence[slot, 1, k]
+        work.template[k] = a * gradient_sums[slot, 0, k] + b * gradient_sums[slot, 1, k]
 
 
 @nb.njit(cache=True)
 def learn(
-    feature: Record, evidence: np.ndarray, slot: int, sx: float, sy: float, keep: float, work: Record
+    feature: Record, gradient_sums: np.ndarray, slot: int, sx: float, sy: float, keep: float, work: Record
 ) -> None:
-    """Add the registered patch, seen under displacement (sx, sy), to the evidence; older evidence fades."""
+    """Add the registered patch, seen under displacement (sx, sy), to the gradient_sums; older gradient_sums fades."""
     a, b, kept = np.float32(sx), np.float32(sy), np.float32(keep)
     for k in range(TEMPLATE_SIZE):
         w = work.shifted[k]
-        evidence[slot, 0, k] = kept * evidence[slot, 0, k] + a * w
-        evidence[slot, 1, k] = kept * evidence[slot, 1, k] + b * w
+        gradient_sums[slot, 0, k] = kept * gradient_sums[slot, 0, k] + a * w
+        gradient_sums[slot, 1, k] = kept * gradient_sums[slot, 1, k] + b * w
     feature.xx = keep * feature.xx + sx * sx
     feature.xy = keep * feature.xy + sx * sy
     feature.yy = keep * feature.yy + sy * sy

@@ -13,12 +13,8 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from asyneio.frontend.record import Record
+from asyneio.frontend.tracker import GROWING, TRACKING, Record
 from asyneio.types import FloatArray
-
-FREE = 0
-GROWING = 1
-TRACKING = 2
 
 #: Half side of the patch and radius of the disc whose events are fed to the feature [px].
 RADIUS = 15
