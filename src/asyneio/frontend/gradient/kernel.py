@@ -5,6 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from asyneio.frontend.borrowed import borrowed
 from asyneio.frontend.detection import is_corner
 from asyneio.frontend.feature_grid import BUCKET_FEATURES, FINE, insert_feature, move_feature
 from asyneio.frontend.gradient.budget import FED_NS, grant_tests, is_shed, shed_features
@@ -65,6 +66,7 @@ def process_events(
     An event that is near no feature and can be no corner takes a few nanoseconds: it is written to the
     surface, which was fetched ahead of time, and finds an empty bucket.
     """
+    tracker = borrowed(tracker)
     surface, state, loop = tracker.surface, tracker.state[0], tracker.loop[0]
     limited = state.load > 0.0
     for i in range(start, end):
