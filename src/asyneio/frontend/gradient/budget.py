@@ -11,7 +11,7 @@ import numpy as np
 
 from asyneio.frontend.gradient.state import GradientState
 from asyneio.frontend.gradient.track_management import release
-from asyneio.frontend.tracker import FREE, INNER, Record
+from asyneio.frontend.tracker import FREE, INLINE, INNER, Record
 
 #: Corner tests per second of event time, and how many may accumulate. For comparison, features begin a few
 #: hundred times per second.
@@ -33,7 +33,7 @@ _KEPT, _REGAINED = 0.75, 0.1
 _FEWEST = 8
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def grant_tests(state: Record, elapsed_ns: int) -> None:
     """Add the corner tests of this much event time."""
     state.tests = min(MOST_TESTS, state.tests + elapsed_ns * 1e-9 * TESTS_PER_S)
@@ -69,7 +69,7 @@ def is_shed(state: Record, t_ns: int, features_near: int) -> bool:
     return False
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def shed_features(tracker: GradientState) -> None:
     """Release the youngest features if too much credit is overdrawn; otherwise let the number recover."""
     records, state = tracker.features.records, tracker.state[0]

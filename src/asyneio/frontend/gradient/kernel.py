@@ -43,6 +43,7 @@ def process_packet(
 
     Stops early when `observations` may not hold what follows; `state.written` counts what was written.
     """
+    tracker = borrowed(tracker)
     state = tracker.state[0]
     state.written = 0
     for k in range(turns.size):
@@ -57,7 +58,7 @@ def process_packet(
     return start
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def process_events(
     events: RecordArray, start: int, end: int, tracker: GradientState, observations: RecordArray
 ) -> int:
@@ -66,7 +67,6 @@ def process_events(
     An event that is near no feature and can be no corner takes a few nanoseconds: it is written to the
     surface, which was fetched ahead of time, and finds an empty bucket.
     """
-    tracker = borrowed(tracker)
     surface, state, loop = tracker.surface, tracker.state[0], tracker.loop[0]
     limited = state.load > 0.0
     for i in range(start, end):
@@ -108,7 +108,7 @@ def is_full(state: Record, observations: RecordArray) -> bool:
     return state.written + 2 * BUCKET_FEATURES > observations.size
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def manage_tracks(tracker: GradientState, t_ns: int) -> None:
     """Periodic work: release tracks, renew budgets and hot pixels."""
     state = tracker.state[0]
@@ -197,7 +197,7 @@ def act(tracker: GradientState, slot: int, t_ns: int, observations: RecordArray)
         report(tracker, slot, observations)
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def begin_track(tracker: GradientState, slot: int, roll: Roll) -> None:
     """Track a growing feature if its events span enough motion."""
     features, state, work = tracker.features, tracker.state[0], tracker.work[0]
@@ -209,7 +209,7 @@ def begin_track(tracker: GradientState, slot: int, roll: Roll) -> None:
         move_feature(tracker.grids, slot, feature.x, feature.y)
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def advance_track(tracker: GradientState, slot: int, roll: Roll) -> bool:
     """Match a track against its template and end it if that fails; whether it has moved."""
     loop, state = tracker.loop[0], tracker.state[0]
@@ -245,7 +245,7 @@ def may_begin(tracker: GradientState, event: Event) -> bool:
     return True
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def is_near(tracker: GradientState, event: Event) -> bool:
     """Whether a feature beyond the feeding distance is too close for a new corner."""
     grid, spacing2 = tracker.grids.spacing, tracker.loop[0].spacing_px ** 2
@@ -257,7 +257,7 @@ def is_near(tracker: GradientState, event: Event) -> bool:
     return False
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def begin_feature(tracker: GradientState, event: Event) -> None:
     """Begin a feature at a corner, in the first free slot."""
     records, state = tracker.features.records, tracker.state[0]

@@ -10,7 +10,7 @@ import numpy as np
 from asyneio.frontend.feature_grid import FeatureGrids, remove_feature
 from asyneio.frontend.gradient.state import GradientState
 from asyneio.frontend.surface import NEVER_NS
-from asyneio.frontend.tracker import FREE, GROWING, INNER, TRACKING, Record, is_outside
+from asyneio.frontend.tracker import FREE, GROWING, INLINE, INNER, TRACKING, Record, is_outside
 from asyneio.types import RecordArray
 
 #: Sample of events over which the contrast thresholds of on and off events are balanced.
@@ -25,7 +25,7 @@ class ImagePoint(NamedTuple):
     v: float
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def integrate_roll(state: Record, t_ns: int, rate: float) -> None:
     """Integrate the roll up to `t_ns` and continue at another rate [rad/s]."""
     if state.roll_ns != NEVER_NS:
@@ -41,7 +41,7 @@ def release(feature: Record, grids: FeatureGrids, slot: int, state: Record) -> N
     state.alive -= 1
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def remove_idle(tracker: GradientState, t_ns: int) -> None:
     """Release features that received no events for too long, that never began to move, or that came too
     close to an older one."""
@@ -61,7 +61,7 @@ def remove_idle(tracker: GradientState, t_ns: int) -> None:
             state.crowded += 1
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def is_crowded(records: RecordArray, feature: Record, within_px: float) -> bool:
     """Whether an older track is within that distance of a feature."""
     for k in range(records.size):
@@ -126,7 +126,7 @@ def reported_point(feature: Record, roll: float, lag_share: float) -> ImagePoint
     return ImagePoint(feature.t_ns, u, v)
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def report(tracker: GradientState, slot: int, observations: RecordArray) -> None:
     """Write the observations of a feature that has just been matched."""
     feature, loop = tracker.features.records[slot], tracker.loop[0]
