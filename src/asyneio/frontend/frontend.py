@@ -9,7 +9,7 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.errors import RecordingError
-from asyneio.frontend.border import EventValidator, check_gyroscope
+from asyneio.frontend.validation import EventValidator, check_gyroscope
 from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.frontend.haste.tracker import HasteTracker
 from asyneio.frontend.tracker import NO_ROLL, TURN_DTYPE, FrontendStatistics, Tracker

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from asyneio.frontend.gradient.state import GradientState
+from asyneio.frontend.gradient.state import GradientArrays
 from asyneio.frontend.gradient.track_management import release
 from asyneio.frontend.tracker import FREE, INLINE, INNER, Record
 
@@ -70,7 +70,7 @@ def is_shed(state: Record, t_ns: int, features_near: int) -> bool:
 
 
 @nb.njit(**INLINE)
-def shed_features(tracker: GradientState) -> None:
+def shed_features(tracker: GradientArrays) -> None:
     """Release the youngest features if too much credit is overdrawn; otherwise let the number recover."""
     records, state = tracker.features.records, tracker.state[0]
     overdraft = state.load * _SAVED_NS

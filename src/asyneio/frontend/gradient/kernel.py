@@ -12,7 +12,7 @@ from asyneio.frontend.gradient.budget import FED_NS, grant_tests, is_shed, shed_
 from asyneio.frontend.gradient.feature import MOVED, try_birth, update
 from asyneio.frontend.gradient.features import RING, begin
 from asyneio.frontend.gradient.prefetch import prefetch
-from asyneio.frontend.gradient.state import GradientState, Roll
+from asyneio.frontend.gradient.state import GradientArrays, Roll
 from asyneio.frontend.gradient.track_management import (
     balance_polarities,
     guess_velocity,
@@ -37,7 +37,7 @@ _NEAR_REACH_PX, _FAR_REACH_PX = 2, 5
 
 @nb.njit(cache=True, nogil=True)
 def process_packet(
-    events: RecordArray, start: int, turns: RecordArray, tracker: GradientState, observations: RecordArray
+    events: RecordArray, start: int, turns: RecordArray, tracker: GradientArrays, observations: RecordArray
 ) -> int:
     """Process a packet from event `start` on; returns the index of the next event to process.
 
@@ -60,7 +60,7 @@ def process_packet(
 
 @nb.njit(**INLINE)
 def process_events(
-    events: RecordArray, start: int, end: int, tracker: GradientState, observations: RecordArray
+    events: RecordArray, start: int, end: int, tracker: GradientArrays, observations: RecordArray
 ) -> int:
     """Algorithm 1 over events `start` to `end - 1`; returns the index of the next event to process.
 
@@ -93,7 +93,7 @@ def process_events(
 
 
 @nb.njit(**INLINE)
-def prefetch_surface(tracker: GradientState, event: Event) -> None:
+def prefetch_surface(tracker: GradientArrays, event: Event) -> None:
     """Fetch the surface at the pixel of an event that comes later."""
     surface = tracker.surface
     pixel = event.y * surface.hot.shape[1] + event.x
@@ -109,7 +109,7 @@ def is_full(state: Record, observations: RecordArray) -> bool:
 
 
 @nb.njit(**INLINE)
-def manage_tracks(tracker: GradientState, t_ns: int) -> None:
+def manage_tracks(tracker: GradientArrays, t_ns: int) -> None:
     """Periodic work: release tracks, renew budgets and hot pixels."""
     state = tracker.state[0]
     grant_tests(state, t_ns - state.checked_ns)
@@ -122,13 +122,13 @@ def manage_tracks(tracker: GradientState, t_ns: int) -> None:
 
 
 @nb.njit(**INLINE)
-def count_listed(tracker: GradientState, event: Event) -> int:
+def count_listed(tracker: GradientArrays, event: Event) -> int:
     """Number of features in the bucket of an event."""
     return np.int64(tracker.grids.feeding.counts[np.uint64(event.y >> FINE), np.uint64(event.x >> FINE)])
 
 
 @nb.njit(**INLINE)
-def feed_neighbours(tracker: GradientState, event: Event, observations: RecordArray) -> bool:
+def feed_neighbours(tracker: GradientArrays, event: Event, observations: RecordArray) -> bool:
     """Feed an event to all features in whose disc it lies; True if a feature is too close for a new corner."""
     state = tracker.state[0]
     near, fed = find_neighbours(tracker, event)
@@ -143,7 +143,7 @@ def feed_neighbours(tracker: GradientState, event: Event, observations: RecordAr
 
 
 @nb.njit(**INLINE)
-def find_neighbours(tracker: GradientState, event: Event) -> tuple[bool, int]:
+def find_neighbours(tracker: GradientArrays, event: Event) -> tuple[bool, int]:
     """Whether a feature is too close for a new corner; how many features the event is fed to, listed in
     `nearby`, the newest entry of the bucket first."""
     records, nearby = tracker.features.records, tracker.nearby
@@ -171,7 +171,7 @@ def squared_distance(feature: Record, event: Event) -> float:
 
 
 @nb.njit(**INLINE)
-def keep_event(tracker: GradientState, slot: int, event: Event) -> bool:
+def keep_event(tracker: GradientArrays, slot: int, event: Event) -> bool:
     """Write one in `stride` events to the ring of a feature; True if the feature is due for an attempt."""
     feature, weights = tracker.features.records[np.uint64(slot)], tracker.state[0].polarity_weights
     feature.skipped += 1
@@ -187,7 +187,7 @@ def keep_event(tracker: GradientState, slot: int, event: Event) -> bool:
 
 
 @nb.njit(**INNER)
-def act(tracker: GradientState, slot: int, t_ns: int, observations: RecordArray) -> None:
+def act(tracker: GradientArrays, slot: int, t_ns: int, observations: RecordArray) -> None:
     """Update a feature that has collected enough events; a growing one may become a track."""
     feature, state = tracker.features.records[slot], tracker.state[0]
     roll = Roll(state.roll + state.roll_rate * (t_ns - state.roll_ns) * 1e-9, state.roll_rate)
@@ -198,7 +198,7 @@ def act(tracker: GradientState, slot: int, t_ns: int, observations: RecordArray)
 
 
 @nb.njit(**INLINE)
-def begin_track(tracker: GradientState, slot: int, roll: Roll) -> None:
+def begin_track(tracker: GradientArrays, slot: int, roll: Roll) -> None:
     """Track a growing feature if its events span enough motion."""
     features, state, work = tracker.features, tracker.state[0], tracker.work[0]
     feature, within_px = features.records[slot], tracker.loop[0].neighbourhood_px
@@ -210,7 +210,7 @@ def begin_track(tracker: GradientState, slot: int, roll: Roll) -> None:
 
 
 @nb.njit(**INLINE)
-def advance_track(tracker: GradientState, slot: int, roll: Roll) -> bool:
+def advance_track(tracker: GradientArrays, slot: int, roll: Roll) -> bool:
     """Match a track against its template and end it if that fails; whether it has moved."""
     loop, state = tracker.loop[0], tracker.state[0]
     feature = tracker.features.records[slot]
@@ -229,7 +229,7 @@ def advance_track(tracker: GradientState, slot: int, roll: Roll) -> bool:
 
 
 @nb.njit(**INLINE)
-def may_begin(tracker: GradientState, event: Event) -> bool:
+def may_begin(tracker: GradientArrays, event: Event) -> bool:
     """Whether there is capacity for a feature, room at the event, and a corner test left, which is used."""
     state, loop = tracker.state[0], tracker.loop[0]
     if not has_capacity(state) or state.alive >= state.allowed:
@@ -246,7 +246,7 @@ def may_begin(tracker: GradientState, event: Event) -> bool:
 
 
 @nb.njit(**INLINE)
-def is_near(tracker: GradientState, event: Event) -> bool:
+def is_near(tracker: GradientArrays, event: Event) -> bool:
     """Whether a feature beyond the feeding distance is too close for a new corner."""
     grid, spacing2 = tracker.grids.spacing, tracker.loop[0].spacing_px ** 2
     row, column = np.uint64(event.y >> grid.shift), np.uint64(event.x >> grid.shift)
@@ -258,7 +258,7 @@ def is_near(tracker: GradientState, event: Event) -> bool:
 
 
 @nb.njit(**INLINE)
-def begin_feature(tracker: GradientState, event: Event) -> None:
+def begin_feature(tracker: GradientArrays, event: Event) -> None:
     """Begin a feature at a corner, in the first free slot."""
     records, state = tracker.features.records, tracker.state[0]
     slot = free_slot(records)

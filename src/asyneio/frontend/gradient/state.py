@@ -63,7 +63,7 @@ class LoopSettings(NamedTuple):
     birth_max_ns: int
 
 
-class GradientState(NamedTuple):
+class GradientArrays(NamedTuple):
     """The default tracker as its kernels see it.
 
     `surface`, `features` and `grids`; `loop` (1,) of LoopSettings, `settings` (1,) of GradientSettings,

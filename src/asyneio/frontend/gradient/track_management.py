@@ -8,7 +8,7 @@ import numba as nb
 import numpy as np
 
 from asyneio.frontend.feature_grid import FeatureGrids, remove_feature
-from asyneio.frontend.gradient.state import GradientState
+from asyneio.frontend.gradient.state import GradientArrays
 from asyneio.frontend.surface import NEVER_NS
 from asyneio.frontend.tracker import FREE, GROWING, INLINE, INNER, TRACKING, Record, is_outside
 from asyneio.types import RecordArray
@@ -42,7 +42,7 @@ def release(feature: Record, grids: FeatureGrids, slot: int, state: Record) -> N
 
 
 @nb.njit(**INLINE)
-def remove_idle(tracker: GradientState, t_ns: int) -> None:
+def remove_idle(tracker: GradientArrays, t_ns: int) -> None:
     """Release features that received no events for too long, that never began to move, or that came too
     close to an older one."""
     records, grids, loop, state = tracker.features.records, tracker.grids, tracker.loop[0], tracker.state[0]
@@ -127,7 +127,7 @@ def reported_point(feature: Record, roll: float, lag_share: float) -> ImagePoint
 
 
 @nb.njit(**INLINE)
-def report(tracker: GradientState, slot: int, observations: RecordArray) -> None:
+def report(tracker: GradientArrays, slot: int, observations: RecordArray) -> None:
     """Write the observations of a feature that has just been matched."""
     feature, loop = tracker.features.records[slot], tracker.loop[0]
     if feature.seed_ns:
@@ -142,7 +142,7 @@ def report(tracker: GradientState, slot: int, observations: RecordArray) -> None
 
 
 @nb.njit(**INNER)
-def emit(tracker: GradientState, feature: Record, point: ImagePoint, observations: RecordArray) -> None:
+def emit(tracker: GradientArrays, feature: Record, point: ImagePoint, observations: RecordArray) -> None:
     """Append an observation with the covariance of the last match; nothing outside the image."""
     loop, work, state = tracker.loop[0], tracker.work[0], tracker.state[0]
     if is_outside(point.u, point.v, loop, 0):

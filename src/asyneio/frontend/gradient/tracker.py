@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.config import FrontendConfig
-from asyneio.frontend.border import EventValidator
+from asyneio.frontend.validation import EventValidator
 from asyneio.frontend.extents import neighbourhood_px, spacing_px
 from asyneio.frontend.feature_grid import make_grids
 from asyneio.frontend.gradient.budget import THINNING
@@ -14,7 +14,7 @@ from asyneio.frontend.gradient.features import make_features
 from asyneio.frontend.gradient.kernel import process_packet
 from asyneio.frontend.gradient.patch import make_workspace
 from asyneio.frontend.gradient.state import (
-    GradientState,
+    GradientArrays,
     LoopSettings,
     make_corner_scratch,
     make_nearby,
@@ -63,7 +63,7 @@ class GradientTracker:
         )
         self._max_features = config.max_features
         slots = _MOST * config.max_features
-        self.state = GradientState(
+        self.arrays = GradientArrays(
             surface=make_surface(width, height),
             features=make_features(slots),
             grids=make_grids(width, height, slots, self.settings.feed_radius_px, loop.spacing_px),
@@ -102,25 +102,25 @@ class GradientTracker:
     def set_outlier_share(self, share: float) -> None:
         """Raise the capacity so that `max_features` inliers remain, up to twice `max_features`."""
         capacity = self._max_features / max(1.0 - share, 1.0 / _MOST)
-        self.state.state[0]["capacity"] = min(round(capacity), _MOST * self._max_features)
+        self.arrays.state[0]["capacity"] = min(round(capacity), _MOST * self._max_features)
 
     def limit_load(self, share: float) -> None:
         """Limit the nominal cost to this share of a processor core, from now on; 0: no limit."""
-        state = self.state.state[0]
+        state = self.arrays.state[0]
         state["load"] = share
         if share == 0.0:
             state["allowed"] = np.inf
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""
-        state = self.state.state[0]
+        state = self.arrays.state[0]
         return FrontendStatistics(
             events=self._events,
             hot_pixels=int(state["hot_pixels"]),
             hot_events=int(state["hot_events"]),
             corners=int(state["corners"]),
             tracks=int(state["tracks"]),
-            alive=int(np.count_nonzero(self.state.features.records["state"] == TRACKING)),
+            alive=int(np.count_nonzero(self.arrays.features.records["state"] == TRACKING)),
             ended_untrusted=int(state["untrusted"] + state["crowded"]),
             ended_silent=int(state["silent"]),
             ended_border=int(state["border"]),
@@ -132,5 +132,5 @@ class GradientTracker:
         )
 
     def _step(self, events: RecordArray, start: int, turns: RecordArray) -> tuple[int, int]:
-        following = process_packet(events, start, turns, self.state, self._buffer)
-        return following, int(self.state.state[0]["written"])
+        following = process_packet(events, start, turns, self.arrays, self._buffer)
+        return following, int(self.arrays.state[0]["written"])

@@ -12,7 +12,7 @@ import numba as nb
 import numpy as np
 
 from asyneio.config import FrontendConfig
-from asyneio.frontend.border import EventValidator
+from asyneio.frontend.validation import EventValidator
 from asyneio.frontend.detection import SCRATCH, is_corner
 from asyneio.frontend.extents import spacing_px
 from asyneio.frontend.feature_grid import BUCKET_FEATURES, FINE, FeatureGrid, insert, make_feature_grid, move, remove
@@ -88,7 +88,7 @@ class HasteSettings(NamedTuple):
     silence_ns: int
 
 
-class HasteState(NamedTuple):
+class HasteArrays(NamedTuple):
     """The baseline as its kernels see it: `surface`; `records` (N,) HASTE_DTYPE; `grid`; `settings` (1,) of
     HasteSettings; `state` (1,) HASTE_STATE_DTYPE; `corner_scratch` (SCRATCH,) int64, working memory."""
 
@@ -101,7 +101,7 @@ class HasteState(NamedTuple):
 
 
 @nb.njit(cache=True, nogil=True)
-def process_events(events: RecordArray, start: int, tracker: HasteState, observations: RecordArray) -> int:
+def process_events(events: RecordArray, start: int, tracker: HasteArrays, observations: RecordArray) -> int:
     """Algorithm 1 from event `start` on; returns the index of the next event to process.
 
     Stops early when `observations` may not hold what follows; `state.written` counts what was written.
@@ -129,7 +129,7 @@ def process_events(events: RecordArray, start: int, tracker: HasteState, observa
 
 
 @nb.njit(**INNER)
-def manage_tracks(tracker: HasteState, t_ns: int) -> None:
+def manage_tracks(tracker: HasteArrays, t_ns: int) -> None:
     """Periodic work, by event time: how the stream is divided into packets has no effect."""
     tracker.state[0].checked_ns = t_ns
     remove_silent(tracker, t_ns)
@@ -137,7 +137,7 @@ def manage_tracks(tracker: HasteState, t_ns: int) -> None:
 
 
 @nb.njit(**INNER)
-def remove_silent(tracker: HasteState, t_ns: int) -> None:
+def remove_silent(tracker: HasteArrays, t_ns: int) -> None:
     """Release the features whose time is older than `t_max_ns`."""
     records = tracker.records
     for slot in range(records.size):
@@ -147,7 +147,7 @@ def remove_silent(tracker: HasteState, t_ns: int) -> None:
 
 
 @nb.njit(**INNER)
-def release(tracker: HasteState, slot: int) -> None:
+def release(tracker: HasteArrays, slot: int) -> None:
     """End a feature and free its slot."""
     remove(tracker.grid, slot)
     tracker.records[slot].state = FREE
@@ -155,7 +155,7 @@ def release(tracker: HasteState, slot: int) -> None:
 
 
 @nb.njit(**INLINE)
-def feed_neighbours(tracker: HasteState, event: Event, observations: RecordArray) -> bool:
+def feed_neighbours(tracker: HasteArrays, event: Event, observations: RecordArray) -> bool:
     """Feed an event to all features in whose disc it lies; True if a feature is too close for a new corner."""
     grid, spacing2 = tracker.grid, tracker.settings[0].spacing_px ** 2
     row, column = event.y >> FINE, event.x >> FINE
@@ -174,7 +174,7 @@ def feed_neighbours(tracker: HasteState, event: Event, observations: RecordArray
 
 
 @nb.njit(**INNER)
-def act(tracker: HasteState, slot: int, event: Event, observations: RecordArray) -> None:
+def act(tracker: HasteArrays, slot: int, event: Event, observations: RecordArray) -> None:
     """Feed an event to a feature; if that moves it, update the grid and write an observation."""
     feature, state, settings = tracker.records[slot], tracker.state[0], tracker.settings[0]
     growing = feature.state == GROWING
@@ -196,7 +196,7 @@ def act(tracker: HasteState, slot: int, event: Event, observations: RecordArray)
 
 
 @nb.njit(**INNER)
-def begin_feature(tracker: HasteState, event: Event) -> None:
+def begin_feature(tracker: HasteArrays, event: Event) -> None:
     """Begin a feature at a corner event, in the first free slot."""
     slot, state = free_slot(tracker.records), tracker.state[0]
     feature = tracker.records[slot]
@@ -233,7 +233,7 @@ class HasteTracker:
         state["checked_ns"] = state["hot_ns"] = NEVER_NS
         state["capacity"] = config.max_features
         reach = max(float(RADIUS), self.settings.spacing_px)
-        self.state = HasteState(
+        self.arrays = HasteArrays(
             surface=make_surface(width, height),
             records=np.zeros(config.max_features, dtype=HASTE_DTYPE),
             grid=make_feature_grid(width, height, config.max_features, reach),
@@ -274,19 +274,19 @@ class HasteTracker:
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""
-        state = self.state.state[0]
+        state = self.arrays.state[0]
         return FrontendStatistics(
             events=self._events,
             hot_pixels=int(state["hot_pixels"]),
             hot_events=int(state["hot_events"]),
             corners=int(state["corners"]),
             tracks=int(state["tracks"]),
-            alive=int(np.count_nonzero(self.state.records["state"] == TRACKING)),
+            alive=int(np.count_nonzero(self.arrays.records["state"] == TRACKING)),
             ended_untrusted=0,
             ended_silent=int(state["silent"]),
             ended_border=int(state["border"]),
         )
 
     def _step(self, events: RecordArray, start: int) -> tuple[int, int]:
-        following = process_events(events, start, self.state, self._buffer)
-        return following, int(self.state.state[0]["written"])
+        following = process_events(events, start, self.arrays, self._buffer)
+        return following, int(self.arrays.state[0]["written"])
