@@ -1,7 +1,7 @@
-"""Algorithm 1 of the paper in plain Python: who is fed, who begins, which tracks end, and when they report.
+"""Algorithm 1 of the paper in plain Python: which features an event is fed to, begins, ends and reports.
 
-Written from the paper and from docs/architecture.md ("What happens to one event"), with lists and dictionaries
-in place of grids, rings of indices and budgets in records. Three parts have oracles of their own and are
+Written from the paper and from docs/architecture.md ("What happens to one event"), with lists and
+dictionaries in place of grids, buckets and records of counters. Three parts have oracles of their own and are
 called: the corner test, the first template of a feature, and the match of a track against its template.
 """
 
@@ -70,10 +70,11 @@ class NaiveFrontend:
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
         self.size, self.capacity = (width, height), config.max_features
         self.spacing_px = max(10.0, config.spacing * width)
-        self.t_min_ns, self.t_max_ns = (
-            round(1e9 * s) for s in (config.min_interval_s, config.max_silence_s)
+        self.t_min_ns, self.t_max_ns = (round(1e9 * s) for s in (config.min_interval_s, config.max_silence_s))
+        self.settings, self.work = (
+            record_of(GradientSettings()),
+            make_workspace(GradientSettings().mask_sigma_px),
         )
-        self.settings, self.work = record_of(GradientSettings()), make_workspace(GradientSettings().mask_sigma_px)
         self.loop = record_of(LoopSettings(width, height, 0, 0.0, 0.0, 0.0, 0, 0, 0, 0))
         self.latest = np.full((height, width, 2), NEVER_NS)
         self.fired: dict[tuple[int, int], int] = {}

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -14,7 +11,6 @@ from asyneio.frontend.tracker import FREE, TRACKING
 from asyneio.simulation import EventSimulation
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 from tests.conftest import SEED
-from tests.frontend import naive
 from tests.frontend.naive import NaiveFrontend
 
 WIDTH, HEIGHT = 96, 72
@@ -25,7 +21,9 @@ CONFIG = FrontendConfig(max_features=12, min_interval_s=0.01, max_silence_s=0.15
 def cropped(simulation: EventSimulation) -> RecordArray:
     """Events of a part of the image, three times as fast."""
     events = simulation.recording.events
-    inside = (events["x"] >= 70) & (events["x"] < 70 + WIDTH) & (events["y"] >= 50) & (events["y"] < 50 + HEIGHT)
+    inside = (
+        (events["x"] >= 70) & (events["x"] < 70 + WIDTH) & (events["y"] >= 50) & (events["y"] < 50 + HEIGHT)
+    )
     events = events[inside].copy()
     events["x"] -= 70
     events["y"] -= 50
@@ -53,7 +51,12 @@ def with_gaps_and_hot_pixels(events: RecordArray) -> RecordArray:
 
 def stream_of(simulation: EventSimulation, name: str) -> RecordArray:
     events = cropped(simulation)
-    return events[:20_000] if name == "steady" else with_gaps_and_hot_pixels(events)
+    if name == "gaps and hot pixels":
+        return with_gaps_and_hot_pixels(events)
+    # The image is mirrored at once, so that tracks no longer match.
+    events = events[:13_000]
+    events["x"][10_000:] = WIDTH - 1 - events["x"][10_000:]
+    return events
 
 
 def kernel_features(tracker: GradientTracker) -> list[tuple[int, int | None, int, int]]:
@@ -61,7 +64,12 @@ def kernel_features(tracker: GradientTracker) -> list[tuple[int, int | None, int
     records = tracker.arrays.features.records
     alive = records[records["state"] != FREE]
     return sorted(
-        (r["born_ns"].item(), r["id"].item() if r["state"] == TRACKING else -1, r["written"].item(), r["skipped"].item())
+        (
+            r["born_ns"].item(),
+            r["id"].item() if r["state"] == TRACKING else -1,
+            r["written"].item(),
+            r["skipped"].item(),
+        )
         for r in alive
     )
 
@@ -93,8 +101,31 @@ def compare(events: RecordArray, oracle: NaiveFrontend) -> GradientTracker:
     return tracker
 
 
-@pytest.mark.parametrize("name", ["steady", "gaps and hot pixels"])
+@pytest.mark.parametrize("name", ["scene cut", "gaps and hot pixels"])
 def test_the_loop_decides_as_algorithm_1(simulation: EventSimulation, name: str) -> None:
     oracle = NaiveFrontend(CONFIG, WIDTH, HEIGHT)
     compare(stream_of(simulation, name), oracle)
-    print(oracle.ended, oracle.corners, oracle.tracks, oracle.fed, oracle.hot_events, len(oracle.hot))
+    # The stream exercises the rules that it is meant for.
+    if name == "scene cut":
+        assert oracle.tracks > 5
+        assert oracle.ended["border"] + oracle.ended["untrusted"] > 3
+    else:
+        assert len(oracle.hot) == 3
+        assert min(oracle.ended["silent"], oracle.ended["abandoned"], oracle.hot_events) > 1
+
+
+@pytest.mark.parametrize(
+    ("name", "rule", "broken"),
+    [
+        ("scene cut", "capacity", 11),
+        ("scene cut", "spacing_px", 9.0),
+        ("scene cut", "t_min_ns", 20_000_000),
+        ("gaps and hot pixels", "t_max_ns", 10 * NS_PER_S),
+        ("gaps and hot pixels", "find_hot", lambda seconds: set()),
+    ],
+)
+def test_a_broken_rule_is_noticed(simulation: EventSimulation, name: str, rule: str, broken: object) -> None:
+    oracle = NaiveFrontend(CONFIG, WIDTH, HEIGHT)
+    setattr(oracle, rule, broken)
+    with pytest.raises(AssertionError, match="event"):
+        compare(stream_of(simulation, name), oracle)

@@ -12,9 +12,9 @@ from numba.extending import intrinsic
 def borrowed(_context: Any, values: Any) -> Any:
     """A tuple of arrays, nested or not, whose arrays have no owner.
 
-    Numba counts a reference to every array of a tuple each time the tuple is passed on, which takes longer than
-    to process an event. An array without an owner has no references to count. The caller must keep the arrays
-    alive: a kernel may borrow its arguments, and must not return them.
+    Numba counts a reference to every array of a tuple each time the tuple is passed on, which takes several
+    times as long as an event. An array without an owner has no references to count. The caller must keep the
+    arrays alive: a kernel may borrow its arguments, and must not return them.
     """
     if not isinstance(values, types.BaseTuple):
         return None

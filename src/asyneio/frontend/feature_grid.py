@@ -118,7 +118,7 @@ def move(grid: FeatureGrid, slot: int, x: float, y: float) -> None:
 
 class FeatureGrids(NamedTuple):
     """`feeding`: features that an event may be fed to. `spacing`: features that may be too close to a new
-    corner; used, and filled, only if corners must keep a larger distance than events are fed over (`wide`)."""
+    corner; used, and filled, only if corners keep a larger distance than events are fed over (`wide`)."""
 
     feeding: FeatureGrid
     spacing: FeatureGrid

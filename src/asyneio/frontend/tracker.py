@@ -32,7 +32,6 @@ INNER: dict[str, Any] = {"cache": True, "no_cpython_wrapper": True, "no_cfunc_wr
 INLINE: dict[str, Any] = {"cache": True, "inline": "always"}
 
 
-
 @nb.njit(**INLINE)
 def has_capacity(state: Record) -> bool:
     """Whether another feature may begin; `state` has the fields `alive` and `capacity`."""

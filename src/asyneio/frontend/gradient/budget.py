@@ -53,8 +53,8 @@ def has_credit(state: Record, t_ns: int) -> bool:
 def is_shed(state: Record, t_ns: int, features_near: int) -> bool:
     """Under a limit on the load: charge an event, and decide whether it is dropped.
 
-    Without credit, events without a feature nearby are all dropped; of those near features, one in THINNING is
-    processed.
+    Without credit, events without a feature nearby are all dropped; of those near features, one in THINNING
+    is processed.
     """
     if not has_credit(state, t_ns):
         if features_near == 0:

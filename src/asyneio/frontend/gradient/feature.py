@@ -26,7 +26,7 @@ from asyneio.frontend.gradient.patch import blur, draw_patch, restrict, seen_lag
 from asyneio.frontend.gradient.state import Roll
 from asyneio.frontend.gradient.template import learn, match, synthesise
 from asyneio.frontend.gradient.track_management import reported_point
-from asyneio.frontend.tracker import INNER, TRACKING, Record
+from asyneio.frontend.tracker import INLINE, INNER, TRACKING, Record
 from asyneio.types import RecordArray
 
 ENDED, REJECTED, MOVED = -1, 0, 1
@@ -80,7 +80,8 @@ class Motion(NamedTuple):
 
 class Prediction(NamedTuple):
     """A track at the mean time of its newest window: the window, its length [s], the time [s] since the last
-    update, the predicted centre [px], and the rotation of the patch frame into the image frame."""
+    update, the predicted centre [px], and the rotation of the patch frame into the image frame [rad] with its
+    cosine and sine."""
 
     window: Window
     span_s: float
@@ -88,6 +89,8 @@ class Prediction(NamedTuple):
     x: float
     y: float
     angle: float
+    cos: float
+    sin: float
 
 
 @nb.njit(**INNER)
@@ -240,7 +243,7 @@ def update(features: Features, slot: int, roll: Roll, loop: Record, settings: Re
     return MOVED
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def _predict(feature: Record, rings: RecordArray, slot: int, roll: Roll, settings: Record) -> Prediction:
     """Select the newest window and predict the track at its mean time with constant velocity."""
     wanted = int(max(feature.density * settings.window_px / feature.stride, settings.min_window_events))
@@ -249,26 +252,26 @@ def _predict(feature: Record, rings: RecordArray, slot: int, roll: Roll, setting
     dt = max((window.mean_ns - feature.t_ns) * 1e-9, 1e-6)
     x, y = feature.x + feature.vx * dt, feature.y + feature.vy * dt
     angle = roll.angle + roll.rate * (window.mean_ns - window.last_ns) * 1e-9 - feature.birth_roll
-    return Prediction(window, span_s, dt, x, y, angle)
+    return Prediction(window, span_s, dt, x, y, angle, np.cos(angle), np.sin(angle))
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def _displacement(feature: Record, predicted: Prediction) -> tuple[float, float]:
     """Displacement (x, y) over a window in the patch frame [px]."""
-    cos, sin = np.cos(predicted.angle), np.sin(predicted.angle)
+    cos, sin = predicted.cos, predicted.sin
     sx = (cos * feature.vx + sin * feature.vy) * predicted.span_s
     sy = (cos * feature.vy - sin * feature.vx) * predicted.span_s
     return sx, sy
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def _apply_match(
     features: Features, slot: int, predicted: Prediction, settings: Record, work: Record
 ) -> None:
     """Correct position, velocity, event density and template by a match that was accepted."""
     feature, out, dt = features.records[slot], work.match, predicted.dt_s
     stride, density = feature.stride, feature.density
-    cos, sin = np.cos(predicted.angle), np.sin(predicted.angle)
+    cos, sin = predicted.cos, predicted.sin
     # Shifts are in the patch frame.
     shift_x, shift_y = cos * out.u - sin * out.v, sin * out.u + cos * out.v
     feature.x, feature.y = predicted.x + shift_x, predicted.y + shift_y
@@ -291,8 +294,8 @@ def _is_trusted(feature: Record, settings: Record, out: Record) -> bool:
     """Whether the patch still moves as a whole and is still matched sharply.
 
     If a patch spans two depths, or if its template has drifted, the shifts of its halves diverge long before
-    the correlation drops. Both measures are running means. Noise raises the first, so its limit grows with the
-    second.
+    the correlation drops. Both measures are running means. Noise raises the first, so its limit grows with
+    the second.
     """
     trace, det = out.xx + out.yy, out.xx * out.yy - out.xy * out.xy
     smallest = 0.5 * trace - np.sqrt(max(0.25 * trace * trace - det, 0.0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba as nb
 import numpy as np
 
@@ -33,6 +35,15 @@ _FETCHED = 24
 _BIRTH_MARGIN_PX = 3
 #: Half width [px] of the first velocity search: around the velocity of the neighbours, and without any.
 _NEAR_REACH_PX, _FAR_REACH_PX = 2, 5
+
+
+class Limits(NamedTuple):
+    """Constants of the event loop: squared distances [px^2] within which an event is fed to a feature, and
+    within which a feature prevents a corner; whether the load is limited."""
+
+    feed2: float
+    spacing2: float
+    load: bool
 
 
 @nb.njit(cache=True, nogil=True)
@@ -68,23 +79,25 @@ def process_events(
     surface, which was fetched ahead of time, and finds an empty bucket.
     """
     surface, state, loop = tracker.surface, tracker.state[0], tracker.loop[0]
-    limited = state.load > 0.0
+    limits = Limits(
+        tracker.settings[0].feed_radius_px ** 2, tracker.loop[0].spacing_px ** 2, state.load > 0.0
+    )
     for i in range(start, end):
         event = read_event(events, i)
-        if not limited or state.credit_ns > 0.0:
+        if not limits.load or state.credit_ns > 0.0:
             prefetch_surface(tracker, read_event(events, min(i + _FETCHED, events.size - 1)))
         if is_full(state, observations):
             return i
         if event.t_ns - state.checked_ns > CHECK_NS:
             manage_tracks(tracker, event.t_ns)  # Lines 13-15.
-        if limited and is_shed(state, event.t_ns, count_listed(tracker, event)):
+        if limits.load and is_shed(state, event.t_ns, count_listed(tracker, event)):
             continue
         first_of_edge = record_event(surface, event, loop.silence_ns)  # Line 4.
         if is_hot(surface, event):
             state.hot_events += 1
             continue
         state.polarity_counts[np.uint64(event.p)] += 1.0
-        near = feed_neighbours(tracker, event, observations)  # Lines 5-12.
+        near = feed_neighbours(tracker, event, limits, observations)  # Lines 5-12.
         if near or not first_of_edge or not may_begin(tracker, event):  # Line 16.
             continue
         if is_corner(surface.latest_ns, event.p, event.x, event.y, tracker.corner_scratch):  # Line 17.
@@ -108,7 +121,7 @@ def is_full(state: Record, observations: RecordArray) -> bool:
     return state.written + 2 * BUCKET_FEATURES > observations.size
 
 
-@nb.njit(**INLINE)
+@nb.njit(**INNER)
 def manage_tracks(tracker: GradientArrays, t_ns: int) -> None:
     """Periodic work: release tracks, renew budgets and hot pixels."""
     state = tracker.state[0]
@@ -128,36 +141,35 @@ def count_listed(tracker: GradientArrays, event: Event) -> int:
 
 
 @nb.njit(**INLINE)
-def feed_neighbours(tracker: GradientArrays, event: Event, observations: RecordArray) -> bool:
-    """Feed an event to all features in whose disc it lies; True if a feature is too close for a new corner."""
+def feed_neighbours(tracker: GradientArrays, event: Event, limits: Limits, observations: RecordArray) -> bool:
+    """Feed an event to the features in whose disc it lies; True if one is too close for a new corner."""
     state = tracker.state[0]
-    near, fed = find_neighbours(tracker, event)
+    near, fed = find_neighbours(tracker, event, limits)
     for k in range(fed):
         slot = int(tracker.nearby[np.uint64(k)])
         if keep_event(tracker, slot, event):
             act(tracker, slot, event.t_ns, observations)
     state.fed += fed
-    if state.load > 0.0:
+    if limits.load:
         state.credit_ns -= FED_NS * fed
     return near
 
 
 @nb.njit(**INLINE)
-def find_neighbours(tracker: GradientArrays, event: Event) -> tuple[bool, int]:
+def find_neighbours(tracker: GradientArrays, event: Event, limits: Limits) -> tuple[bool, int]:
     """Whether a feature is too close for a new corner; how many features the event is fed to, listed in
     `nearby`, the newest entry of the bucket first."""
     records, nearby = tracker.features.records, tracker.nearby
     slots = tracker.grids.feeding.buckets[np.uint64(event.y >> FINE), np.uint64(event.x >> FINE)].slots
-    spacing2, feed2 = tracker.loop[0].spacing_px ** 2, tracker.settings[0].feed_radius_px ** 2
     count = count_listed(tracker, event)
     near, fed = False, 0
     # Without a branch that the processor would have to predict.
     for k in range(count):
         slot = np.int64(slots[np.uint64(count - 1 - k)])
         distance2 = squared_distance(records[np.uint64(slot)], event)
-        near |= distance2 < spacing2
+        near |= distance2 < limits.spacing2
         nearby[np.uint64(fed)] = slot
-        fed += int(distance2 <= feed2)
+        fed += int(distance2 <= limits.feed2)
     return near, fed
 
 
@@ -189,6 +201,7 @@ def keep_event(tracker: GradientArrays, slot: int, event: Event) -> bool:
 @nb.njit(**INNER)
 def act(tracker: GradientArrays, slot: int, t_ns: int, observations: RecordArray) -> None:
     """Update a feature that has collected enough events; a growing one may become a track."""
+    tracker = borrowed(tracker)
     feature, state = tracker.features.records[slot], tracker.state[0]
     roll = Roll(state.roll + state.roll_rate * (t_ns - state.roll_ns) * 1e-9, state.roll_rate)
     if feature.state == GROWING:
@@ -245,7 +258,7 @@ def may_begin(tracker: GradientArrays, event: Event) -> bool:
     return True
 
 
-@nb.njit(**INLINE)
+@nb.njit(**INNER)
 def is_near(tracker: GradientArrays, event: Event) -> bool:
     """Whether a feature beyond the feeding distance is too close for a new corner."""
     grid, spacing2 = tracker.grids.spacing, tracker.loop[0].spacing_px ** 2
@@ -257,7 +270,7 @@ def is_near(tracker: GradientArrays, event: Event) -> bool:
     return False
 
 
-@nb.njit(**INLINE)
+@nb.njit(**INNER)
 def begin_feature(tracker: GradientArrays, event: Event) -> None:
     """Begin a feature at a corner, in the first free slot."""
     records, state = tracker.features.records, tracker.state[0]

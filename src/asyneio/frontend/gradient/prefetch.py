@@ -13,8 +13,8 @@ from numba.extending import intrinsic
 def prefetch(_context: Any, array: Any, index: Any) -> Any:
     """Fetch the cache line of an element that will be written soon.
 
-    `index` counts the elements of a C-contiguous array, whatever its shape. It is not checked: a prefetch of an
-    invalid address has no effect.
+    `index` counts the elements of a C-contiguous array, whatever its shape. It is not checked: a prefetch of
+    an invalid address has no effect.
     """
     if not (isinstance(array, types.Array) and array.layout == "C" and isinstance(index, types.Integer)):
         return None

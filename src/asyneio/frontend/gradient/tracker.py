@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.config import FrontendConfig
-from asyneio.frontend.validation import EventValidator
 from asyneio.frontend.extents import neighbourhood_px, spacing_px
 from asyneio.frontend.feature_grid import make_grids
 from asyneio.frontend.gradient.budget import THINNING
@@ -22,6 +21,7 @@ from asyneio.frontend.gradient.state import (
 )
 from asyneio.frontend.surface import make_surface
 from asyneio.frontend.tracker import TRACKING, TURN_DTYPE, FrontendStatistics, in_pieces, record_of
+from asyneio.frontend.validation import EventValidator
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, RecordArray
 
 #: An edge that crosses a pixel again after this time counts as new (Li et al., IROS 2019).

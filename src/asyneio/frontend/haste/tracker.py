@@ -12,10 +12,18 @@ import numba as nb
 import numpy as np
 
 from asyneio.config import FrontendConfig
-from asyneio.frontend.validation import EventValidator
+from asyneio.frontend.borrowed import borrowed
 from asyneio.frontend.detection import SCRATCH, is_corner
 from asyneio.frontend.extents import spacing_px
-from asyneio.frontend.feature_grid import BUCKET_FEATURES, FINE, FeatureGrid, insert, make_feature_grid, move, remove
+from asyneio.frontend.feature_grid import (
+    BUCKET_FEATURES,
+    FINE,
+    FeatureGrid,
+    insert,
+    make_feature_grid,
+    move,
+    remove,
+)
 from asyneio.frontend.haste.kernel import HASTE_DTYPE, RADIUS, feed
 from asyneio.frontend.surface import (
     NEVER_NS,
@@ -35,13 +43,13 @@ from asyneio.frontend.tracker import (
     NO_ROLL,
     TRACKING,
     FrontendStatistics,
-    Record,
     free_slot,
     has_capacity,
     in_pieces,
     is_outside,
     record_of,
 )
+from asyneio.frontend.validation import EventValidator
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, IntArray, RecordArray
 
 #: Period of the search for silent features, in event time.
@@ -106,6 +114,7 @@ def process_events(events: RecordArray, start: int, tracker: HasteArrays, observ
 
     Stops early when `observations` may not hold what follows; `state.written` counts what was written.
     """
+    tracker = borrowed(tracker)
     surface, state, settings = tracker.surface, tracker.state[0], tracker.settings[0]
     state.written = 0
     for i in range(start, events.size):
@@ -156,7 +165,7 @@ def release(tracker: HasteArrays, slot: int) -> None:
 
 @nb.njit(**INLINE)
 def feed_neighbours(tracker: HasteArrays, event: Event, observations: RecordArray) -> bool:
-    """Feed an event to all features in whose disc it lies; True if a feature is too close for a new corner."""
+    """Feed an event to the features in whose disc it lies; True if one is too close for a new corner."""
     grid, spacing2 = tracker.grid, tracker.settings[0].spacing_px ** 2
     row, column = event.y >> FINE, event.x >> FINE
     slots, near = grid.buckets[row, column].slots, False
@@ -176,6 +185,7 @@ def feed_neighbours(tracker: HasteArrays, event: Event, observations: RecordArra
 @nb.njit(**INNER)
 def act(tracker: HasteArrays, slot: int, event: Event, observations: RecordArray) -> None:
     """Feed an event to a feature; if that moves it, update the grid and write an observation."""
+    tracker = borrowed(tracker)
     feature, state, settings = tracker.records[slot], tracker.state[0], tracker.settings[0]
     growing = feature.state == GROWING
     if not feed(feature, event.t_ns, event.x, event.y):
@@ -253,8 +263,8 @@ class HasteTracker:
             roll_rate: not used: the hypotheses include rotations.
 
         Returns:
-            OBSERVATION_DTYPE in order of emission. Each carries the time of the middle of its feature's window,
-            so times ascend within a track, but not across tracks.
+            OBSERVATION_DTYPE in order of emission. Each carries the time of the middle of its feature's
+            window, so times ascend within a track, but not across tracks.
 
         Raises:
             RecordingError: invalid events, see `EventValidator.validated`.
