@@ -10,9 +10,9 @@ from asyneio.frontend.detection import (
     HARRIS_EVENTS,
     HARRIS_K,
     HARRIS_THRESHOLD,
-    INNER,
+    INNER_CIRCLE,
     MARGIN,
-    OUTER,
+    OUTER_CIRCLE,
     SCRATCH,
     _is_one_arc,
     harris_score,
@@ -57,8 +57,8 @@ def oracle_score(latest_ns: IntArray) -> float:
 
 def oracle(latest_ns: IntArray) -> bool:
     return (
-        has_arc(latest_ns, INNER, [3, 4, 5, 6, 10, 11, 12, 13])
-        and has_arc(latest_ns, OUTER, [4, 5, 6, 7, 8, 12, 13, 14, 15, 16])
+        has_arc(latest_ns, INNER_CIRCLE, [3, 4, 5, 6, 10, 11, 12, 13])
+        and has_arc(latest_ns, OUTER_CIRCLE, [4, 5, 6, 7, 8, 12, 13, 14, 15, 16])
         and oracle_score(latest_ns) > HARRIS_THRESHOLD
     )
 

@@ -28,7 +28,7 @@ def enlarged(events: RecordArray, times: int) -> RecordArray:
 
 def nearest_px(tracker: GradientTracker) -> float:
     """Distance from a feature to the nearest other one; nine in ten are further apart."""
-    records = tracker.features.records
+    records = tracker.arrays.features.records
     alive = records[records["state"] != FREE]
     x, y = alive["x"], alive["y"]
     assert alive.size > 20

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from asyneio.config import FrontendConfig
-from asyneio.frontend.gradient.features import FREE
 from asyneio.frontend.gradient.tracker import GradientTracker
+from asyneio.frontend.tracker import FREE
 from asyneio.simulation import EventSimulation
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 from tests.conftest import SEED
@@ -98,14 +98,14 @@ def test_more_places_make_up_for_tracks_of_no_use(simulation: EventSimulation) -
     tracker = GradientTracker(FrontendConfig(max_features=8), WIDTH, HEIGHT)
     events = simulation.recording.events
 
-    for unused, places in ((0.3, 11), (0.5, 16), (0.9, 16), (1.0, 16), (0.0, 8)):
-        tracker.set_outlier_share(unused)
-        assert tracker._state[0]["places"] == places
+    for share, capacity in ((0.3, 11), (0.5, 16), (0.9, 16), (1.0, 16), (0.0, 8)):
+        tracker.set_outlier_share(share)
+        assert tracker.arrays.state["capacity"][0] == capacity
     following, corners = [], []
     for i in range(0, events.size, 5000):
         tracker.set_outlier_share(0.5 if i < 40_000 else 0.0)
         tracker.process(events[i : i + 5000])
-        following.append(np.count_nonzero(tracker.features.records["state"] != FREE))
+        following.append(np.count_nonzero(tracker.arrays.features.records["state"] != FREE))
         corners.append(tracker.statistics().corners)
     assert max(following[:8]) == 16
     # None is ended for it, and none begins before there are fewer than wanted.
@@ -117,7 +117,7 @@ def test_more_places_make_up_for_tracks_of_no_use(simulation: EventSimulation) -
 def test_young_features_keep_their_distance(simulation: EventSimulation) -> None:
     config = FrontendConfig(spacing=25.0 / 240.0)
     tracker, _ = track(simulation.recording.events[:60_000], config)
-    records = tracker.features.records
+    records = tracker.arrays.features.records
     alive = records[records["state"] != FREE]
     # Features move, and may approach each other a little after their birth.
     x, y = alive["x"], alive["y"]
@@ -150,7 +150,7 @@ def test_silence_releases_features(simulation: EventSimulation) -> None:
         late["t_ns"] += int(pause_s * NS_PER_S)
         tracker.process(late)
         assert (tracker.statistics().alive > 30) is some
-    assert np.all(tracker.features.records["state"] == FREE)
+    assert np.all(tracker.arrays.features.records["state"] == FREE)
     assert tracker.statistics().ended_silent > 30
 
 

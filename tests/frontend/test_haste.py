@@ -9,8 +9,6 @@ from hypothesis import strategies as st
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend.haste.kernel import (
-    FREE,
-    GROWING,
     HASTE_DTYPE,
     HYSTERESIS,
     LEARNING_RATE,
@@ -18,11 +16,11 @@ from asyneio.frontend.haste.kernel import (
     RADIUS,
     SIDE,
     STEPS,
-    TRACKING,
     WINDOW,
     feed,
 )
-from asyneio.frontend.haste.tracker import ALIVE, SILENT, TRACKS, HasteTracker
+from asyneio.frontend.haste.tracker import HasteTracker
+from asyneio.frontend.tracker import FREE, GROWING, TRACKING
 from asyneio.types import EVENT_DTYPE, FloatArray, RecordArray
 from tests.conftest import SEED
 
@@ -171,13 +169,13 @@ def run(
 def test_features_move_with_the_texture(texture: RecordArray) -> None:
     tracker, observations = run(texture)
     errors = []
-    for track in range(tracker.counters[TRACKS]):
+    for track in range(tracker.statistics().tracks):
         o = observations[observations["id"] == track]
         seconds = (o["t_ns"] - o["t_ns"][0]) * 1e-9
         assert np.all(np.diff(o["t_ns"]) >= tracker.settings.t_min_ns)
         errors.append(np.hypot(o["u"] - o["u"][0] - 100 * seconds, o["v"] - o["v"][0] - 50 * seconds))
     error = np.concatenate(errors)
-    assert tracker.counters[TRACKS] > 20
+    assert tracker.statistics().tracks > 20
     assert error.size > 300
     assert np.median(error) < 1.5
 
@@ -185,7 +183,7 @@ def test_features_move_with_the_texture(texture: RecordArray) -> None:
 def test_capacity_and_border_are_respected(texture: RecordArray) -> None:
     tracker, observations = run(texture, packet=500, max_features=8)
     border = tracker.settings.border_px
-    assert tracker.counters[ALIVE] == np.count_nonzero(tracker.features["state"]) == 8
+    assert tracker.arrays.state["alive"][0] == np.count_nonzero(tracker.arrays.records["state"]) == 8
     assert observations["u"].min() >= border
     assert observations["v"].min() >= border
     assert observations["u"].max() <= WIDTH - 1 - border
@@ -194,17 +192,17 @@ def test_capacity_and_border_are_respected(texture: RecordArray) -> None:
 
 def test_silent_features_are_removed(texture: RecordArray) -> None:
     tracker, _ = run(texture)
-    assert np.any(tracker.features["state"] == TRACKING)
+    assert np.any(tracker.arrays.records["state"] == TRACKING)
     late = texture[-1:].copy()
     late["t_ns"] += tracker.settings.t_max_ns // 2
     tracker.process(late)
-    age_ns = late["t_ns"] - tracker.features["t_ns"][tracker.features["state"] != FREE]
-    assert 0 < age_ns.size == tracker.counters[ALIVE]
+    age_ns = late["t_ns"] - tracker.arrays.records["t_ns"][tracker.arrays.records["state"] != FREE]
+    assert 0 < age_ns.size == tracker.arrays.state["alive"][0]
     assert age_ns.max() <= tracker.settings.t_max_ns
     late["t_ns"] += tracker.settings.t_max_ns
     tracker.process(late)
-    assert tracker.counters[ALIVE] == 0
-    assert tracker.counters[SILENT] >= age_ns.size
+    assert tracker.arrays.state["alive"][0] == 0
+    assert tracker.statistics().ended_silent >= age_ns.size
 
 
 def test_result_depends_on_the_events_alone(texture: RecordArray) -> None:

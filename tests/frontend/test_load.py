@@ -10,7 +10,7 @@ import pytest
 from asyneio.config import FrontendConfig
 from asyneio.errors import RecordingError
 from asyneio.frontend import Frontend, FrontendStatistics
-from asyneio.frontend.feature_grid import Tables, make_registration
+from asyneio.frontend.feature_grid import FeatureGrids, make_feature_grid
 from asyneio.frontend.gradient.budget import EVENT_NS, FED_NS, SHED_NS
 from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.simulation import EventSimulation
@@ -20,18 +20,18 @@ WIDTH, HEIGHT, FEATURES = 240, 180, 8
 FASTER = 20
 
 
-def everywhere(wide: bool) -> Tables:
-    """Tables in which each feature is listed in every bucket: every event asks all of them."""
+def everywhere(wide: bool) -> FeatureGrids:
+    """Grids in which every bucket lists every feature."""
     capacity, far = 2 * FEATURES, 1000.0
-    spacing = make_registration(WIDTH, HEIGHT, capacity, far, shift=5)
-    return Tables(make_registration(WIDTH, HEIGHT, capacity, far), spacing, wide)
+    spacing = make_feature_grid(WIDTH, HEIGHT, capacity, far, shift=5)
+    return FeatureGrids(make_feature_grid(WIDTH, HEIGHT, capacity, far), spacing, wide)
 
 
 @pytest.mark.parametrize("wide", [False, True])
 def test_tables_find_what_asking_every_feature_finds(simulation: EventSimulation, wide: bool) -> None:
     events = simulation.recording.events[:200_000]
     fast, naive = (GradientTracker(FrontendConfig(max_features=FEATURES), WIDTH, HEIGHT) for _ in range(2))
-    naive._tables = everywhere(wide)
+    naive.arrays = naive.arrays._replace(grids=everywhere(wide))
     expected = naive.process(events)
     assert expected.size > 30
     np.testing.assert_array_equal(fast.process(events), expected)

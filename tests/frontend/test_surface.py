@@ -1,4 +1,4 @@
-"""Surface of active events, its filter and the mask of hot pixels; the registration table."""
+"""Surface of active events, its filter and the mask of hot pixels; the grid table."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from asyneio.frontend.feature_grid import (
     BUCKET_FEATURES,
     FINE,
     FeatureGrid,
-    make_registration,
+    insert,
+    make_feature_grid,
     move,
-    register,
-    unregister,
+    remove,
 )
-from asyneio.frontend.surface import NEVER_NS, Surface, make_surface, record_event, refresh_hot_pixels
+from asyneio.frontend.surface import NEVER_NS, Event, Surface, make_surface, record_event, refresh_hot_pixels
 from tests.conftest import SEED
 
 SILENCE_NS = 50
 
 
 def record(surface: Surface, t_ns: int, p: int) -> bool:
-    return record_event(surface.latest_ns, surface.fired, t_ns, 3, 2, p, SILENCE_NS)
+    return record_event(surface, Event(t_ns, 3, 2, p), SILENCE_NS)
 
 
 def test_only_the_first_event_of_an_edge_may_found_a_corner() -> None:
@@ -70,12 +70,12 @@ def test_a_lone_pixel_below_the_floor_is_not_hot() -> None:
 WIDTH, HEIGHT, REACH, BUCKET = 100, 60, 13.5, 1 << FINE
 
 
-def entries(registration: FeatureGrid) -> set[tuple[int, int, int]]:
+def entries(grid: FeatureGrid) -> set[tuple[int, int, int]]:
     """All (row, column, slot) in the table; fails where a slot is listed twice."""
     found = [
         (row, column, int(slot))
-        for (row, column), bucket in np.ndenumerate(registration.buckets)
-        for slot in bucket["slots"][: registration.counts[row, column]]
+        for (row, column), bucket in np.ndenumerate(grid.buckets)
+        for slot in bucket["slots"][: grid.counts[row, column]]
     ]
     assert len(found) == len(set(found))
     return set(found)
@@ -96,7 +96,7 @@ def touched(slot: int, x: float, y: float) -> set[tuple[int, int, int]]:
 
 
 step = st.tuples(
-    st.sampled_from(["register", "move", "unregister"]),
+    st.sampled_from(["insert", "move", "remove"]),
     st.integers(0, 9),
     st.floats(0, WIDTH - 1),
     st.floats(0, HEIGHT - 1),
@@ -108,34 +108,34 @@ step = st.tuples(
 def test_features_are_in_exactly_the_buckets_they_touch(
     steps: list[tuple[str, int, float, float]],
 ) -> None:
-    registration = make_registration(WIDTH, HEIGHT, 10, REACH)
+    grid = make_feature_grid(WIDTH, HEIGHT, 10, REACH)
     places: dict[int, tuple[float, float]] = {}
     for action, slot, x, y in steps:
-        if action == "register" and slot not in places:
-            register(registration, slot, x, y)
+        if action == "insert" and slot not in places:
+            insert(grid, slot, x, y)
             places[slot] = x, y
         elif action == "move" and slot in places:
-            move(registration, slot, x, y)
+            move(grid, slot, x, y)
             places[slot] = x, y
-        elif action == "unregister" and places.pop(slot, None) is not None:
-            unregister(registration, slot)
-        assert entries(registration) == set().union(*(touched(k, *place) for k, place in places.items()))
+        elif action == "remove" and places.pop(slot, None) is not None:
+            remove(grid, slot)
+        assert entries(grid) == set().union(*(touched(k, *place) for k, place in places.items()))
 
 
 def test_a_full_bucket_loses_nothing_else() -> None:
-    registration = make_registration(WIDTH, HEIGHT, 40, REACH)
+    grid = make_feature_grid(WIDTH, HEIGHT, 40, REACH)
     for slot in range(40):
-        register(registration, slot, 50.0, 30.0)
-    assert registration.counts.max() == BUCKET_FEATURES
+        insert(grid, slot, 50.0, 30.0)
+    assert grid.counts.max() == BUCKET_FEATURES
     for slot in range(40):
-        unregister(registration, slot)
-    assert not entries(registration)
+        remove(grid, slot)
+    assert not entries(grid)
 
 
 @pytest.mark.parametrize("place", [(-3.0, 20.0), (120.0, 75.0)])
 def test_a_feature_beyond_the_image_is_kept_at_its_rim(place: tuple[float, float]) -> None:
-    registration = make_registration(WIDTH, HEIGHT, 1, 2.0)
-    register(registration, 0, *place)
-    assert entries(registration)
-    unregister(registration, 0)
-    assert not entries(registration)
+    grid = make_feature_grid(WIDTH, HEIGHT, 1, 2.0)
+    insert(grid, 0, *place)
+    assert entries(grid)
+    remove(grid, 0)
+    assert not entries(grid)

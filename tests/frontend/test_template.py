@@ -38,24 +38,24 @@ def test_two_directions_teach_a_third() -> None:
     rng = np.random.default_rng(SEED)
     G = rng.normal(0, 1, (2, TEMPLATE_SIDE, TEMPLATE_SIDE))
     feature, work = make_feature(), make_work()
-    evidence = np.zeros((1, 2, TEMPLATE_SIZE), dtype=np.float32)
+    sums = np.zeros((1, 2, TEMPLATE_SIZE), dtype=np.float32)
     for sx, sy in ((2.0, 0.3), (0.2, -1.8)):
         work["shifted"] = flatten(sx * G[0] + sy * G[1])
-        learn(feature[0], evidence, 0, sx, sy, 0.9, work[0])
+        learn(feature[0], sums, 0, sx, sy, 0.9, work[0])
     for sx, sy in ((-1.1, 1.4), (2.0, 2.0)):
-        synthesise(feature[0], evidence, 0, sx, sy, 1e-6, work[0])
+        synthesise(feature[0], sums, 0, sx, sy, 1e-6, work[0])
         np.testing.assert_allclose(unflatten(work["template"][0]), sx * G[0] + sy * G[1], atol=1e-3)
 
 
 def test_a_direction_never_seen_gives_next_to_nothing() -> None:
     G = template_of(blobs(SEED))
     feature, work = make_feature(), make_work()
-    evidence = np.zeros((1, 2, TEMPLATE_SIZE), dtype=np.float32)
+    sums = np.zeros((1, 2, TEMPLATE_SIZE), dtype=np.float32)
     work["shifted"] = 2.0 * G
-    learn(feature[0], evidence, 0, 2.0, 0.0, 1.0, work[0])
-    synthesise(feature[0], evidence, 0, 2.0, 0.0, 0.1, work[0])
+    learn(feature[0], sums, 0, 2.0, 0.0, 1.0, work[0])
+    synthesise(feature[0], sums, 0, 2.0, 0.0, 0.1, work[0])
     np.testing.assert_allclose(work["template"][0], 2.0 * G * 4.0 / 4.1, atol=1e-4)
-    synthesise(feature[0], evidence, 0, 0.0, 2.0, 0.1, work[0])
+    synthesise(feature[0], sums, 0, 0.0, 2.0, 0.1, work[0])
     assert not work["template"][0].any()
 
 

@@ -2,4 +2,4 @@
 
 from asyneio.frontend.frontend import Frontend as Frontend
 from asyneio.frontend.frontend import gyroscope_in_camera as gyroscope_in_camera
-from asyneio.frontend.statistics import FrontendStatistics as FrontendStatistics
+from asyneio.frontend.tracker import FrontendStatistics as FrontendStatistics

@@ -1,7 +1,7 @@
 """FA-Harris corners on the surface of active events (Li et al., IROS 2019).
 
-An arc test on two circles keeps the few events that can be corners; the Harris score of the latest events in
-a 9x9 patch decides.
+An arc test on two circles selects the few events that may be corners. The Harris score of the latest events
+in a 9x9 patch then decides.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from asyneio.frontend.surface import NEVER_NS
 from asyneio.types import FloatArray, IntArray
 
 #: Circles of radius 3 and 4 in order around the centre (dx, dy), as in eFAST.
-INNER = np.stack(
+INNER_CIRCLE = np.stack(
     [
         [0, 1, 2, 3, 3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1],
         [3, 3, 2, 1, 0, -1, -2, -3, -3, -3, -2, -1, 0, 1, 2, 3],
     ],
     axis=1,
 )
-OUTER = np.stack(
+OUTER_CIRCLE = np.stack(
     [
         [0, 1, 2, 3, 4, 4, 4, 3, 2, 1, 0, -1, -2, -3, -4, -4, -4, -3, -2, -1],
         [4, 4, 3, 2, 1, 0, -1, -2, -3, -4, -4, -4, -3, -2, -1, 0, 1, 2, 3, 4],
@@ -28,18 +28,18 @@ OUTER = np.stack(
     axis=1,
 )
 
-#: Half the side of the patch of the Harris score, and how many of its latest pixels are set.
+#: Half side of the patch of the Harris score, and the number of latest pixels that are set in it.
 HARRIS_RADIUS = 4
 HARRIS_EVENTS = 25
 HARRIS_K = 0.04
 HARRIS_THRESHOLD = 8.0
 
-#: Length of the working memory of a test.
+#: Size of the working memory of a test.
 SCRATCH = (2 * HARRIS_RADIUS + 1) ** 2
-#: Age [ns] at which the search for the latest pixels begins.
+#: First age [ns] in the search for the latest pixels.
 _FIRST_WIDTH_NS = 4_000_000
 
-#: Shortest arcs on either circle; typed, so that the test is compiled once for both.
+#: Shortest arcs on the two circles; typed, so that the test is compiled once for both.
 _SHORT, _LONG = np.int64(3), np.int64(4)
 
 #: Margin [px] that both tests need around an event.
@@ -59,19 +59,19 @@ _GAUSSIAN = gaussian_5x5()
 
 @nb.njit(cache=True)
 def is_corner(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) -> bool:
-    """FA-Harris test at the newest event (x, y) of polarity p on the surface `latest_ns` (H,W,2).
+    """FA-Harris test of the newest event, at (x, y) with polarity p, on the surface `latest_ns` (H,W,2).
 
-    `scratch` (SCRATCH,) int64 saves an allocation a call.
+    `scratch` (SCRATCH,) int64 is working memory.
     """
     height, width = latest_ns.shape[:2]
     if x < MARGIN or y < MARGIN or x >= width - MARGIN or y >= height - MARGIN:
         return False
-    # Flat and with indices that cannot be negative: nothing is checked for them.
+    # Flat, with unsigned indices, so that they need no check.
     flat = latest_ns.reshape(-1)
     middle = (y * width + x) * 2 + p
-    if not _has_arc(flat, width, middle, INNER, _SHORT, _SHORT * 2, scratch):
+    if not _has_arc(flat, width, middle, INNER_CIRCLE, _SHORT, _SHORT * 2, scratch):
         return False
-    if not _has_arc(flat, width, middle, OUTER, _LONG, _LONG * 2, scratch):
+    if not _has_arc(flat, width, middle, OUTER_CIRCLE, _LONG, _LONG * 2, scratch):
         return False
     return harris_score(latest_ns, p, x, y, scratch) > HARRIS_THRESHOLD
 
@@ -80,10 +80,10 @@ def is_corner(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) ->
 def _has_arc(
     flat: IntArray, width: int, middle: int, circle: IntArray, shortest: int, longest: int, scratch: IntArray
 ) -> bool:
-    """Whether the newest pixels of a circle form one arc of `shortest`..`longest`, or its complement does.
+    """Whether the newest pixels of a circle form one arc of `shortest`..`longest`, or the oldest ones do.
 
-    `flat` is the surface (H W 2,), `middle` the place of the circle's centre on it.
-    The complement is an arc of the oldest pixels, which are the newest when time runs backwards.
+    `flat` is the surface (H W 2,), `middle` the index of the circle's centre in it.
+    The oldest pixels are tested as the newest ones with the sign of time inverted.
     """
     n = circle.shape[0]
     newest = oldest = int(np.int64(0))
@@ -104,15 +104,15 @@ def _has_arc(
 
 @nb.njit(cache=True)
 def _is_one_arc(scratch: IntArray, n: int, largest: int, shortest: int, longest: int) -> bool:
-    """Whether the largest of n values around a circle are, for a number in `shortest`..`longest`, neighbours.
+    """Whether the k largest of n values around a circle are adjacent, for any k in `shortest`..`longest`.
 
-    An arc grows from the `largest` towards the larger of its two neighbours; it holds the largest values when
-    none outside is larger. Stamps may be equal; pixels that never fired are, and no arc ends among them.
+    An arc grows from the index `largest` towards the larger of its two neighbours. It contains the largest
+    values if none outside is larger. Equal times are accepted, except those of pixels that never fired.
     """
     right = largest + 1 if largest + 1 < n else 0
     left = largest - 1 if largest > 0 else n - 1
     scratch[n] = smallest = scratch[largest]
-    # Smallest inside after each length; those swallowed, in order, before.
+    # The values in the order in which the arc takes them, then the smallest value for each length.
     for length in range(1, longest):
         if scratch[right] > scratch[left]:
             value = scratch[right]
@@ -139,8 +139,8 @@ def _is_one_arc(scratch: IntArray, n: int, largest: int, shortest: int, longest:
 def harris_score(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) -> float:
     """Harris score of the binary 9x9 patch in which the latest 25 pixels are set.
 
-    The 5x5 derivative is smoothing (1 4 6 4 1) times slope (-1 -2 0 2 1), its largest entry scaled to one as
-    in eHarris (Vasco et al. 2016), computed one axis after the other.
+    The 5x5 derivative is smoothing (1 4 6 4 1) times slope (-1 -2 0 2 1), computed one axis after the other
+    and scaled so that its largest entry is one, as in eHarris (Vasco et al. 2016).
     """
     side = 2 * HARRIS_RADIUS + 1
     count = side * side
@@ -156,7 +156,7 @@ def harris_score(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray)
     smooth = np.empty(count, dtype=np.float32)
     slope = np.empty(count, dtype=np.float32)
     two, four, six = np.float32(2.0), np.float32(4.0), np.float32(6.0)
-    # Along the rows; what crosses the end of one is not read below.
+    # Along the rows; results that span two rows are not used below.
     for k in range(count - 4):
         a, b, c, d, e = latest[k], latest[k + 1], latest[k + 2], latest[k + 3], latest[k + 4]
         smooth[k] = (a + e) + four * (b + d) + six * c
@@ -178,10 +178,10 @@ def harris_score(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray)
 
 @nb.njit(cache=True)
 def _nth_largest(values: IntArray, count: int, n: int) -> int:
-    """A threshold that the n-th largest of the first `count` values reaches, and no smaller value.
+    """A threshold at or below the n-th largest of the first `count` values, and above all smaller values.
 
-    Counting what reaches a threshold takes whole vectors, where sorting waits for every comparison. The next
-    threshold is where the count would be right if the values between lay evenly.
+    Counting the values above a threshold uses full vectors, while sorting depends on every comparison. The
+    next threshold assumes that the values between the bounds are evenly distributed.
     """
     newest = values[0]
     for k in range(1, count):
@@ -197,7 +197,7 @@ def _nth_largest(values: IntArray, count: int, n: int) -> int:
         enough = _reaching(values, count, below)
     while above - below > 1 and enough > n:
         share = (enough - n + 0.5) / (enough - too_few)
-        # Not too near either end: each step must take something off.
+        # Not too close to either end, so that each step shortens the interval.
         share = min(max(share, 0.1), 0.9)
         middle = min(below + 1 + int(share * (above - below - 1)), above - 1)
         reaching = _reaching(values, count, middle)
@@ -210,7 +210,7 @@ def _nth_largest(values: IntArray, count: int, n: int) -> int:
 
 @nb.njit(cache=True)
 def _reaching(values: IntArray, count: int, threshold: int) -> int:
-    """How many of the first `count` values are not below a threshold."""
+    """Number of the first `count` values that are at least `threshold`."""
     total = 0
     for k in range(count):
         total += int(values[k] >= threshold)

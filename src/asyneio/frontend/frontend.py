@@ -4,44 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Protocol
 
 import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.errors import RecordingError
-from asyneio.frontend.border import EventBorder, check_gyroscope
 from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.frontend.haste.tracker import HasteTracker
-from asyneio.frontend.statistics import FrontendStatistics
-from asyneio.frontend.turns import STILL, TURN_DTYPE
+from asyneio.frontend.tracker import NO_ROLL, TURN_DTYPE, FrontendStatistics, Tracker
+from asyneio.frontend.validation import EventValidator, check_gyroscope
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
-#: The rate of roll is taken as constant over this long.
+#: The roll rate is constant over this time.
 _ROLL_STEP_NS = 4_000_000
-#: No gyroscope reads more [rad/s]: such a sample, or one that is not finite, is corrupt.
+#: Largest rate [rad/s] of a gyroscope; a sample above it, or one that is not finite, is corrupt.
 _MOST_ROLL = 1e3
-
-
-class Tracker(Protocol):
-    """What follows features through packets of events."""
-
-    def follow(self, events: RecordArray, turns: RecordArray) -> RecordArray:
-        """Observations (OBSERVATION_DTYPE) that a packet as `EventBorder.admitted` returns it leads to;
-        `turns` TURN_DTYPE, how the image rolls meanwhile."""
-        ...
-
-    def set_outlier_share(self, unused: float) -> None:
-        """From now on, that share of the tracks is of no use to who reads them."""
-        ...
-
-    def limit_load(self, share: float) -> None:
-        """From now on, use so much of a processor core by nominal costs; zero: any."""
-        ...
-
-    def statistics(self) -> FrontendStatistics:
-        """Counts since the start."""
-        ...
 
 
 _TRACKERS: dict[str, type[GradientTracker] | type[HasteTracker]] = {
@@ -59,63 +36,68 @@ class Frontend:
         height: of the sensor [px].
 
     Raises:
-        RecordingError: no sensor has this size.
+        RecordingError: a size that no sensor has.
     """
 
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
         self._tracker: Tracker = _TRACKERS[config.tracker](config, width, height)
-        self._border = EventBorder(width, height)
+        self._border = EventValidator(width, height)
         self._roll_rate = 0.0
 
     def process(self, events: RecordArray, gyroscope: RecordArray | None = None) -> RecordArray:
-        """Take a packet of events; the observations it leads to, in order of emission.
+        """Process a packet of events.
 
         Args:
             events: EVENT_DTYPE, ascending, later than all before, inside the sensor.
             gyroscope: INERTIAL_DTYPE of the same time, **in the camera frame and the camera clock** (see
-                `gyroscope_in_camera`); turns the patches along with the camera's roll. None: patches are not
-                turned.
+                `gyroscope_in_camera`); patches are rotated by the roll of the camera. None: no rotation.
 
         Returns:
-            OBSERVATION_DTYPE in the clock of the events. A stamp is that of its position, somewhat earlier
-            than the event that led to it.
+            OBSERVATION_DTYPE in the clock of the events, in order of emission. An observation carries the
+            time of its position, which is somewhat earlier than the event that triggered it.
 
         Raises:
-            RecordingError: not an array of events, an event outside the sensor, a polarity other than 0 and
-                1, stamps that descend or lie before an earlier packet, samples of another type. Nothing of
-                the packet is taken then.
+            RecordingError: not an array of events; an event outside the sensor; a polarity other than 0 and
+                1; times that descend or precede an earlier packet; samples of another type. The whole packet
+                is rejected.
         """
         if gyroscope is not None:
             check_gyroscope(gyroscope)
-        events = self._border.admitted(events)
+        events = self._border.validated(events)
         if events.size == 0:
             return np.empty(0, dtype=OBSERVATION_DTYPE)
-        turns = STILL if gyroscope is None else self._turns(events["t_ns"], gyroscope)
+        turns = NO_ROLL if gyroscope is None else self._turns(events["t_ns"], gyroscope)
         return self._tracker.follow(events, turns)
 
-    def set_outlier_share(self, unused: float) -> None:
-        """Make room for tracks in place of those that are of no use.
+    def set_outlier_share(self, share: float) -> None:
+        """Raise the capacity to compensate for tracks that the estimator rejects as outliers.
 
-        A share `unused` (0 to 1) of the tracks that are given out lies on something that moves by itself, or
-        was refused for another reason. The default tracker follows so many more features, at most twice
-        `max_features`, that the others number what they would without; the baseline does not.
+        The default tracker raises its capacity so that `max_features` inliers remain, up to twice
+        `max_features`; the baseline does not.
+
+        Args:
+            share: of the tracks that are outliers, 0 to 1.
 
         Raises:
-            RecordingError: no share.
+            RecordingError: not a share.
         """
-        if not 0.0 <= unused <= 1.0:
-            raise RecordingError(f"found {unused} for the share of unused tracks, expected 0 to 1")
-        self._tracker.set_outlier_share(unused)
+        if not 0.0 <= share <= 1.0:
+            raise RecordingError(f"found {share} for the share of outlier tracks, expected 0 to 1")
+        self._tracker.set_outlier_share(share)
 
     def limit_load(self, share: float) -> None:
-        """Change `frontend.max_load` from now on: for live use, by what a clock on the wall has shown.
+        """Change `frontend.max_load` from now on: for live use, where a wall clock shows the real load.
+
+        Args:
+            share: nominal cost per event time, in processor cores; 0: no limit.
 
         Raises:
             RecordingError: negative or not finite.
         """
         if not 0.0 <= share < math.inf:
             raise RecordingError(
-                f"found {share} for the share of a processor core, expected a positive number, or 0 for any"
+                f"found {share} for the share of a processor core, expected a positive number, or 0 for no "
+                "limit"
             )
         self._tracker.limit_load(share)
 
@@ -124,7 +106,7 @@ class Frontend:
         return self._tracker.statistics()
 
     def _turns(self, t_ns: IntArray, gyroscope: RecordArray) -> RecordArray:
-        """How the image rolls in a packet: TURN_DTYPE."""
+        """Roll of the image during a packet: TURN_DTYPE."""
         found = [
             (begin, self._roll_rate_in(gyroscope, start_ns, start_ns + _ROLL_STEP_NS))
             for begin, start_ns in _steps(t_ns)
@@ -132,7 +114,7 @@ class Frontend:
         return np.array(found, dtype=TURN_DTYPE)
 
     def _roll_rate_in(self, gyroscope: RecordArray, start_ns: int, end_ns: int) -> float:
-        """Rate of the image's roll [rad/s], against the camera's; without samples, as it was."""
+        """Roll rate of the image [rad/s], opposite to the camera's; without samples, the previous one."""
         a, b = np.searchsorted(gyroscope["t_ns"], [start_ns, end_ns])
         rates = gyroscope["xyz"][a:b, 2]
         rates = rates[np.abs(rates) < _MOST_ROLL]
@@ -142,7 +124,7 @@ class Frontend:
 
 
 def gyroscope_in_camera(recording: EventRecording) -> RecordArray:
-    """The gyroscope's samples (INERTIAL_DTYPE) in the camera frame and clock; none without a calibration."""
+    """Gyroscope samples (INERTIAL_DTYPE) in the camera frame and clock; empty without a calibration."""
     calibration = recording.calibration
     if calibration is None:
         return np.empty(0, dtype=INERTIAL_DTYPE)
@@ -153,10 +135,10 @@ def gyroscope_in_camera(recording: EventRecording) -> RecordArray:
 
 
 def _steps(t_ns: IntArray) -> Iterator[tuple[int, int]]:
-    """Spans of a packet over which the roll's rate is constant: index of the first event, start [ns]."""
+    """Spans of a packet with a constant roll rate: index of the first event, start [ns]."""
     begin = 0
     while begin < t_ns.size:
-        # From edge to edge of a grid that begins with the packet; silence, however long, is passed over.
+        # Spans begin on a grid that starts with the packet; spans without events are skipped.
         start_ns = int(t_ns[begin]) - int(t_ns[begin] - t_ns[0]) % _ROLL_STEP_NS
         yield begin, start_ns
         begin = int(np.searchsorted(t_ns, start_ns + _ROLL_STEP_NS))

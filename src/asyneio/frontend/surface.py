@@ -1,8 +1,8 @@
 """Surface of active events, event filter and hot-pixel mask.
 
-The surface keeps, for every pixel and polarity, the time of the latest event. The filter is that of FA-Harris
-(Li et al. 2019): an event may found a corner only if its pixel was silent for a while or the last event there
-had the other polarity; otherwise it belongs to the tail of an edge that has been seen already.
+The surface holds the time of the latest event of each pixel and polarity. The filter is that of FA-Harris
+(Li et al., IROS 2019): an event may be a corner only if its pixel was silent for a while, or if the previous
+event there had the other polarity. Any other event belongs to the tail of an edge that has passed already.
 """
 
 from __future__ import annotations
@@ -12,21 +12,31 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from asyneio.types import NS_PER_S, BoolArray, IntArray
+from asyneio.frontend.tracker import INLINE, INNER, Record
+from asyneio.types import NS_PER_S, BoolArray, IntArray, RecordArray
 
-#: Stamp of a pixel that never fired: far in the past, and safe to subtract.
+#: Time of a pixel that never fired: far in the past, and differences with it do not overflow.
 NEVER_NS = -(1 << 60)
 
-#: How often hot pixels are looked for. One fires so many times as often as all its neighbours but one, and
-#: so often at least.
+#: Period of the search for hot pixels. A pixel is hot if it fires HOT_FACTOR times as often as its second
+#: busiest neighbour, and more often than HOT_FLOOR_HZ.
 HOT_NS = NS_PER_S
 HOT_FACTOR = 5.0
 HOT_FLOOR_HZ = 25.0
 
 
+class Event(NamedTuple):
+    """One event: time [ns], column, row, polarity (0 or 1), each as a 64-bit integer."""
+
+    t_ns: int
+    x: int
+    y: int
+    p: int
+
+
 class Surface(NamedTuple):
-    """`latest_ns` (H,W,2) per polarity; `fired` (H,W) events since the last look for hot pixels; `hot` (H,W)
-    mask."""
+    """Per pixel: `latest_ns` (H,W,2), time of the latest event of each polarity; `fired` (H,W), events since
+    the last search for hot pixels; `hot` (H,W), mask of hot pixels."""
 
     latest_ns: IntArray
     fired: np.ndarray
@@ -34,7 +44,7 @@ class Surface(NamedTuple):
 
 
 def make_surface(width: int, height: int) -> Surface:
-    """A surface on which nothing has happened."""
+    """A surface without events."""
     return Surface(
         np.full((height, width, 2), NEVER_NS, dtype=np.int64),
         np.zeros((height, width), dtype=np.int32),
@@ -42,27 +52,46 @@ def make_surface(width: int, height: int) -> Surface:
     )
 
 
-@nb.njit(cache=True)
-def record_event(
-    latest_ns: IntArray, fired: np.ndarray, t_ns: int, x: int, y: int, p: int, silence_ns: int
-) -> bool:
-    """Put an event on a surface; whether it is the first of an edge, so that it may found a corner."""
-    # Unsigned: no index counts from the end, which would be checked.
-    row, column, sign = np.uint64(y), np.uint64(x), np.uint64(p)
-    own = latest_ns[row, column, sign]
-    other = latest_ns[row, column, sign ^ np.uint64(1)]
-    latest_ns[row, column, sign] = t_ns
-    fired[row, column] += np.int32(1)
-    return other > own or t_ns - own > silence_ns
+@nb.njit(**INLINE)
+def read_event(events: RecordArray, i: int) -> Event:
+    """Event `i`, not negative, of an array EVENT_DTYPE."""
+    event = events[np.uint64(i)]
+    return Event(event.t_ns, np.int64(event.x), np.int64(event.y), np.int64(event.p))
+
+
+@nb.njit(**INLINE)
+def record_event(surface: Surface, event: Event, silence_ns: int) -> bool:
+    """Write an event to the surface; True if it is the first of an edge and may therefore be a corner."""
+    # Unsigned: an index that may be negative is checked at run time.
+    row, column, sign = np.uint64(event.y), np.uint64(event.x), np.uint64(event.p)
+    own = surface.latest_ns[row, column, sign]
+    other = surface.latest_ns[row, column, sign ^ np.uint64(1)]
+    surface.latest_ns[row, column, sign] = event.t_ns
+    surface.fired[row, column] += np.int32(1)
+    return other > own or event.t_ns - own > silence_ns
+
+
+@nb.njit(**INLINE)
+def is_hot(surface: Surface, event: Event) -> bool:
+    """Whether the pixel of an event is masked."""
+    return surface.hot[np.uint64(event.y), np.uint64(event.x)]
+
+
+@nb.njit(**INNER)
+def update_hot_pixels(surface: Surface, state: Record, t_ns: int) -> None:
+    """Search for hot pixels if HOT_NS have passed; `state` has the fields `hot_ns` and `hot_pixels`."""
+    if t_ns - state.hot_ns > HOT_NS:
+        state.hot_pixels = refresh_hot_pixels(surface, (t_ns - state.hot_ns) * 1e-9)
+        state.hot_ns = t_ns
 
 
 @nb.njit(cache=True)
 def refresh_hot_pixels(surface: Surface, elapsed_s: float) -> int:
-    """Mask pixels whose rate is far above their neighbours'; clear the counts; how many are masked.
+    """Recompute the mask of hot pixels and clear the counts; returns how many pixels are masked.
 
-    An edge crosses neighbouring pixels alike, so a pixel that fires that much more often than all but one of
-    its neighbours (two defective ones must not hide each other) is defective. It is let back once it calms
-    down.
+    An edge crosses neighbouring pixels alike, so a pixel that fires far more often than all but one of its
+    neighbours is defective. One neighbour is exempt, so that two adjacent defective pixels do not hide each
+    other. The mask is computed anew each time: a pixel that calms down is used again.
     """
     height, width = surface.fired.shape
     masked = 0

@@ -1,7 +1,7 @@
-"""What the front end may spend: tests for corners always, computing time where a limit is set.
+"""Budgets of the front end: corner tests always, computing time where `frontend.max_load` limits it.
 
-Both budgets are kept by the events' own time and by nominal costs, not by a clock on the wall: the same
-events are treated alike on every machine, at every speed, however they are cut into packets.
+Both budgets run on the time of the events and on nominal costs, not on a wall clock: the result is the same
+on every machine, at every playback speed, and for every division of the stream into packets.
 """
 
 from __future__ import annotations
@@ -9,40 +9,39 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from asyneio.frontend.feature_grid import Tables
-from asyneio.frontend.gradient.features import FREE
+from asyneio.frontend.gradient.state import GradientArrays
 from asyneio.frontend.gradient.track_management import release
-from asyneio.frontend.record import INNER, Record
-from asyneio.types import RecordArray
+from asyneio.frontend.tracker import FREE, INLINE, INNER, Record
 
-#: Tests for corners: so many in a second of event time, and so many at once after quiet times. A test that
-#: says yes founds a feature, and features are founded some hundred times a second.
+#: Corner tests per second of event time, and how many may accumulate. For comparison, features begin a few
+#: hundred times per second.
 TESTS_PER_S = 200_000.0
 MOST_TESTS = 20_000.0
 
-#: Nominal costs [ns]: of an event, of every feature that it is fed to (updates included), of an event shed.
-#: Rounded from a fit on a busy machine; that of an event shed is a guess.
+#: Nominal costs [ns]: of an event; of each feature that it is fed to, updates included; of a dropped event.
+#: The first two are rounded from a fit on a busy machine, the third is estimated.
 EVENT_NS, FED_NS, SHED_NS = 25.0, 100.0, 5.0
-#: Computing time that may be saved up, and owed before features are given up, as seconds of event time.
+#: Event time whose credit may accumulate, and may be overdrawn before features are released.
 _SAVED_NS = 20e6
+#: Credit is added once per this much event time.
 _SLOT_NS = 1_000_000
-#: Under load, one of so many events near features is kept.
+#: Without credit, one in THINNING events near features is processed.
 THINNING = 4
-#: Share of the features that are kept when too much computing time is owed, and how many come back a look.
+#: Share of the features that remain after a release, and how many may begin again per track management.
 _KEPT, _REGAINED = 0.75, 0.1
-#: With fewer there is no odometry.
+#: Fewest features that remain; odometry needs that many.
 _FEWEST = 8
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def grant_tests(state: Record, elapsed_ns: int) -> None:
-    """Allow the tests for corners of so much event time."""
+    """Add the corner tests of this much event time."""
     state.tests = min(MOST_TESTS, state.tests + elapsed_ns * 1e-9 * TESTS_PER_S)
 
 
 @nb.njit(**INNER)
 def has_credit(state: Record, t_ns: int) -> bool:
-    """Whether an event at that time may be handled whole, under a limit on the load."""
+    """Whether an event at `t_ns` may be processed in full."""
     elapsed_ns = t_ns - state.credited_ns
     if elapsed_ns > _SLOT_NS:
         state.credit_ns = min(state.load * _SAVED_NS, state.credit_ns + state.load * elapsed_ns)
@@ -51,27 +50,33 @@ def has_credit(state: Record, t_ns: int) -> bool:
 
 
 @nb.njit(**INNER)
-def is_shed(state: Record, features_near: int) -> bool:
-    """Whether an event is shed for which there is no credit: where no feature is near it always is, else all
-    but one of THINNING are."""
-    if features_near == 0:
-        state.shed_events += 1
-        state.credit_ns -= SHED_NS
-        return True
-    state.shed_fed += 1
-    if state.shed_fed % THINNING:
-        state.credit_ns -= SHED_NS
-        return True
+def is_shed(state: Record, t_ns: int, features_near: int) -> bool:
+    """Under a limit on the load: charge an event, and decide whether it is dropped.
+
+    Without credit, events without a feature nearby are all dropped; of those near features, one in THINNING
+    is processed.
+    """
+    if not has_credit(state, t_ns):
+        if features_near == 0:
+            state.shed_events += 1
+            state.credit_ns -= SHED_NS
+            return True
+        state.shed_fed += 1
+        if state.shed_fed % THINNING:
+            state.credit_ns -= SHED_NS
+            return True
+    state.credit_ns -= EVENT_NS
     return False
 
 
-@nb.njit(**INNER)
-def shed_features(records: RecordArray, tables: Tables, state: Record) -> None:
-    """Give up the youngest features while too much computing time is owed; let them come back one by one."""
-    owed = state.load * _SAVED_NS
-    if state.credit_ns > 0.5 * owed:
+@nb.njit(**INLINE)
+def shed_features(tracker: GradientArrays) -> None:
+    """Release the youngest features if too much credit is overdrawn; otherwise let the number recover."""
+    records, state = tracker.features.records, tracker.state[0]
+    overdraft = state.load * _SAVED_NS
+    if state.credit_ns > 0.5 * overdraft:
         state.allowed += _REGAINED
-    if state.credit_ns > -owed:
+    if state.credit_ns > -overdraft:
         return
     state.credit_ns = 0.0
     state.allowed = max(np.floor(_KEPT * state.alive), _FEWEST)
@@ -82,5 +87,5 @@ def shed_features(records: RecordArray, tables: Tables, state: Record) -> None:
                 youngest < 0 or records[slot].born_ns > records[youngest].born_ns
             ):
                 youngest = slot
-        release(records[youngest], tables, youngest, state)
+        release(records[youngest], tracker.grids, youngest, state)
         state.shed_features += 1

@@ -1,7 +1,7 @@
 """One feature of the default tracker: its birth, its update, and when it is no longer trusted.
 
-Windows and steps are tied to displacement: a feature learns how many events one pixel of its motion brings,
-so the same settings serve slow and fast motion, rich and poor texture, bright and dim light.
+Windows and steps are tied to displacement: a feature learns how many events one pixel of its motion causes.
+The same settings therefore serve slow and fast motion, rich and poor texture, bright and dim light.
 """
 
 from __future__ import annotations
@@ -16,113 +16,105 @@ from asyneio.frontend.gradient.features import (
     ROW,
     TEMPLATE_HALF,
     TEMPLATE_SIZE,
-    TRACKING,
+    Features,
+    Window,
     newest_events,
     thin_out,
 )
 from asyneio.frontend.gradient.flow import find_flow
 from asyneio.frontend.gradient.patch import blur, draw_patch, restrict, seen_lag, shift_patch, weigh
+from asyneio.frontend.gradient.state import Roll
 from asyneio.frontend.gradient.template import learn, match, synthesise
-from asyneio.frontend.gradient.track_management import place
-from asyneio.frontend.record import INNER, Record
+from asyneio.frontend.gradient.track_management import reported_point
+from asyneio.frontend.tracker import INLINE, INNER, TRACKING, Record
 from asyneio.types import RecordArray
 
-ENDED, REFUSED, MOVED = -1, 0, 1
+ENDED, REJECTED, MOVED = -1, 0, 1
 
-#: Least sharpening by motion compensation that shows a patch to move as one.
+#: Least increase of contrast by motion compensation that shows that a patch moves as a whole.
 _SHARPENING = 1.05
 _ITERATIONS = 3
-#: Share of the motion that a birth needs, below which neighbours' motion is taken for a no.
+#: Share of the motion needed for a birth; if the neighbours moved less, the search is postponed.
 _HOPEFUL = 0.5
+#: Least weight of a template inside the image, as a share of the full weight.
+_LEAST_INSIDE = 0.5
 
 
 class GradientSettings(NamedTuple):
-    """Of the default tracker; displacements in pixels, times in nanoseconds."""
+    """Settings of the default tracker; displacements in pixels, times in nanoseconds unless named `_s`."""
 
-    feed_radius_px: float = 12.0  # events this near belong to a feature
-    mask_sigma_px: float = 6.0  # weight of a patch, from its centre outwards
-    birth_px: float = 1.5  # motion that a patch must hold before it becomes a template
+    feed_radius_px: float = 12.0  # radius of the disc whose events are fed to a feature
+    mask_sigma_px: float = 6.0  # Gaussian weight of a patch
+    birth_px: float = 1.5  # motion that the events of a feature must span before its template is made
     birth_events: int = 150
-    step_px: float = 1.5  # motion between two registrations, at least ...
-    step_s: float = 0.005  # ... and in fast motion what it covers in this time, ...
-    max_step_px: float = 1.75  # ... at most
-    window_px: float = 2.0  # motion drawn into a patch
+    step_px: float = 1.5  # motion between two updates, at least;
+    step_s: float = 0.005  # in fast motion, the distance covered in this time,
+    max_step_px: float = 1.75  # but at most this
+    window_px: float = 2.0  # motion covered by the events of a patch
     min_step_events: int = 30
     min_window_events: int = 100
     max_window_ns: int = 250_000_000
-    kept_per_px: float = 200.0  # events kept of each pixel of motion, where there are more
+    kept_per_px: float = 200.0  # events kept per pixel of motion; more are subsampled
     memory_px: float = 60.0  # motion over which the template forgets
-    ridge_px2: float = 0.1  # doubt about directions in which the patch has not moved yet
+    ridge_px2: float = 0.1  # regularization in directions in which the patch has not moved yet
     velocity_gain: float = 0.5
     max_jump_px: float = 2.9
     min_ncc: float = 0.75
-    min_corner: float = 0.01  # determinant over squared trace
-    max_refusals: int = 3
-    trust_gain: float = 0.3  # running means of what follows
-    max_disagreement_px: float = 0.35  # between two halves of the patch ...
-    noise_share: float = 0.5  # ... plus what noise explains, in units of `sigma`
+    min_corner: float = 0.01  # determinant of the Hessian over its squared trace
+    max_rejections: int = 3  # consecutive rejected updates that end a track
+    trust_gain: float = 0.3  # of the running means that the next three settings refer to
+    max_disagreement_px: float = 0.35  # between the shifts of two halves of the patch,
+    noise_share: float = 0.5  # plus this much per unit of `sigma`, for noise
     max_sigma: float = 2.0
-    lag_share: float = 0.2  # of the lag that the mean contrast suggests: edges are steeper, and blurred
+    lag_share: float = 0.2  # of the lag computed from the mean contrast; edges are steeper, and blurred
     covariance_scale: float = 0.1  # of residual times inverse Hessian: blurred noise is correlated
+
+
+class Motion(NamedTuple):
+    """Motion of a growing feature: number of events that it was found from, and length [px], 0 if none was
+    found."""
+
+    events: int
+    moved_px: float
+
+
+class Prediction(NamedTuple):
+    """A track at the mean time of its newest window: the window, its length [s], the time [s] since the last
+    update, the predicted centre [px], and the rotation of the patch frame into the image frame [rad] with its
+    cosine and sine."""
+
+    window: Window
+    span_s: float
+    dt_s: float
+    x: float
+    y: float
+    angle: float
+    cos: float
+    sin: float
 
 
 @nb.njit(**INNER)
 def try_birth(
-    feature: Record,
-    rings: RecordArray,
-    evidence: np.ndarray,
-    slot: int,
-    roll: float,
-    roll_rate: float,
-    reach_px: int,
-    settings: Record,
-    work: Record,
+    features: Features, slot: int, roll: Roll, reach_px: int, settings: Record, work: Record
 ) -> bool:
-    """Cut the template once the collected events span enough motion. False while they do not.
+    """Start to track a growing feature; False while its events do not span enough motion.
 
-    The search for the velocity starts at that of the frame `work` and goes `reach_px` far.
+    The search for the velocity starts at the velocity of the frame `work` and covers `reach_px` around it.
     """
-    newest = feature.written - 1
-    count, first, mean, last = newest_events(feature, rings, slot, np.int64(RING), settings.max_window_ns)
-    span_s = (last - first) * 1e-9
-    work.t_ns, work.x, work.y, work.roll, work.roll_rate = mean, feature.x, feature.y, 0.0, roll_rate
-    sharpening = 0.0
-    # What neighbours moved in this time tells whether there can be enough motion yet.
-    guessed_px = np.hypot(work.vx, work.vy) * span_s
-    hopeful = guessed_px == 0.0 or guessed_px > _HOPEFUL * settings.birth_px
-    if hopeful and count >= settings.birth_events and span_s > 1e-4:
-        sharpening = find_flow(rings, slot, newest, count, span_s, reach_px, work)
-    moved = np.hypot(work.vx, work.vy) * span_s
-    if not hopeful or moved < settings.birth_px or sharpening < _SHARPENING:
-        _wait(feature, rings, slot)
+    feature = features.records[slot]
+    motion = _find_motion(features, slot, roll.rate, reach_px, settings, work)
+    if motion.moved_px == 0.0:
+        _postpone(feature, features.rings, slot)
         return False
     feature.vx, feature.vy = work.vx, work.vy
-    feature.density = count * feature.stride / moved
-    wanted = int(max(count * settings.window_px / moved, settings.min_window_events))
-    count, first, mean, last = newest_events(feature, rings, slot, wanted, settings.max_window_ns)
-    # The corner was where it was seen at the founding event.
-    dt = (mean - feature.t_ns) * 1e-9
-    feature.x += feature.vx * dt
-    feature.y += feature.vy * dt
-    feature.t_ns = mean
-    work.t_ns, work.x, work.y = mean, feature.x, feature.y
-    draw_patch(rings, slot, newest, count, work)
-    blur(work)
-    shift_patch(work, 0.0, 0.0)
-    feature.birth_roll = roll + roll_rate * (mean - last) * 1e-9
-    for k in range(TEMPLATE_SIZE):
-        evidence[slot, 0, k] = 0.0
-        evidence[slot, 1, k] = 0.0
-    feature.xx = feature.xy = feature.yy = 0.0
-    span_s = (last - first) * 1e-9
-    learn(feature, evidence, slot, feature.vx * span_s, feature.vy * span_s, 1.0, work)
-    weigh(feature, work)
-    _place_offset(feature, work)
+    feature.density = motion.events * feature.stride / motion.moved_px
+    span_s = _cut_template(features, slot, motion, roll, settings, work)
+    _set_offset(feature, work)
     feature.lag = seen_lag(work, np.hypot(feature.vx, feature.vy) * span_s)
-    feature.founded_ns = mean
-    feature.founded_u, feature.founded_v = place(feature, 0.0, settings.lag_share)
+    seed = reported_point(feature, 0.0, settings.lag_share)
+    feature.seed_ns, feature.seed_u, feature.seed_v = seed.t_ns, seed.u, seed.v
     feature.state = TRACKING
-    feature.refusals = 0
+    feature.rejections = 0
     feature.sigma = 0.0
     for i in range(2):
         feature.apart_h[i] = 0.0
@@ -132,8 +124,59 @@ def try_birth(
 
 
 @nb.njit(**INNER)
-def _wait(feature: Record, rings: RecordArray, slot: int) -> None:
-    """Look again when there is half as much more to see, and at a full ring in any case before it is
+def _find_motion(
+    features: Features, slot: int, roll_rate: float, reach_px: int, settings: Record, work: Record
+) -> Motion:
+    """Search the velocity of a growing feature, into the frame `work`."""
+    feature = features.records[slot]
+    window = newest_events(feature, features.rings, slot, np.int64(RING), settings.max_window_ns)
+    count, span_s = window.count, (window.last_ns - window.first_ns) * 1e-9
+    work.t_ns, work.x, work.y = window.mean_ns, feature.x, feature.y
+    work.roll, work.roll_rate = 0.0, roll_rate
+    sharpening = 0.0
+    # The motion of the neighbours in this time shows whether there can be enough motion yet.
+    guessed_px = np.hypot(work.vx, work.vy) * span_s
+    hopeful = guessed_px == 0.0 or guessed_px > _HOPEFUL * settings.birth_px
+    if hopeful and count >= settings.birth_events and span_s > 1e-4:
+        sharpening = find_flow(features.rings, slot, feature.written - 1, count, span_s, reach_px, work)
+    moved_px = np.hypot(work.vx, work.vy) * span_s
+    if not hopeful or moved_px < settings.birth_px or sharpening < _SHARPENING:
+        return Motion(count, 0.0)
+    return Motion(count, moved_px)
+
+
+@nb.njit(**INNER)
+def _cut_template(
+    features: Features, slot: int, motion: Motion, roll: Roll, settings: Record, work: Record
+) -> float:
+    """Make the first template from the newest window; returns the length of that window [s]."""
+    feature, rings, sums = features.records[slot], features.rings, features.gradient_sums
+    events = motion.events * settings.window_px / motion.moved_px
+    wanted = int(max(events, settings.min_window_events))
+    window = newest_events(feature, rings, slot, wanted, settings.max_window_ns)
+    # The corner was at its pixel at the time of the corner event.
+    dt = (window.mean_ns - feature.t_ns) * 1e-9
+    feature.x += feature.vx * dt
+    feature.y += feature.vy * dt
+    feature.t_ns = window.mean_ns
+    work.t_ns, work.x, work.y = window.mean_ns, feature.x, feature.y
+    draw_patch(rings, slot, feature.written - 1, window.count, work)
+    blur(work)
+    shift_patch(work, 0.0, 0.0)
+    feature.birth_roll = roll.angle + roll.rate * (window.mean_ns - window.last_ns) * 1e-9
+    for k in range(TEMPLATE_SIZE):
+        sums[slot, 0, k] = 0.0
+        sums[slot, 1, k] = 0.0
+    feature.xx = feature.xy = feature.yy = 0.0
+    span_s = (window.last_ns - window.first_ns) * 1e-9
+    learn(feature, sums, slot, feature.vx * span_s, feature.vy * span_s, 1.0, work)
+    weigh(feature, work)
+    return span_s
+
+
+@nb.njit(**INNER)
+def _postpone(feature: Record, rings: RecordArray, slot: int) -> None:
+    """Try again after half as many events more, but before a full ring overwrites events; a full ring is
     thinned."""
     if feature.written >= RING:
         thin_out(feature, rings, slot)
@@ -153,9 +196,9 @@ def _schedule(feature: Record, settings: Record) -> None:
 
 
 @nb.njit(**INNER)
-def _place_offset(feature: Record, work: Record) -> None:
-    """Report the centroid of the patch's own edges: at a depth edge, what stands out most is what is
-    followed."""
+def _set_offset(feature: Record, work: Record) -> None:
+    """Report the centroid of the edges in the first patch: at a depth boundary, the strongest edges are the
+    ones that are tracked."""
     weight = u_sum = v_sum = 0.0
     for k in range(TEMPLATE_SIZE):
         w = work.weight[k] * work.shifted[k] ** 2
@@ -167,80 +210,92 @@ def _place_offset(feature: Record, work: Record) -> None:
 
 
 @nb.njit(**INNER)
-def update(
-    feature: Record,
-    rings: RecordArray,
-    evidence: np.ndarray,
-    slot: int,
-    roll: float,
-    roll_rate: float,
-    settings: Record,
-    width: int,
-    height: int,
-    work: Record,
-) -> int:
-    """Register the newest window of events: MOVED, REFUSED or ENDED.
+def update(features: Features, slot: int, roll: Roll, loop: Record, settings: Record, work: Record) -> int:
+    """Match the newest window of a track against its template: MOVED, REJECTED or ENDED.
 
-    `roll` [rad] is the camera's at the newest event. What `match` found is in `work.match`.
+    `roll` is that at the newest event. The result of `match` is in `work.match`.
     """
-    out = work.match
-    stride, density = feature.stride, feature.density
-    wanted = int(max(density * settings.window_px / stride, settings.min_window_events))
-    count, first, mean, last = newest_events(feature, rings, slot, wanted, settings.max_window_ns)
+    feature, out = features.records[slot], work.match
+    predicted = _predict(feature, features.rings, slot, roll, settings)
     feature.fresh = 0
-    span_s = max((last - first) * 1e-9, 1e-6)
-    dt = max((mean - feature.t_ns) * 1e-9, 1e-6)
-    x, y = feature.x + feature.vx * dt, feature.y + feature.vy * dt
-    angle = roll + roll_rate * (mean - last) * 1e-9 - feature.birth_roll
-    cos, sin = np.cos(angle), np.sin(angle)
-
-    restrict(feature, x, y, width, height)
-    if weigh(feature, work) < 0.5:
+    restrict(feature, predicted.x, predicted.y, loop.width, loop.height)
+    if weigh(feature, work) < _LEAST_INSIDE:
         return ENDED
-    work.t_ns, work.x, work.y, work.vx, work.vy = mean, x, y, feature.vx, feature.vy
-    work.roll, work.roll_rate = angle, roll_rate
-    draw_patch(rings, slot, feature.written - 1, count, work)
+    work.t_ns, work.x, work.y = predicted.window.mean_ns, predicted.x, predicted.y
+    work.vx, work.vy = feature.vx, feature.vy
+    work.roll, work.roll_rate = predicted.angle, roll.rate
+    draw_patch(features.rings, slot, feature.written - 1, predicted.window.count, work)
     blur(work)
-    sx = (cos * feature.vx + sin * feature.vy) * span_s
-    sy = (cos * feature.vy - sin * feature.vx) * span_s
-    synthesise(feature, evidence, slot, sx, sy, settings.ridge_px2, work)
+    sx, sy = _displacement(feature, predicted)
+    synthesise(feature, features.gradient_sums, slot, sx, sy, settings.ridge_px2, work)
     if (
         not match(work, settings.max_jump_px, settings.min_corner, _ITERATIONS, out)
         or out.ncc < settings.min_ncc
     ):
-        feature.refusals += 1
-        return ENDED if feature.refusals >= settings.max_refusals else REFUSED
+        feature.rejections += 1
+        return ENDED if feature.rejections >= settings.max_rejections else REJECTED
     if not _is_trusted(feature, settings, out):
         return ENDED
-    feature.refusals = 0
+    feature.rejections = 0
     feature.lag += settings.trust_gain * (seen_lag(work, np.hypot(sx, sy)) - feature.lag)
-
-    # Shifts are in the patch frame.
-    shift_x, shift_y = cos * out.u - sin * out.v, sin * out.u + cos * out.v
-    feature.x, feature.y = x + shift_x, y + shift_y
-    feature.t_ns = mean
-    feature.vx += settings.velocity_gain * shift_x / dt
-    feature.vy += settings.velocity_gain * shift_y / dt
-    speed = np.hypot(feature.vx, feature.vy)
-    if speed * span_s > 0.05:
-        seen = min(max(count * stride / (speed * span_s), 0.5 * density), 2.0 * density)
-        feature.density += 0.3 * (seen - density)
-    feature.stride = max(1, int(feature.density / settings.kept_per_px + 0.5))
-    sx = (cos * feature.vx + sin * feature.vy) * span_s
-    sy = (cos * feature.vy - sin * feature.vx) * span_s
-    keep = np.exp(-min(speed * dt, 4.0) / settings.memory_px)
-    learn(feature, evidence, slot, sx, sy, keep, work)
+    _apply_match(features, slot, predicted, settings, work)
     _schedule(feature, settings)
     return MOVED
 
 
+@nb.njit(**INLINE)
+def _predict(feature: Record, rings: RecordArray, slot: int, roll: Roll, settings: Record) -> Prediction:
+    """Select the newest window and predict the track at its mean time with constant velocity."""
+    wanted = int(max(feature.density * settings.window_px / feature.stride, settings.min_window_events))
+    window = newest_events(feature, rings, slot, wanted, settings.max_window_ns)
+    span_s = max((window.last_ns - window.first_ns) * 1e-9, 1e-6)
+    dt = max((window.mean_ns - feature.t_ns) * 1e-9, 1e-6)
+    x, y = feature.x + feature.vx * dt, feature.y + feature.vy * dt
+    angle = roll.angle + roll.rate * (window.mean_ns - window.last_ns) * 1e-9 - feature.birth_roll
+    return Prediction(window, span_s, dt, x, y, angle, np.cos(angle), np.sin(angle))
+
+
+@nb.njit(**INLINE)
+def _displacement(feature: Record, predicted: Prediction) -> tuple[float, float]:
+    """Displacement (x, y) over a window in the patch frame [px]."""
+    cos, sin = predicted.cos, predicted.sin
+    sx = (cos * feature.vx + sin * feature.vy) * predicted.span_s
+    sy = (cos * feature.vy - sin * feature.vx) * predicted.span_s
+    return sx, sy
+
+
+@nb.njit(**INLINE)
+def _apply_match(
+    features: Features, slot: int, predicted: Prediction, settings: Record, work: Record
+) -> None:
+    """Correct position, velocity, event density and template by a match that was accepted."""
+    feature, out, dt = features.records[slot], work.match, predicted.dt_s
+    stride, density = feature.stride, feature.density
+    cos, sin = predicted.cos, predicted.sin
+    # Shifts are in the patch frame.
+    shift_x, shift_y = cos * out.u - sin * out.v, sin * out.u + cos * out.v
+    feature.x, feature.y = predicted.x + shift_x, predicted.y + shift_y
+    feature.t_ns = predicted.window.mean_ns
+    feature.vx += settings.velocity_gain * shift_x / dt
+    feature.vy += settings.velocity_gain * shift_y / dt
+    speed = np.hypot(feature.vx, feature.vy)
+    if speed * predicted.span_s > 0.05:
+        events = predicted.window.count * stride
+        seen = min(max(events / (speed * predicted.span_s), 0.5 * density), 2.0 * density)
+        feature.density += 0.3 * (seen - density)
+    feature.stride = max(1, int(feature.density / settings.kept_per_px + 0.5))
+    sx, sy = _displacement(feature, predicted)
+    keep = np.exp(-min(speed * dt, 4.0) / settings.memory_px)
+    learn(feature, features.gradient_sums, slot, sx, sy, keep, work)
+
+
 @nb.njit(**INNER)
 def _is_trusted(feature: Record, settings: Record, out: Record) -> bool:
-    """Whether the patch still moves as one and is still matched sharply.
+    """Whether the patch still moves as a whole and is still matched sharply.
 
-    Where a patch spans two depths, or its template has crept away, its halves pull apart long before the
-    correlation falls. Both measures are running means; noise raises the first, so its bound grows with the
-    second.
+    If a patch spans two depths, or if its template has drifted, the shifts of its halves diverge long before
+    the correlation drops. Both measures are running means. Noise raises the first, so its limit grows with
+    the second.
     """
     trace, det = out.xx + out.yy, out.xx * out.yy - out.xy * out.xy
     smallest = 0.5 * trace - np.sqrt(max(0.25 * trace * trace - det, 0.0))

@@ -1,4 +1,4 @@
-"""Velocity of a young patch by contrast maximisation: the motion that draws the sharpest picture."""
+"""Velocity of a growing feature by contrast maximization: the motion that gives the sharpest patch."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ import numpy as np
 
 from asyneio.frontend.gradient.features import PATCH_HALF, PATCH_SIDE, PATCH_SIZE, RING, ROW
 from asyneio.frontend.gradient.patch import blur, contrast, share
-from asyneio.frontend.record import Record
+from asyneio.frontend.tracker import Record
 from asyneio.types import FloatArray, RecordArray
 
-#: Most events that the coarse search looks at.
+#: Largest number of events in the coarse search.
 _SKETCHED = 160
-#: How far the peak may lie from the best whole pixel, in half pixels.
+#: Largest distance of the peak from the best whole pixel, in half pixels.
 _FURTHEST = 1.5
 
 
 @nb.njit(cache=True)
 def make_sketch(rings: RecordArray, slot: int, newest: int, count: int, work: Record) -> None:
-    """Copy the newest `count` events, relative to the frame, to where they are read quickly."""
+    """Copy the newest `count` events, relative to the frame, to contiguous memory."""
     middle = PATCH_HALF - work.x, PATCH_HALF - work.y
     for i in range(count):
         event = rings[slot, (newest - i) & (RING - 1)]
         dt = (event.t_ns - work.t_ns) * 1e-9
         dx, dy = event.x + middle[0], event.y + middle[1]
-        # The turn of the camera since, about the patch's centre; small within a window.
+        # Rotation of the camera since then, about the centre of the patch; small within a window.
         turn = work.roll_rate * dt
         work.sketch[0, i] = dx + turn * (dy - PATCH_HALF)
         work.sketch[1, i] = dy - turn * (dx - PATCH_HALF)
@@ -34,7 +34,7 @@ def make_sketch(rings: RecordArray, slot: int, newest: int, count: int, work: Re
 
 @nb.njit(cache=True)
 def rough_contrast(work: Record, count: int, every: int, vx: float, vy: float) -> float:
-    """Sum of squares of the patch with some of the sketched events, each in its nearest pixel: quick."""
+    """Sum of squares of the patch with one in `every` events, each in its nearest pixel: fast."""
     patch, sketch = work.patch, work.sketch
     for k in range(PATCH_SIZE):
         patch[k] = 0.0
@@ -55,7 +55,7 @@ def rough_contrast(work: Record, count: int, every: int, vx: float, vy: float) -
 
 @nb.njit(cache=True)
 def draw_sketch(work: Record, count: int, vx: float, vy: float) -> None:
-    """`draw_patch` of the sketched events with another velocity."""
+    """As `draw_patch`, with the copied events and another velocity."""
     patch, sketch = work.patch, work.sketch
     for k in range(PATCH_SIZE):
         patch[k] = 0.0
@@ -71,7 +71,7 @@ def draw_sketch(work: Record, count: int, vx: float, vy: float) -> None:
 
 @nb.njit(cache=True)
 def fine_contrast(work: Record, count: int, vx: float, vy: float) -> float:
-    """Contrast of the blurred patch with all sketched events."""
+    """Contrast of the blurred patch with all copied events."""
     draw_sketch(work, count, vx, vy)
     blur(work)
     return contrast(work)
@@ -81,10 +81,13 @@ def fine_contrast(work: Record, count: int, vx: float, vy: float) -> float:
 def find_flow(
     rings: RecordArray, slot: int, newest: int, count: int, span_s: float, reach_px: int, work: Record
 ) -> float:
-    """Velocity that draws the sharpest patch, into the frame `work`; its contrast over that of no motion.
+    """Write the velocity that gives the sharpest patch to the frame `work`.
 
-    Searches displacements over the window up to `reach_px` around the velocity given: whole pixels with some
-    of the events, half pixels around the best with all of them, and the peak of the paraboloid through these.
+    The search covers displacements over the window up to `reach_px` around the initial velocity: whole pixels
+    with some of the events, half pixels around the best with all events, then the peak of a paraboloid.
+
+    Returns:
+        The contrast at that velocity divided by the contrast at zero velocity.
     """
     cx, cy = work.vx, work.vy
     best = -1.0
@@ -98,21 +101,21 @@ def find_flow(
             if c > best:
                 best, bx, by = c, vx, vy
     step = 0.5 / span_s
-    still = fine_contrast(work, count, 0.0, 0.0)
+    without_motion = fine_contrast(work, count, 0.0, 0.0)
     around = np.empty((3, 3))
     for j in range(3):
         for i in range(3):
             around[j, i] = fine_contrast(work, count, bx + (i - 1) * step, by + (j - 1) * step)
     du, dv = peak_of(around)
     work.vx, work.vy = bx + du * step, by + dv * step
-    return around[_largest(around)] / max(still, 1e-9)
+    return around[_largest(around)] / max(without_motion, 1e-9)
 
 
 @nb.njit(cache=True)
 def peak_of(around: FloatArray) -> tuple[float, float]:
-    """Peak of the paraboloid that fits 3x3 values (row v, column u) best, in steps from the middle.
+    """Peak (u, v) of the paraboloid fitted to 3x3 values (row v, column u), in steps from the middle.
 
-    No further than a step and a half; the largest value where there is no peak.
+    The position of the largest value if there is no peak within a step and a half.
     """
     left = around[0, 0] + around[1, 0] + around[2, 0]
     right = around[0, 2] + around[1, 2] + around[2, 2]
@@ -120,7 +123,7 @@ def peak_of(around: FloatArray) -> tuple[float, float]:
     lower = around[2, 0] + around[2, 1] + around[2, 2]
     total = left + right + around[0, 1] + around[1, 1] + around[2, 1]
     gu, gv = (right - left) / 6.0, (lower - upper) / 6.0
-    # Sums of the outer two less twice that of the middle.
+    # Second differences of the sums of rows and columns.
     uu, vv = (3.0 * (left + right) - 2.0 * total) / 3.0, (3.0 * (upper + lower) - 2.0 * total) / 3.0
     uv = (around[0, 0] + around[2, 2] - around[0, 2] - around[2, 0]) / 4.0
     det = uu * vv - uv * uv
@@ -134,7 +137,7 @@ def peak_of(around: FloatArray) -> tuple[float, float]:
 
 @nb.njit(cache=True)
 def _largest(around: FloatArray) -> tuple[int, int]:
-    """Row and column of the first of the largest of 3x3 values."""
+    """Row and column of the largest of 3x3 values; the first one if several are equal."""
     row, column = 0, 0
     for j in range(3):
         for i in range(3):

@@ -2,242 +2,280 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba as nb
 import numpy as np
 
-from asyneio.frontend.detection import SCRATCH, is_corner
-from asyneio.frontend.feature_grid import BUCKET_FEATURES, FINE, Tables, enter, follow
-from asyneio.frontend.gradient.budget import EVENT_NS, FED_NS, grant_tests, has_credit, is_shed, shed_features
+from asyneio.frontend.borrowed import borrowed
+from asyneio.frontend.detection import is_corner
+from asyneio.frontend.feature_grid import BUCKET_FEATURES, FINE, insert_feature, move_feature
+from asyneio.frontend.gradient.budget import FED_NS, grant_tests, is_shed, shed_features
 from asyneio.frontend.gradient.feature import MOVED, try_birth, update
-from asyneio.frontend.gradient.features import FREE, GROWING, RING, Features, begin
+from asyneio.frontend.gradient.features import RING, begin
 from asyneio.frontend.gradient.prefetch import prefetch
+from asyneio.frontend.gradient.state import GradientArrays, Roll
 from asyneio.frontend.gradient.track_management import (
-    balance,
-    emit,
+    balance_polarities,
     guess_velocity,
-    place,
+    integrate_roll,
     release,
     remove_idle,
-    turn,
+    report,
 )
-from asyneio.frontend.record import INNER, Record
-from asyneio.frontend.surface import HOT_NS, Surface, record_event, refresh_hot_pixels
+from asyneio.frontend.surface import Event, is_hot, read_event, record_event, update_hot_pixels
+from asyneio.frontend.tracker import GROWING, INLINE, INNER, Record, free_slot, has_capacity, is_outside
 from asyneio.types import RecordArray
 
-#: How often features are looked over, by the events' own time: how a stream is cut into packets changes
-#: nothing.
+#: Period of the track management, in event time: how the stream is divided into packets has no effect.
 CHECK_NS = 5_000_000
-#: So many events ahead, the surface is fetched from memory.
+#: How many events ahead the surface is fetched from memory.
 _FETCHED = 24
+#: Distance [px] beyond the border margin within which no feature begins.
+_BIRTH_MARGIN_PX = 3
+#: Half width [px] of the first velocity search: around the velocity of the neighbours, and without any.
+_NEAR_REACH_PX, _FAR_REACH_PX = 2, 5
+
+
+class Limits(NamedTuple):
+    """Constants of the event loop: squared distances [px^2] within which an event is fed to a feature, and
+    within which a feature prevents a corner; whether the load is limited."""
+
+    feed2: float
+    spacing2: float
+    load: bool
 
 
 @nb.njit(cache=True, nogil=True)
-def process_events(
-    events: RecordArray,
-    start: int,
-    turns: RecordArray,
-    surface: Surface,
-    features: Features,
-    tables: Tables,
-    loops: RecordArray,
-    all_settings: RecordArray,
-    workspace: RecordArray,
-    states: RecordArray,
-    observations: RecordArray,
-) -> tuple[int, int]:
-    """Process events from `start` on; the next event to process and the number of observations written.
+def process_packet(
+    events: RecordArray, start: int, turns: RecordArray, tracker: GradientArrays, observations: RecordArray
+) -> int:
+    """Process a packet from event `start` on; returns the index of the next event to process.
 
-    Stops early when `observations` may not hold what follows. An event that concerns no feature and can be no
-    corner costs some nanoseconds: it is put on the surface, which was fetched before, and finds an empty
-    bucket.
+    Stops early when `observations` may not hold what follows; `state.written` counts what was written.
     """
-    height, width = surface.hot.shape
-    latest_ns, fired, hot = surface.latest_ns, surface.fired, surface.hot
-    flat_ns, flat_fired, flat_hot = latest_ns.reshape(-1), fired.reshape(-1), hot.reshape(-1)
-    records, rings = features.records, features.rings
-    counts, buckets = tables.feeding.counts, tables.feeding.buckets
-    scratch = np.empty(SCRATCH, dtype=np.int64)
-    in_disc = np.empty(BUCKET_FEATURES, dtype=np.int64)
-    state, loop, settings = states[0], loops[0], all_settings[0]
-    # Not a plain number, for which Numba would compile what it is given to once more.
-    written = int(np.int64(0))
-    feed2 = settings.feed_radius_px**2
-    spacing2 = loop.spacing_px**2
-    nearest_edge = loop.border_px + 3
-    limited = state.load > 0.0
-    turned, last = 0, int(events.size - 1)
-    while turned < turns.size and turns[turned].first < start:
-        turned += 1
-    next_turn = turns[turned].first if turned < turns.size else -1
-    for i in range(start, events.size):
-        event, later = events[np.uint64(i)], events[np.uint64(min(i + _FETCHED, last))]
-        if not limited or state.credit_ns > 0.0:
-            pixel = np.int64(later.y) * width + np.int64(later.x)
-            prefetch(flat_ns, 2 * pixel)
-            prefetch(flat_fired, pixel)
-            prefetch(flat_hot, pixel)
-        t_ns, x, y, p = event.t_ns, np.int64(event.x), np.int64(event.y), np.int64(event.p)
-        if written + 2 * BUCKET_FEATURES > observations.size:
-            return i, written
-        if i == next_turn:
-            turn(state, t_ns, turns[turned].rate)
-            turned += 1
-            next_turn = turns[turned].first if turned < turns.size else -1
-        if t_ns - state.checked_ns > CHECK_NS:
-            look_over(records, tables, surface, t_ns, loop, state)
-        row, column = np.uint64(y >> FINE), np.uint64(x >> FINE)
-        count = np.int64(counts[row, column])
-        if limited:
-            if not has_credit(state, t_ns) and is_shed(state, count):
-                continue
-            state.credit_ns -= EVENT_NS
-        first_of_edge = record_event(latest_ns, fired, t_ns, x, y, p, loop.silence_ns)
-        if hot[np.uint64(y), np.uint64(x)]:
+    tracker = borrowed(tracker)
+    state = tracker.state[0]
+    state.written = 0
+    for k in range(turns.size):
+        end = turns[k + 1].first if k + 1 < turns.size else events.size
+        if end <= start:
+            continue
+        if turns[k].first == start:
+            integrate_roll(state, events[start].t_ns, turns[k].rate)
+        start = process_events(events, start, end, tracker, observations)
+        if start < end:
+            break
+    return start
+
+
+@nb.njit(**INLINE)
+def process_events(
+    events: RecordArray, start: int, end: int, tracker: GradientArrays, observations: RecordArray
+) -> int:
+    """Algorithm 1 over events `start` to `end - 1`; returns the index of the next event to process.
+
+    An event that is near no feature and can be no corner takes a few nanoseconds: it is written to the
+    surface, which was fetched ahead of time, and finds an empty bucket.
+    """
+    surface, state, loop = tracker.surface, tracker.state[0], tracker.loop[0]
+    limits = Limits(
+        tracker.settings[0].feed_radius_px ** 2, tracker.loop[0].spacing_px ** 2, state.load > 0.0
+    )
+    for i in range(start, end):
+        event = read_event(events, i)
+        if not limits.load or state.credit_ns > 0.0:
+            prefetch_surface(tracker, read_event(events, min(i + _FETCHED, events.size - 1)))
+        if is_full(state, observations):
+            return i
+        if event.t_ns - state.checked_ns > CHECK_NS:
+            manage_tracks(tracker, event.t_ns)  # Lines 13-15.
+        if limits.load and is_shed(state, event.t_ns, count_listed(tracker, event)):
+            continue
+        first_of_edge = record_event(surface, event, loop.silence_ns)  # Line 4.
+        if is_hot(surface, event):
             state.hot_events += 1
             continue
-        state.seen[np.uint64(p)] += 1.0
-        near, fed = False, 0
-        # First who is fed, without a branch that the processor would have to guess; newest entry first.
-        for k in range(count):
-            listed = np.int64(buckets[row, column].slots[np.uint64(count - 1 - k)])
-            feature = records[np.uint64(listed)]
-            ahead_s = (t_ns - feature.t_ns) * 1e-9
-            dx = x - feature.x - feature.vx * ahead_s
-            dy = y - feature.y - feature.vy * ahead_s
-            distance2 = dx * dx + dy * dy
-            near |= distance2 < spacing2
-            in_disc[np.uint64(fed)] = listed
-            fed += int(distance2 <= feed2)
-        for k in range(fed):
-            slot = int(in_disc[np.uint64(k)])
-            feature = records[np.uint64(slot)]
-            feature.skipped += 1
-            if feature.skipped < feature.stride:
-                continue
-            feature.skipped = 0
-            kept = rings[np.uint64(slot), np.uint64(feature.written & (RING - 1))]
-            kept.t_ns, kept.x, kept.y = t_ns, x, y
-            kept.w = state.worth[np.uint64(p)] * feature.stride
-            feature.written += 1
-            feature.fresh += 1
-            if feature.fresh >= feature.due:
-                written += _act(
-                    features,
-                    tables,
-                    slot,
-                    t_ns,
-                    width,
-                    height,
-                    loop,
-                    settings,
-                    workspace,
-                    state,
-                    observations,
-                    written,
-                )
-        state.fed += fed
-        if limited:
-            state.credit_ns -= FED_NS * fed
-        if near or not first_of_edge or state.alive >= state.places or state.alive >= state.allowed:
+        state.polarity_counts[np.uint64(event.p)] += 1.0
+        near = feed_neighbours(tracker, event, limits, observations)  # Lines 5-12.
+        if near or not first_of_edge or not may_begin(tracker, event):  # Line 16.
             continue
-        if not (nearest_edge <= x < width - nearest_edge and nearest_edge <= y < height - nearest_edge):
-            continue
-        if state.tests < 1.0:
-            state.untested += 1
-            continue
-        if tables.wide and is_near(records, tables, t_ns, x, y, spacing2):
-            continue
-        state.tests -= 1.0
-        if is_corner(latest_ns, p, x, y, scratch):
-            slot = int(np.int64(0))
-            while records[slot].state != FREE:
-                slot += 1
-            begin(records[slot], t_ns, x, y, settings.birth_events)
-            state.corners += 1
-            state.alive += 1
-            enter(tables, slot, float(x), float(y))
-    return events.size, written
+        if is_corner(surface.latest_ns, event.p, event.x, event.y, tracker.corner_scratch):  # Line 17.
+            begin_feature(tracker, event)  # Lines 18-24.
+    return end
+
+
+@nb.njit(**INLINE)
+def prefetch_surface(tracker: GradientArrays, event: Event) -> None:
+    """Fetch the surface at the pixel of an event that comes later."""
+    surface = tracker.surface
+    pixel = event.y * surface.hot.shape[1] + event.x
+    prefetch(surface.latest_ns, 2 * pixel)
+    prefetch(surface.fired, pixel)
+    prefetch(surface.hot, pixel)
+
+
+@nb.njit(**INLINE)
+def is_full(state: Record, observations: RecordArray) -> bool:
+    """Whether the output may not hold the observations of one more event: two per feature of a bucket."""
+    return state.written + 2 * BUCKET_FEATURES > observations.size
 
 
 @nb.njit(**INNER)
-def look_over(
-    records: RecordArray, tables: Tables, surface: Surface, t_ns: int, loop: Record, state: Record
-) -> None:
-    """What is done every few milliseconds of event time."""
+def manage_tracks(tracker: GradientArrays, t_ns: int) -> None:
+    """Periodic work: release tracks, renew budgets and hot pixels."""
+    state = tracker.state[0]
     grant_tests(state, t_ns - state.checked_ns)
     state.checked_ns = t_ns
-    remove_idle(records, tables, t_ns, loop, state)
-    balance(state)
+    remove_idle(tracker, t_ns)
+    balance_polarities(state)
     if state.load > 0.0:
-        shed_features(records, tables, state)
-    if t_ns - state.hot_ns > HOT_NS:
-        state.hot_pixels = refresh_hot_pixels(surface, (t_ns - state.hot_ns) * 1e-9)
-        state.hot_ns = t_ns
+        shed_features(tracker)
+    update_hot_pixels(tracker.surface, state, t_ns)
+
+
+@nb.njit(**INLINE)
+def count_listed(tracker: GradientArrays, event: Event) -> int:
+    """Number of features in the bucket of an event."""
+    return np.int64(tracker.grids.feeding.counts[np.uint64(event.y >> FINE), np.uint64(event.x >> FINE)])
+
+
+@nb.njit(**INLINE)
+def feed_neighbours(tracker: GradientArrays, event: Event, limits: Limits, observations: RecordArray) -> bool:
+    """Feed an event to the features in whose disc it lies; True if one is too close for a new corner."""
+    state = tracker.state[0]
+    near, fed = find_neighbours(tracker, event, limits)
+    for k in range(fed):
+        slot = int(tracker.nearby[np.uint64(k)])
+        if keep_event(tracker, slot, event):
+            act(tracker, slot, event.t_ns, observations)
+    state.fed += fed
+    if limits.load:
+        state.credit_ns -= FED_NS * fed
+    return near
+
+
+@nb.njit(**INLINE)
+def find_neighbours(tracker: GradientArrays, event: Event, limits: Limits) -> tuple[bool, int]:
+    """Whether a feature is too close for a new corner; how many features the event is fed to, listed in
+    `nearby`, the newest entry of the bucket first."""
+    records, nearby = tracker.features.records, tracker.nearby
+    slots = tracker.grids.feeding.buckets[np.uint64(event.y >> FINE), np.uint64(event.x >> FINE)].slots
+    count = count_listed(tracker, event)
+    near, fed = False, 0
+    # Without a branch that the processor would have to predict.
+    for k in range(count):
+        slot = np.int64(slots[np.uint64(count - 1 - k)])
+        distance2 = squared_distance(records[np.uint64(slot)], event)
+        near |= distance2 < limits.spacing2
+        nearby[np.uint64(fed)] = slot
+        fed += int(distance2 <= limits.feed2)
+    return near, fed
+
+
+@nb.njit(**INLINE)
+def squared_distance(feature: Record, event: Event) -> float:
+    """Squared distance [px^2] of an event from where a feature is predicted to be."""
+    ahead_s = (event.t_ns - feature.t_ns) * 1e-9
+    dx = event.x - feature.x - feature.vx * ahead_s
+    dy = event.y - feature.y - feature.vy * ahead_s
+    return dx * dx + dy * dy
+
+
+@nb.njit(**INLINE)
+def keep_event(tracker: GradientArrays, slot: int, event: Event) -> bool:
+    """Write one in `stride` events to the ring of a feature; True if the feature is due for an attempt."""
+    feature, weights = tracker.features.records[np.uint64(slot)], tracker.state[0].polarity_weights
+    feature.skipped += 1
+    if feature.skipped < feature.stride:
+        return False
+    feature.skipped = 0
+    kept = tracker.features.rings[np.uint64(slot), np.uint64(feature.written & (RING - 1))]
+    kept.t_ns, kept.x, kept.y = event.t_ns, event.x, event.y
+    kept.w = weights[np.uint64(event.p)] * feature.stride
+    feature.written += 1
+    feature.fresh += 1
+    return feature.fresh >= feature.due
 
 
 @nb.njit(**INNER)
-def is_near(records: RecordArray, tables: Tables, t_ns: int, x: int, y: int, spacing2: float) -> bool:
-    """Whether a feature is so near that no corner may begin."""
-    shift = tables.spacing.shift
-    row, column = np.uint64(y >> shift), np.uint64(x >> shift)
-    slots = tables.spacing.buckets[row, column].slots
-    for k in range(np.int64(tables.spacing.counts[row, column])):
-        feature = records[np.uint64(slots[np.uint64(k)])]
-        ahead_s = (t_ns - feature.t_ns) * 1e-9
-        dx = x - feature.x - feature.vx * ahead_s
-        dy = y - feature.y - feature.vy * ahead_s
-        if dx * dx + dy * dy < spacing2:
+def act(tracker: GradientArrays, slot: int, t_ns: int, observations: RecordArray) -> None:
+    """Update a feature that has collected enough events; a growing one may become a track."""
+    tracker = borrowed(tracker)
+    feature, state = tracker.features.records[slot], tracker.state[0]
+    roll = Roll(state.roll + state.roll_rate * (t_ns - state.roll_ns) * 1e-9, state.roll_rate)
+    if feature.state == GROWING:
+        begin_track(tracker, slot, roll)
+    elif advance_track(tracker, slot, roll):
+        report(tracker, slot, observations)
+
+
+@nb.njit(**INLINE)
+def begin_track(tracker: GradientArrays, slot: int, roll: Roll) -> None:
+    """Track a growing feature if its events span enough motion."""
+    features, state, work = tracker.features, tracker.state[0], tracker.work[0]
+    feature, within_px = features.records[slot], tracker.loop[0].neighbourhood_px
+    reach_px = _NEAR_REACH_PX if guess_velocity(features.records, feature, within_px, work) else _FAR_REACH_PX
+    if try_birth(features, slot, roll, reach_px, tracker.settings[0], work):
+        feature.id = state.tracks
+        state.tracks += 1
+        move_feature(tracker.grids, slot, feature.x, feature.y)
+
+
+@nb.njit(**INLINE)
+def advance_track(tracker: GradientArrays, slot: int, roll: Roll) -> bool:
+    """Match a track against its template and end it if that fails; whether it has moved."""
+    loop, state = tracker.loop[0], tracker.state[0]
+    feature = tracker.features.records[slot]
+    status = update(tracker.features, slot, roll, loop, tracker.settings[0], tracker.work[0])
+    outside = is_outside(feature.x, feature.y, loop, loop.border_px)
+    if status < 0 or outside:
+        release(feature, tracker.grids, slot, state)
+        if outside:
+            state.border += 1
+        else:
+            state.untrusted += 1
+        return False
+    if status == MOVED:
+        move_feature(tracker.grids, slot, feature.x, feature.y)
+    return status == MOVED
+
+
+@nb.njit(**INLINE)
+def may_begin(tracker: GradientArrays, event: Event) -> bool:
+    """Whether there is capacity for a feature, room at the event, and a corner test left, which is used."""
+    state, loop = tracker.state[0], tracker.loop[0]
+    if not has_capacity(state) or state.alive >= state.allowed:
+        return False
+    if is_outside(event.x, event.y, loop, loop.border_px + _BIRTH_MARGIN_PX):
+        return False
+    if state.tests < 1.0:
+        state.untested += 1
+        return False
+    if tracker.grids.wide and is_near(tracker, event):
+        return False
+    state.tests -= 1.0
+    return True
+
+
+@nb.njit(**INNER)
+def is_near(tracker: GradientArrays, event: Event) -> bool:
+    """Whether a feature beyond the feeding distance is too close for a new corner."""
+    grid, spacing2 = tracker.grids.spacing, tracker.loop[0].spacing_px ** 2
+    row, column = np.uint64(event.y >> grid.shift), np.uint64(event.x >> grid.shift)
+    slots = grid.buckets[row, column].slots
+    for k in range(np.int64(grid.counts[row, column])):
+        if squared_distance(tracker.features.records[np.uint64(slots[np.uint64(k)])], event) < spacing2:
             return True
     return False
 
 
 @nb.njit(**INNER)
-def _act(
-    features: Features,
-    tables: Tables,
-    slot: int,
-    t_ns: int,
-    width: int,
-    height: int,
-    loop: Record,
-    settings: Record,
-    workspace: RecordArray,
-    state: Record,
-    observations: RecordArray,
-    written: int,
-) -> int:
-    """Found or update a feature that has collected enough events; how many observations were written."""
-    feature, work = features.records[slot], workspace[0]
-    rings, evidence, rate = features.rings, features.evidence, state.roll_rate
-    roll = state.roll + rate * (t_ns - state.roll_ns) * 1e-9
-    if feature.state == GROWING:
-        reach_px = 2 if guess_velocity(features.records, feature, loop.neighbourhood_px, work) else 5
-        if try_birth(feature, rings, evidence, slot, roll, rate, reach_px, settings, work):
-            feature.id = state.tracks
-            state.tracks += 1
-            follow(tables, slot, feature.x, feature.y)
-        return 0
-    status = update(feature, rings, evidence, slot, roll, rate, settings, width, height, work)
-    u, v, b = feature.x, feature.y, loop.border_px
-    outside = u < b or v < b or u > width - 1 - b or v > height - 1 - b
-    if status < 0 or outside:
-        release(feature, tables, slot, state)
-        if outside:
-            state.border += 1
-        else:
-            state.untrusted += 1
-        return 0
-    if status != MOVED:
-        return 0
-    follow(tables, slot, u, v)
-    scale, count = settings.covariance_scale, 0
-    if feature.founded_ns:
-        # Confirmed: what founded the feature is its first observation.
-        t_ns, u, v = feature.founded_ns, feature.founded_u, feature.founded_v
-        count += emit(feature, work, t_ns, u, v, scale, width, height, observations[written])
-        feature.emitted_ns, feature.founded_ns = t_ns, 0
-    if feature.t_ns - feature.emitted_ns >= loop.t_min_ns:
-        u, v = place(feature, work.roll, settings.lag_share)
-        count += emit(feature, work, feature.t_ns, u, v, scale, width, height, observations[written + count])
-        feature.emitted_ns = feature.t_ns
-    return count
+def begin_feature(tracker: GradientArrays, event: Event) -> None:
+    """Begin a feature at a corner, in the first free slot."""
+    records, state = tracker.features.records, tracker.state[0]
+    slot = free_slot(records)
+    begin(records[slot], event.t_ns, event.x, event.y, tracker.settings[0].birth_events)
+    state.corners += 1
+    state.alive += 1
+    insert_feature(tracker.grids, slot, float(event.x), float(event.y))

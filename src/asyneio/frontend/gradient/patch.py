@@ -17,16 +17,16 @@ from asyneio.frontend.gradient.features import (
     TEMPLATE_SIDE,
     TEMPLATE_SIZE,
 )
-from asyneio.frontend.record import Record
+from asyneio.frontend.tracker import Record
 from asyneio.types import FloatArray, RecordArray
 
-#: Sums over pixels are kept apart by column, and the columns added up last. So they vectorise without leave
-#: to reorder them, of which the compiler makes another use in every compilation: results repeat to the last
-#: bit. So many columns, and so many sums at a time.
+#: Sums over pixels are accumulated per column; the columns are added last. Such loops vectorise without
+#: permission to reorder floating-point operations, so results are identical to the bit in every compilation.
+#: Number of columns, and of sums that are accumulated together.
 COLUMNS = 24
 SUMS = 6
 
-#: What a registration tells.
+#: Result of matching a patch against a template.
 MATCH_DTYPE = np.dtype(
     [
         ("u", "<f8"),  # shift of the patch [px]
@@ -35,17 +35,13 @@ MATCH_DTYPE = np.dtype(
         ("xx", "<f8"),  # Hessian there
         ("xy", "<f8"),
         ("yy", "<f8"),
-        ("residual", "<f8"),  # weighted sum of squares that the best gain leaves of the patch
-        (
-            "apart_h",
-            "<f8",
-            (2,),
-        ),  # by how much the right half's own shift differs from the left half's (u, v) [px]
-        ("apart_v", "<f8", (2,)),  # the lower half's from the upper's
+        ("residual", "<f8"),  # weighted sum of squares of the residual at the best gain
+        ("apart_h", "<f8", (2,)),  # shift (u, v) of the right half minus that of the left half [px]
+        ("apart_v", "<f8", (2,)),  # lower half minus upper half
     ]
 )
 
-#: Buffers of one update, and the frame into which its events are drawn.
+#: Buffers of one update, and the frame in which its events are drawn.
 WORK_DTYPE = np.dtype(
     [
         ("patch", "<f4", (PATCH_SIZE,)),
@@ -55,13 +51,13 @@ WORK_DTYPE = np.dtype(
         ("template", "<f4", (TEMPLATE_SIZE,)),
         ("mask", "<f4", (TEMPLATE_SIZE,)),  # Gaussian, zero outside the region that is matched
         ("weight", "<f4", (TEMPLATE_SIZE,)),  # the mask where it is valid
-        ("sketch", "<f4", (4, RING)),  # of a birth's events: dx, dy, dt, w
-        ("t_ns", "<i8"),  # frame: when its centre is at x, y [px], moving with vx, vy [px/s]
+        ("sketch", "<f4", (4, RING)),  # events of a growing feature: dx, dy, dt, w
+        ("t_ns", "<i8"),  # frame: time at which its centre is at x, y [px], moving with vx, vy [px/s]
         ("x", "<f8"),
         ("y", "<f8"),
         ("vx", "<f8"),
         ("vy", "<f8"),
-        ("roll", "<f8"),  # rad, turns the patch frame into the image frame at `t_ns`
+        ("roll", "<f8"),  # rad, rotates the patch frame into the image frame at `t_ns`
         ("roll_rate", "<f8"),  # rad/s
         ("sums", "<f4", (SUMS * COLUMNS,)),
         ("region", "<i4", (4,)),  # u0, u1, v0, v1 of the feature for which `weight` was filled
@@ -71,12 +67,12 @@ WORK_DTYPE = np.dtype(
     align=True,
 )
 
-#: Noise makes few events look like weak contrast.
+#: Limit on the lag: where events are few, noise resembles weak contrast.
 _MAX_LAG_PX = 1.5
 
 
 def make_workspace(mask_sigma_px: float) -> RecordArray:
-    """Buffers (1,) WORK_DTYPE with the mask filled in."""
+    """Buffers (1,) WORK_DTYPE with the mask computed."""
     work = np.zeros(1, dtype=WORK_DTYPE)
     axis = np.arange(-TEMPLATE_HALF, TEMPLATE_HALF + 1)
     weight = np.exp(-0.5 * (axis / mask_sigma_px) ** 2) * (np.abs(axis) <= MATCH_HALF)
@@ -89,7 +85,7 @@ def make_workspace(mask_sigma_px: float) -> RecordArray:
 
 @nb.njit(cache=True)
 def draw_patch(rings: RecordArray, slot: int, newest: int, count: int, work: Record) -> None:
-    """Draw `count` events of a ring up to the `newest` as they would lie at the frame's time."""
+    """Draw `count` events of a ring, up to index `newest`, at their positions at the time of the frame."""
     patch = work.patch
     for k in range(PATCH_SIZE):
         patch[k] = 0.0
@@ -101,7 +97,7 @@ def draw_patch(rings: RecordArray, slot: int, newest: int, count: int, work: Rec
         dx = event.x - x - vx * dt
         dy = event.y - y - vy * dt
         turn = roll_rate * dt
-        # R(-roll - turn): the turn within a window is small.
+        # R(-roll - turn), linearized: the rotation within a window is small.
         c, s = cos - sin * turn, sin + cos * turn
         u = c * dx + s * dy + PATCH_HALF
         v = c * dy - s * dx + PATCH_HALF
@@ -112,7 +108,7 @@ def draw_patch(rings: RecordArray, slot: int, newest: int, count: int, work: Rec
 
 @nb.njit(cache=True)
 def share(patch: FloatArray, u: float, v: float, w: float) -> None:
-    """Share `w` among the four pixels around (u, v), which lies inside the patch."""
+    """Distribute `w` over the four pixels around (u, v), which must be inside the patch."""
     iu, iv = np.uint32(u), np.uint32(v)
     fu, fv = np.float32(u - iu), np.float32(v - iv)
     j = iv * np.uint32(ROW) + iu
@@ -127,7 +123,7 @@ def share(patch: FloatArray, u: float, v: float, w: float) -> None:
 
 @nb.njit(cache=True)
 def blur(work: Record) -> None:
-    """Binomial 1-4-6-4-1 along both axes, from `patch` into `blurred`; the rim of two pixels stays zero."""
+    """Binomial 1-4-6-4-1 along both axes, from `patch` into `blurred`; a margin of two pixels stays zero."""
     a, b, c = np.float32(1.0 / 16.0), np.float32(4.0 / 16.0), np.float32(6.0 / 16.0)
     source, rows, out = work.patch, work.rows, work.blurred
     for k in range(2, PATCH_SIZE - 2):
@@ -147,7 +143,7 @@ def shift_patch(work: Record, du: float, dv: float) -> None:
     w00, w01, w10, w11 = (one - fu) * (one - fv), fu * (one - fv), (one - fu) * fv, fu * fv
     margin = PATCH_HALF - TEMPLATE_HALF
     source, out = work.blurred, work.shifted
-    # The bounds tell the compiler that no index is negative.
+    # The bounds show the compiler that no index is negative.
     first = min(max((margin + iv) * ROW + margin + iu, 0), 2 * margin * ROW)
     for k in range(TEMPLATE_SIZE):
         j = first + k
@@ -170,7 +166,7 @@ def contrast(work: Record) -> float:
 
 @nb.njit(cache=True)
 def clear_sums(work: Record, count: int) -> None:
-    """Begin so many sums."""
+    """Set the first `count` sums to zero."""
     for k in range(count * COLUMNS):
         work.sums[k] = 0.0
 
@@ -195,11 +191,10 @@ def restrict(feature: Record, x: float, y: float, width: int, height: int) -> No
 
 @nb.njit(cache=True)
 def weigh(feature: Record, work: Record) -> float:
-    """Fill `weight`: the mask within the feature's valid region, and its halves; the share that is left of
-    it."""
+    """Compute `weight`, the mask within the valid region of a feature; returns its share of the full mask."""
     u0, u1, v0, v1 = feature.u0, feature.u1, feature.v0, feature.v1
     region = work.region
-    # Most features lie well inside the image and share their weights.
+    # Most features are well inside the image and share their weights.
     if region[0] == u0 and region[1] == u1 and region[2] == v0 and region[3] == v1:
         return work.share
     region[0], region[1], region[2], region[3] = u0, u1, v0, v1
@@ -218,12 +213,12 @@ def weigh(feature: Record, work: Record) -> float:
 
 @nb.njit(cache=True)
 def seen_lag(work: Record, moved_px: float) -> float:
-    """Motion that half a threshold takes [px], from the events that a pixel of motion brings.
+    """Lag of the event image behind the scene [px]: the motion that changes brightness by half a threshold.
 
-    An event comes when a whole threshold has been crossed, on average half a threshold after the light
-    changed. So the picture lags behind the scene along the direction of motion, and jumps when that turns:
-    with `n` events a pixel and pixel of motion, by `1 / 2n`. `n` is the mean of |W| / moved, weighted like
-    the match by its squared contrast.
+    An event is triggered when the brightness has changed by a whole threshold, on average half a threshold
+    late. The event image therefore lags along the direction of motion, and jumps when that direction changes:
+    by `1 / 2n` for `n` events per pixel and pixel of motion. `n` is the mean of |W| / moved, weighted by the
+    squared contrast, as in the match.
     """
     absolute = square = 0.0
     for k in range(TEMPLATE_SIZE):

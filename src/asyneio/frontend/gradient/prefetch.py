@@ -1,4 +1,4 @@
-"""Ask the processor for memory ahead of use."""
+"""Request memory from the processor ahead of its use."""
 
 from __future__ import annotations
 
@@ -11,22 +11,25 @@ from numba.extending import intrinsic
 
 @intrinsic
 def prefetch(_context: Any, array: Any, index: Any) -> Any:
-    """Fetch the cache line of a flat, contiguous array's element that will be written soon; no bound is
-    checked, and none needs to be: a prefetch never faults."""
-    if not (isinstance(array, types.Array) and array.ndim == 1 and isinstance(index, types.Integer)):
+    """Fetch the cache line of an element that will be written soon.
+
+    `index` counts the elements of a C-contiguous array, whatever its shape. It is not checked: a prefetch of
+    an invalid address has no effect.
+    """
+    if not (isinstance(array, types.Array) and array.layout == "C" and isinstance(index, types.Integer)):
         return None
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         view = context.make_array(signature.args[0])(context, builder, args[0])
-        place = builder.bitcast(builder.gep(view.data, [args[1]]), cgutils.voidptr_t)
+        address = builder.bitcast(builder.gep(view.data, [args[1]]), cgutils.voidptr_t)
         word = ir.IntType(32)
         function = cgutils.get_or_insert_function(
             builder.module,
             ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, word, word, word]),
             "llvm.prefetch.p0i8",
         )
-        # For writing, to be kept in all caches, data.
-        builder.call(function, [place, word(1), word(3), word(1)])
+        # Arguments: for writing, keep in all cache levels, data cache.
+        builder.call(function, [address, word(1), word(3), word(1)])
         return context.get_dummy_value()
 
     return types.void(array, index), codegen

@@ -1,27 +1,48 @@
 """The template of a feature: the gradient of the log brightness around it, learned from its own events.
 
-Events that a patch collects while it moves by `s` add up, to first order, to `W = s . G`, where `G` is the
-gradient of the log brightness there (Gehrig et al., EKLT 2018). `G` is estimated from all past windows by
-recursive least squares (two images and one 2x2 matrix a feature) and gives the template for whatever
-direction the motion now has, so that a turn does not age it. Patches are registered against it by efficient
-second-order minimisation (Benhimane and Malis 2004) with a free gain.
+The events of a patch that moves by `s` sum, to first order, to `W = s . G`, where `G` is the gradient of the
+log brightness (Gehrig et al., EKLT, ECCV 2018). `G` is estimated from all past windows by recursive least
+squares (two images and one 2x2 matrix per feature). It gives a template for any direction of motion, so a
+change of direction does not invalidate it. Patches are aligned with the template by efficient second-order
+minimization (Benhimane and Malis, IROS 2004) with a free gain.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 
 from asyneio.frontend.gradient.features import PATCH_HALF, ROW, TEMPLATE_HALF, TEMPLATE_SIDE, TEMPLATE_SIZE
 from asyneio.frontend.gradient.patch import COLUMNS, clear_sums, shift_patch, total_of
-from asyneio.frontend.record import Record
+from asyneio.frontend.tracker import Record
 
 _FIRST, _MIDDLE, _LAST = 1, TEMPLATE_HALF, TEMPLATE_SIDE - 1
 
 
+class Products(NamedTuple):
+    """Weighted sums of products of template T and patch W."""
+
+    tw: float
+    tt: float
+    ww: float
+
+
+class NormalSums(NamedTuple):
+    """Weighted sums of one alignment step: J J^T (xx, xy, yy), J r (x, y) and T W."""
+
+    xx: float
+    xy: float
+    yy: float
+    x: float
+    y: float
+    tw: float
+
+
 @nb.njit(cache=True)
 def synthesise(
-    feature: Record, evidence: np.ndarray, slot: int, sx: float, sy: float, ridge: float, work: Record
+    feature: Record, gradient_sums: np.ndarray, slot: int, sx: float, sy: float, ridge: float, work: Record
 ) -> None:
     """Template for a displacement s = (sx, sy) in the patch frame: `T = s^T (A + ridge)^-1 B`."""
     xx, xy, yy = feature.xx + ridge, feature.xy, feature.yy + ridge
@@ -29,27 +50,28 @@ def synthesise(
     a = np.float32((yy * sx - xy * sy) / det)
     b = np.float32((xx * sy - xy * sx) / det)
     for k in range(TEMPLATE_SIZE):
-        work.template[k] = a * evidence[slot, 0, k] + b * evidence[slot, 1, k]
+        work.template[k] = a * gradient_sums[slot, 0, k] + b * gradient_sums[slot, 1, k]
 
 
 @nb.njit(cache=True)
 def learn(
-    feature: Record, evidence: np.ndarray, slot: int, sx: float, sy: float, keep: float, work: Record
+    feature: Record, gradient_sums: np.ndarray, slot: int, sx: float, sy: float, keep: float, work: Record
 ) -> None:
-    """Add the registered patch, seen under displacement (sx, sy), to the evidence; older evidence fades."""
+    """Add the aligned patch with displacement (sx, sy) to the sums of a slot; older patches are scaled by
+    `keep`."""
     a, b, kept = np.float32(sx), np.float32(sy), np.float32(keep)
     for k in range(TEMPLATE_SIZE):
         w = work.shifted[k]
-        evidence[slot, 0, k] = kept * evidence[slot, 0, k] + a * w
-        evidence[slot, 1, k] = kept * evidence[slot, 1, k] + b * w
+        gradient_sums[slot, 0, k] = kept * gradient_sums[slot, 0, k] + a * w
+        gradient_sums[slot, 1, k] = kept * gradient_sums[slot, 1, k] + b * w
     feature.xx = keep * feature.xx + sx * sx
     feature.xy = keep * feature.xy + sx * sy
     feature.yy = keep * feature.yy + sy * sy
 
 
 @nb.njit(cache=True)
-def correlate(work: Record) -> tuple[float, float, float]:
-    """Weighted sums T W, T T and W W."""
+def correlate(work: Record) -> Products:
+    """Weighted sums over the template and the shifted patch."""
     weight, W, T, sums = work.weight, work.shifted, work.template, work.sums
     clear_sums(work, 3)
     for v in range(TEMPLATE_SIDE):
@@ -60,19 +82,20 @@ def correlate(work: Record) -> tuple[float, float, float]:
             sums[COLUMNS + u] += m * t * t
             sums[2 * COLUMNS + u] += m * w * w
     n = COLUMNS
-    return total_of(work, 0, 0, n), total_of(work, 1, 0, n), total_of(work, 2, 0, n)
+    return Products(total_of(work, 0, 0, n), total_of(work, 1, 0, n), total_of(work, 2, 0, n))
 
 
 @nb.njit(cache=True)
 def normal_equations(work: Record, gain: float, top: int, bottom: int) -> None:
     """Sum J J^T, J r and T W, weighted, over the rows top..bottom-1, column by column; see `read_sums`.
 
-    `r = W - g T` and `J = (grad W + g grad T) / 2`. No gradient at the rim: 1 <= top, bottom < TEMPLATE_SIDE.
+    `r = W - g T` and `J = (grad W + g grad T) / 2`. The gradient needs a margin: 1 <= top and
+    bottom < TEMPLATE_SIDE.
     """
     g = np.float32(gain)
     weight, W, T, sums = work.weight, work.shifted, work.template, work.sums
     clear_sums(work, 6)
-    # The bounds tell the compiler that no index is negative; without them it does not vectorise.
+    # The bounds show the compiler that no index is negative; without them it does not vectorise.
     for v in range(max(top, 1), min(bottom, TEMPLATE_SIDE - 1)):
         for u in range(COLUMNS):
             k = v * ROW + u
@@ -90,10 +113,10 @@ def normal_equations(work: Record, gain: float, top: int, bottom: int) -> None:
 
 
 @nb.njit(cache=True)
-def read_sums(work: Record, start: int, end: int) -> tuple[float, float, float, float, float, float]:
-    """J J^T (xx, xy, yy), J r (x, y) and T W over the columns start..end-1."""
+def read_sums(work: Record, start: int, end: int) -> NormalSums:
+    """The sums of `normal_equations` over the columns start..end-1."""
     # Central differences, and the mean of two: a quarter each.
-    return (
+    return NormalSums(
         total_of(work, 0, start, end) / 16.0,
         total_of(work, 1, start, end) / 16.0,
         total_of(work, 2, start, end) / 16.0,
@@ -105,16 +128,17 @@ def read_sums(work: Record, start: int, end: int) -> tuple[float, float, float, 
 
 @nb.njit(cache=True)
 def match(work: Record, max_jump: float, min_corner: float, iterations: int, out: Record) -> bool:
-    """Register the blurred patch against the template; `out` MATCH_DTYPE.
+    """Align the blurred patch with the template, into `out` MATCH_DTYPE.
 
-    `min_corner` is the least determinant of the Hessian over its squared trace, a quarter at best: less is a
-    straight edge, along which a patch slides. False there, and when it leaves the patch.
+    `min_corner` is the least determinant of the Hessian divided by its squared trace, at most a quarter; a
+    smaller value means a straight edge, along which the position is undetermined. Returns False for such an
+    edge, and for a shift beyond `max_jump`.
     """
     limit = min(max_jump, PATCH_HALF - TEMPLATE_HALF - 0.01)
     du = dv = 0.0
     shift_patch(work, du, dv)
     gain = 1.0
-    tw, tt, ww = correlate(work)
+    tw, tt, _ = correlate(work)
     for _ in range(iterations):
         if tw <= 0.0 or tt <= 0.0:
             return False
@@ -129,6 +153,14 @@ def match(work: Record, max_jump: float, min_corner: float, iterations: int, out
         if not (abs(du) < limit and abs(dv) < limit):
             return False
         shift_patch(work, du, dv)
+    out.u, out.v = du, dv
+    return _measure(work, gain, out)
+
+
+@nb.njit(cache=True)
+def _measure(work: Record, gain: float, out: Record) -> bool:
+    """Correlation, residual, Hessian and disagreement of the halves after the last step, into `out`; False
+    without contrast."""
     tw, tt, ww = correlate(work)
     if tt <= 0.0 or ww <= 0.0:
         return False
@@ -136,12 +168,11 @@ def match(work: Record, max_jump: float, min_corner: float, iterations: int, out
     a, b = read_sums(work, 0, _MIDDLE), read_sums(work, _MIDDLE, COLUMNS)
     normal_equations(work, gain, _MIDDLE, _LAST)
     c, d = read_sums(work, 0, _MIDDLE), read_sums(work, _MIDDLE, COLUMNS)
-    out.u, out.v = du, dv
     out.ncc = tw / np.sqrt(tt * ww)
     out.residual = ww * max(1.0 - out.ncc * out.ncc, 0.0)
-    out.xx = a[0] + b[0] + c[0] + d[0]
-    out.xy = a[1] + b[1] + c[1] + d[1]
-    out.yy = a[2] + b[2] + c[2] + d[2]
+    out.xx = a.xx + b.xx + c.xx + d.xx
+    out.xy = a.xy + b.xy + c.xy + d.xy
+    out.yy = a.yy + b.yy + c.yy + d.yy
     left_u, left_v = _shift_of(a, c)
     right_u, right_v = _shift_of(b, d)
     upper_u, upper_v = _shift_of(a, b)
@@ -152,11 +183,9 @@ def match(work: Record, max_jump: float, min_corner: float, iterations: int, out
 
 
 @nb.njit(cache=True)
-def _shift_of(
-    a: tuple[float, float, float, float, float, float], b: tuple[float, float, float, float, float, float]
-) -> tuple[float, float]:
-    """Shift that two quadrants together still ask for; damped, since half a patch may be one edge."""
-    xx, xy, yy, x, y = a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4]
+def _shift_of(a: NormalSums, b: NormalSums) -> tuple[float, float]:
+    """Remaining shift (u, v) of two quadrants together; damped, since half a patch may be a single edge."""
+    xx, xy, yy, x, y = a.xx + b.xx, a.xy + b.xy, a.yy + b.yy, a.x + b.x, a.y + b.y
     damping = 0.02 * (xx + yy) + 1e-9
     xx += damping
     yy += damping

@@ -1,11 +1,12 @@
-"""The correlation* tracker of HASTE: one record a feature, nothing allocated while events flow.
+"""The correlation* tracker of HASTE: one record per feature, with no allocation while events are processed.
 
 Alzugaray & Chli, "HASTE: multi-Hypothesis Asynchronous Speeded-up Tracking of Events", BMVC 2020; constants
-and order of operations after the authors' released program (github.com/ialzugaray/haste). A feature keeps its
-last 193 events and eleven hypotheses of its pose: where it is, moved to one of the eight neighbouring pixels,
-or turned by four degrees either way. The score of a hypothesis is the sum, over the window, of the template
-at the events' places in the patch under that pose. An event that enters the window adds one look-up to every
-score and the one that leaves takes one away; only a change of state scores the whole window anew.
+and order of operations follow the program released by the authors (github.com/ialzugaray/haste). A feature
+keeps its last 193 events and eleven hypotheses of its pose: unchanged, moved to one of the eight neighbouring
+pixels, or rotated by four degrees in either direction. The score of a hypothesis is the sum, over the window,
+of the template at the positions of the events in the patch under that pose. An event that enters the window
+adds one value to every score, and the event that leaves it subtracts one. Only a change of state recomputes
+the scores over the whole window.
 """
 
 from __future__ import annotations
@@ -13,39 +14,35 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from asyneio.frontend.record import Record
+from asyneio.frontend.tracker import GROWING, TRACKING, Record
 from asyneio.types import FloatArray
-
-FREE = 0
-GROWING = 1
-TRACKING = 2
 
 #: Half side of the patch and radius of the disc whose events are fed to the feature [px].
 RADIUS = 15
 SIDE = 2 * RADIUS + 1
 
-#: Coordinates in the patch have a bilinear value from 0 to here, exclusive.
+#: Coordinates in the patch can be interpolated from 0 to LAST, exclusive.
 LAST = float(SIDE - 1)
 
-#: Events in the window (a fifth of the patch, made odd), and the one in its middle, counted from the oldest.
+#: Events in the window (a fifth of the pixels, made odd), and the index of its middle, from the oldest.
 WINDOW = 193
 MIDDLE = 96
 
-#: Steps between a pose and its neighbours: pixels in the image, and turn [rad].
+#: Steps from a pose to its hypotheses: x and y [px], rotation [rad].
 TURN = np.deg2rad(4.0)
 STEPS = np.zeros((11, 3))
 STEPS[1:9, :2] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (-1, -1), (1, -1)]
 STEPS[9:, 2] = TURN, -TURN
 HYPOTHESES = STEPS.shape[0]
 
-#: By how much of the spread of all scores the best must exceed the present one, and what share of an event
-#: the template learns.
+#: Share of the range of all scores by which the best must exceed the current one, and the weight with which
+#: an event is added to the template.
 HYSTERESIS = 0.05
 LEARNING_RATE = 0.1
 
 
-#: One feature; positions in distorted pixels. A record rather than an array for each field: Numba counts
-#: references to arrays, and that takes longer than the arithmetic.
+#: One feature; positions in distorted pixels. A record, not one array per field: Numba counts references to
+#: arrays, which takes longer than the arithmetic.
 HASTE_DTYPE = np.dtype(
     [
         ("state", "<i8"),  # FREE, GROWING (the window fills for the first time) or TRACKING
@@ -53,13 +50,13 @@ HASTE_DTYPE = np.dtype(
         ("x", "<f8"),
         ("y", "<f8"),
         ("turn", "<f8"),  # rad, since birth
-        ("t_ns", "<i8"),  # of the event in the middle of the window; of birth while growing
+        ("t_ns", "<i8"),  # of the event in the middle of the window; while growing, of the corner
         ("reported_ns", "<i8"),  # time of the last observation
         ("written", "<i8"),  # events put into the window since birth
         ("window_t", "<i8", (WINDOW,)),  # ns, a ring
         ("window_xy", "<f8", (WINDOW, 2)),
         ("template", "<f8", (SIDE, SIDE)),  # events, row v, column u of the patch
-        ("reference", "<f8", (SIDE, SIDE)),  # the template at the last change of state; scores refer to it
+        ("reference", "<f8", (SIDE, SIDE)),  # the template at the last change of state, used for the scores
         ("hypotheses", "<f8", (HYPOTHESES, 4)),  # x, y, cosine and sine of the turn
         ("score", "<f8", (HYPOTHESES,)),
     ]
@@ -68,9 +65,9 @@ HASTE_DTYPE = np.dtype(
 
 @nb.njit(cache=True)
 def correlate(feature: Record, k: int, end: int, sign: float) -> None:
-    """Add (`sign` 1) or take away (-1) what events k..end-1 of the window contribute to each score.
+    """Add (`sign` 1) or subtract (-1) the contribution of events k..end-1 of the window to each score.
 
-    The reference is read bilinearly, and as zero outside.
+    The reference is interpolated bilinearly; it is zero outside.
     """
     reference, window, score = feature.reference, feature.window_xy, feature.score
     for i in range(HYPOTHESES):
@@ -92,7 +89,7 @@ def correlate(feature: Record, k: int, end: int, sign: float) -> None:
 
 @nb.njit(cache=True)
 def learn(feature: Record, k: int, weight: float) -> None:
-    """Share event k of the window among the template's four pixels around where the present pose sees it."""
+    """Distribute event k of the window over the four nearest template pixels under the current pose."""
     dx, dy = feature.window_xy[k, 0] - feature.x, feature.window_xy[k, 1] - feature.y
     c, s = feature.hypotheses[0, 2], feature.hypotheses[0, 3]
     u, v = c * dx + s * dy + RADIUS, c * dy - s * dx + RADIUS
@@ -108,7 +105,7 @@ def learn(feature: Record, k: int, weight: float) -> None:
 
 @nb.njit(cache=True)
 def spread_hypotheses(feature: Record) -> None:
-    """Put the hypotheses around the present pose."""
+    """Compute the hypotheses around the current pose."""
     for i in range(HYPOTHESES):
         turn = feature.turn + STEPS[i, 2]
         feature.hypotheses[i, 0] = feature.x + STEPS[i, 0]
@@ -119,12 +116,12 @@ def spread_hypotheses(feature: Record) -> None:
 
 @nb.njit(cache=True)
 def score_window(feature: Record) -> None:
-    """Take the template of now as reference and score all hypotheses over the whole window.
+    """Use the current template as reference and score all hypotheses over the whole window.
 
-    The published scores are divided by the sums of template and weights; that changes none of the ratios on
-    which a change of state depends, and is left out.
+    The published scores are divided by the sums of template and weights. This is omitted, since it does not
+    affect the ratios on which a change of state depends.
     """
-    # Loops: Numba takes seconds to compile the assignment of one array to another.
+    # Loops, since Numba takes seconds to compile the assignment of one array to another.
     for row in range(SIDE):
         for column in range(SIDE):
             feature.reference[row, column] = feature.template[row, column]
@@ -135,7 +132,7 @@ def score_window(feature: Record) -> None:
 
 @nb.njit(cache=True)
 def best_hypothesis(score: FloatArray) -> int:
-    """The hypothesis to go to: 0 unless another beats it by more than the hysteresis."""
+    """The next hypothesis: 0, the current one, unless another exceeds it by more than the hysteresis."""
     best, highest, lowest = 0, score[0], score[0]
     for i in range(1, HYPOTHESES):
         if score[i] > highest:
@@ -146,7 +143,7 @@ def best_hypothesis(score: FloatArray) -> int:
 
 @nb.njit(cache=True)
 def feed(feature: Record, t_ns: int, x: int, y: int) -> bool:
-    """Give a feature an event of its disc; whether its state has changed, or is known for the first time."""
+    """Add an event to the window of a feature; True if its pose has changed or is now known."""
     k = feature.written % WINDOW
     feature.written += 1
     if feature.state == TRACKING:
@@ -156,7 +153,7 @@ def feed(feature: Record, t_ns: int, x: int, y: int) -> bool:
     feature.window_xy[k, 1] = y
     if feature.written < WINDOW:
         return False
-    # Place k holds the newest event, so the oldest is the next one.
+    # Index k holds the newest event, so the oldest one follows it.
     middle = (k + 1 + MIDDLE) % WINDOW
     feature.t_ns = feature.window_t[middle]
     if feature.state == GROWING:
@@ -175,6 +172,6 @@ def feed(feature: Record, t_ns: int, x: int, y: int) -> bool:
         feature.turn += STEPS[best, 2]
         spread_hypotheses(feature)
         score_window(feature)
-    # After the change of state, as published; the reference follows only at the next one.
+    # After the change of state, as published; the reference is updated at the next change only.
     learn(feature, middle, LEARNING_RATE)
     return best != 0

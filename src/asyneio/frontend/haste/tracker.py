@@ -1,7 +1,7 @@
 """HASTE baseline: the event loop of Algorithm 1 of the paper around correlation* trackers.
 
-Every event is fed to all features in whose disc it falls. The published tracker knows no failure: a feature
-ends only where it leaves the image or falls silent.
+Every event is fed to all features in whose disc it lies. The published tracker detects no failures: a feature
+ends only at the border of the image or after a time without events.
 """
 
 from __future__ import annotations
@@ -12,46 +12,83 @@ import numba as nb
 import numpy as np
 
 from asyneio.config import FrontendConfig
-from asyneio.frontend.border import EventBorder
+from asyneio.frontend.borrowed import borrowed
 from asyneio.frontend.detection import SCRATCH, is_corner
 from asyneio.frontend.extents import spacing_px
 from asyneio.frontend.feature_grid import (
     BUCKET_FEATURES,
+    FINE,
     FeatureGrid,
-    make_registration,
+    insert,
+    make_feature_grid,
     move,
-    register,
-    unregister,
+    remove,
 )
-from asyneio.frontend.haste.kernel import FREE, GROWING, HASTE_DTYPE, RADIUS, TRACKING, feed
-from asyneio.frontend.pieces import in_pieces
-from asyneio.frontend.statistics import FrontendStatistics
-from asyneio.frontend.surface import HOT_NS, NEVER_NS, Surface, make_surface, record_event, refresh_hot_pixels
-from asyneio.frontend.turns import STILL
+from asyneio.frontend.haste.kernel import HASTE_DTYPE, RADIUS, feed
+from asyneio.frontend.surface import (
+    NEVER_NS,
+    Event,
+    Surface,
+    is_hot,
+    make_surface,
+    read_event,
+    record_event,
+    update_hot_pixels,
+)
+from asyneio.frontend.tracker import (
+    FREE,
+    GROWING,
+    INLINE,
+    INNER,
+    NO_ROLL,
+    TRACKING,
+    FrontendStatistics,
+    free_slot,
+    has_capacity,
+    in_pieces,
+    is_outside,
+    record_of,
+)
+from asyneio.frontend.validation import EventValidator
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, IntArray, RecordArray
 
-#: Indices of the counters: features alive, founded, tracked; ended by silence, at the border; events of hot
-#: pixels, and how many pixels are hot.
-COUNTERS = 7
-ALIVE, BIRTHS, TRACKS, SILENT, AT_BORDER, HOT_EVENTS, HOT_PIXELS = range(COUNTERS)
-
-#: How often silent features are looked for.
+#: Period of the search for silent features, in event time.
 CHECK_NS = 10_000_000
 
 _SILENCE_NS = 50_000_000
 _BORDER_PX = 6
-#: Observations that one pass of the kernel can return.
+#: Observations that one call of the kernel can return.
 _BUFFER = 16_384
+
+#: State that is carried from packet to packet, and counts.
+HASTE_STATE_DTYPE = np.dtype(
+    [
+        ("written", "<i8"),  # observations in the output
+        ("checked_ns", "<i8"),  # time of the last search for silent features
+        ("hot_ns", "<i8"),  # time of the last search for hot pixels
+        ("alive", "<i8"),  # features, growing or tracked
+        ("capacity", "<i8"),  # no feature begins while `alive` has reached it
+        ("hot_pixels", "<i8"),
+        ("hot_events", "<i8"),
+        ("corners", "<i8"),
+        ("tracks", "<i8"),
+        ("silent", "<i8"),  # features ended for lack of events
+        ("border", "<i8"),  # tracks ended at the border of the image
+    ]
+)
 
 
 class HasteSettings(NamedTuple):
     """Settings of the loop; those of the tracker itself are constants of the publication.
 
-    `t_min_ns` between two observations of a feature; `t_max_ns` that the middle of its window of events may
-    lie back, or that the window may take to fill; a corner needs `spacing_px` to the nearest feature and its
-    pixel `silence_ns` without event of its polarity; features end `border_px` before the image does.
+    `width`, `height` of the sensor [px]; `t_min_ns` between two observations of a feature; `t_max_ns`, the
+    largest age of the middle of a feature's window of events, and the time that the window may take to fill;
+    `spacing_px` from a corner to the nearest feature; `border_px`, margin of the image in which features end;
+    `silence_ns` without an event of the same polarity, after which a pixel may be a corner.
     """
 
+    width: int
+    height: int
     t_min_ns: int
     t_max_ns: int
     spacing_px: float
@@ -59,134 +96,133 @@ class HasteSettings(NamedTuple):
     silence_ns: int
 
 
-@nb.njit(cache=True)
-def release(features: RecordArray, registration: FeatureGrid, slot: int, counters: IntArray) -> None:
-    """Free a slot."""
-    unregister(registration, slot)
-    features[slot].state = FREE
-    counters[ALIVE] -= 1
+class HasteArrays(NamedTuple):
+    """The baseline as its kernels see it: `surface`; `records` (N,) HASTE_DTYPE; `grid`; `settings` (1,) of
+    HasteSettings; `state` (1,) HASTE_STATE_DTYPE; `corner_scratch` (SCRATCH,) int64, working memory."""
 
-
-@nb.njit(cache=True)
-def remove_silent(
-    features: RecordArray, registration: FeatureGrid, t_ns: int, t_max_ns: int, counters: IntArray
-) -> None:
-    """Release the features whose time lies back by more than `t_max_ns`."""
-    for slot in range(features.size):
-        if features[slot].state != FREE and t_ns - features[slot].t_ns > t_max_ns:
-            release(features, registration, slot, counters)
-            counters[SILENT] += 1
-
-
-@nb.njit(cache=True)
-def give_birth(
-    features: RecordArray,
-    registration: FeatureGrid,
-    t_ns: int,
-    x: int,
-    y: int,
-    counters: IntArray,
-) -> None:
-    """Found a feature on a corner event, in the first free slot; there must be one."""
-    slot = 0
-    while features[slot].state != FREE:
-        slot += 1
-    feature = features[slot]
-    feature.state = GROWING
-    feature.x, feature.y, feature.turn = x, y, 0.0
-    feature.t_ns = t_ns
-    feature.reported_ns = NEVER_NS
-    feature.written = 0
-    counters[ALIVE] += 1
-    counters[BIRTHS] += 1
-    register(registration, slot, x, y)
-    feed(feature, t_ns, x, y)
+    surface: Surface
+    records: RecordArray
+    grid: FeatureGrid
+    settings: RecordArray
+    state: RecordArray
+    corner_scratch: IntArray
 
 
 @nb.njit(cache=True, nogil=True)
-def process_events(
-    events: np.ndarray,
-    start: int,
-    surface: Surface,
-    features: RecordArray,
-    registration: FeatureGrid,
-    settings: HasteSettings,
-    clock: IntArray,
-    counters: IntArray,
-    observations: np.ndarray,
-) -> tuple[int, int]:
-    """Process events from `start`; returns (next event, observations written). Stops when the output is full.
+def process_events(events: RecordArray, start: int, tracker: HasteArrays, observations: RecordArray) -> int:
+    """Algorithm 1 from event `start` on; returns the index of the next event to process.
 
-    `clock` (2,) ns: when silent features were last looked for, and hot pixels; by event time, so that the
-    result does not depend on how the stream is cut into packets.
+    Stops early when `observations` may not hold what follows; `state.written` counts what was written.
     """
-    latest_ns, fired, hot, buckets = surface.latest_ns, surface.fired, surface.hot, registration.buckets
-    height, width = hot.shape
-    border = settings.border_px
-    spacing2 = settings.spacing_px**2
-    shift = registration.shift
-    scratch = np.zeros(SCRATCH, dtype=np.int64)
-    written = 0
+    tracker = borrowed(tracker)
+    surface, state, settings = tracker.surface, tracker.state[0], tracker.settings[0]
+    state.written = 0
     for i in range(start, events.size):
-        if written + BUCKET_FEATURES > observations.size:
-            return i, written
-        event = events[i]
-        t_ns, x, y, p = event.t_ns, np.int64(event.x), np.int64(event.y), np.int64(event.p)
-        if t_ns - clock[0] > CHECK_NS:
-            clock[0] = t_ns
-            remove_silent(features, registration, t_ns, settings.t_max_ns, counters)
-            if t_ns - clock[1] > HOT_NS:
-                counters[HOT_PIXELS] = refresh_hot_pixels(surface, (t_ns - clock[1]) * 1e-9)
-                clock[1] = t_ns
-        first_of_edge = record_event(latest_ns, fired, t_ns, x, y, p, settings.silence_ns)
-        if hot[y, x]:
-            counters[HOT_EVENTS] += 1
+        event = read_event(events, i)
+        if state.written + BUCKET_FEATURES > observations.size:
+            return i
+        if event.t_ns - state.checked_ns > CHECK_NS:
+            manage_tracks(tracker, event.t_ns)  # Lines 13-15.
+        first_of_edge = record_event(surface, event, settings.silence_ns)  # Line 4.
+        if is_hot(surface, event):
+            state.hot_events += 1
             continue
-        row, column = y >> shift, x >> shift
-        bucket = buckets[row, column]
-        near = False
-        # Backwards: a feature that leaves the bucket or comes anew trades places only with those served.
-        for k in range(np.int64(registration.counts[row, column]) - 1, -1, -1):
-            slot = np.int64(bucket.slots[k])
-            feature = features[slot]
-            dx, dy = x - feature.x, y - feature.y
-            r2 = dx * dx + dy * dy
-            near = near or r2 < spacing2
-            if r2 >= RADIUS * RADIUS:
-                continue
-            fresh = feature.state == GROWING
-            if not feed(feature, t_ns, x, y):
-                continue
-            if fresh:
-                feature.id = counters[TRACKS]
-                counters[TRACKS] += 1
-            u, v = feature.x, feature.y
-            if u < border or v < border or u > width - 1 - border or v > height - 1 - border:
-                release(features, registration, slot, counters)
-                counters[AT_BORDER] += 1
-                continue
-            move(registration, slot, u, v)
-            if feature.t_ns - feature.reported_ns >= settings.t_min_ns:
-                feature.reported_ns = feature.t_ns
-                observation = observations[written]
-                observation.t_ns, observation.id, observation.u, observation.v = (
-                    feature.t_ns,
-                    feature.id,
-                    u,
-                    v,
-                )
-                written += 1
-        if near or not first_of_edge or counters[ALIVE] >= features.size:
+        near = feed_neighbours(tracker, event, observations)  # Lines 5-12.
+        if near or not first_of_edge or not has_capacity(state):  # Line 16.
             continue
-        if x < border or y < border or x > width - 1 - border or y > height - 1 - border:
+        if is_outside(event.x, event.y, settings, settings.border_px):
             continue
-        if is_corner(latest_ns, p, x, y, scratch):
-            give_birth(features, registration, t_ns, x, y, counters)
-    return events.size, written
+        if is_corner(surface.latest_ns, event.p, event.x, event.y, tracker.corner_scratch):  # Line 17.
+            begin_feature(tracker, event)  # Lines 18-24.
+    return events.size
+
+
+@nb.njit(**INNER)
+def manage_tracks(tracker: HasteArrays, t_ns: int) -> None:
+    """Periodic work, by event time: how the stream is divided into packets has no effect."""
+    tracker.state[0].checked_ns = t_ns
+    remove_silent(tracker, t_ns)
+    update_hot_pixels(tracker.surface, tracker.state[0], t_ns)
+
+
+@nb.njit(**INNER)
+def remove_silent(tracker: HasteArrays, t_ns: int) -> None:
+    """Release the features whose time is older than `t_max_ns`."""
+    records = tracker.records
+    for slot in range(records.size):
+        if records[slot].state != FREE and t_ns - records[slot].t_ns > tracker.settings[0].t_max_ns:
+            release(tracker, slot)
+            tracker.state[0].silent += 1
+
+
+@nb.njit(**INNER)
+def release(tracker: HasteArrays, slot: int) -> None:
+    """End a feature and free its slot."""
+    remove(tracker.grid, slot)
+    tracker.records[slot].state = FREE
+    tracker.state[0].alive -= 1
+
+
+@nb.njit(**INLINE)
+def feed_neighbours(tracker: HasteArrays, event: Event, observations: RecordArray) -> bool:
+    """Feed an event to the features in whose disc it lies; True if one is too close for a new corner."""
+    grid, spacing2 = tracker.grid, tracker.settings[0].spacing_px ** 2
+    row, column = event.y >> FINE, event.x >> FINE
+    slots, near = grid.buckets[row, column].slots, False
+    # Backwards: a feature that leaves the bucket, or enters it again, swaps places only with features that
+    # have been served.
+    for k in range(np.int64(grid.counts[row, column]) - 1, -1, -1):
+        slot = np.int64(slots[k])
+        feature = tracker.records[slot]
+        dx, dy = event.x - feature.x, event.y - feature.y
+        r2 = dx * dx + dy * dy
+        near = near or r2 < spacing2
+        if r2 < RADIUS * RADIUS:
+            act(tracker, slot, event, observations)
+    return near
+
+
+@nb.njit(**INNER)
+def act(tracker: HasteArrays, slot: int, event: Event, observations: RecordArray) -> None:
+    """Feed an event to a feature; if that moves it, update the grid and write an observation."""
+    tracker = borrowed(tracker)
+    feature, state, settings = tracker.records[slot], tracker.state[0], tracker.settings[0]
+    growing = feature.state == GROWING
+    if not feed(feature, event.t_ns, event.x, event.y):
+        return
+    if growing:
+        feature.id = state.tracks
+        state.tracks += 1
+    if is_outside(feature.x, feature.y, settings, settings.border_px):
+        release(tracker, slot)
+        state.border += 1
+        return
+    move(tracker.grid, slot, feature.x, feature.y)
+    if feature.t_ns - feature.reported_ns >= settings.t_min_ns:
+        feature.reported_ns = feature.t_ns
+        out = observations[state.written]
+        out.t_ns, out.id, out.u, out.v = feature.t_ns, feature.id, feature.x, feature.y
+        state.written += 1
+
+
+@nb.njit(**INNER)
+def begin_feature(tracker: HasteArrays, event: Event) -> None:
+    """Begin a feature at a corner event, in the first free slot."""
+    slot, state = free_slot(tracker.records), tracker.state[0]
+    feature = tracker.records[slot]
+    feature.state = GROWING
+    feature.x, feature.y, feature.turn = event.x, event.y, 0.0
+    feature.t_ns = event.t_ns
+    feature.reported_ns = NEVER_NS
+    feature.written = 0
+    state.alive += 1
+    state.corners += 1
+    insert(tracker.grid, slot, float(event.x), float(event.y))
+    feed(feature, event.t_ns, event.x, event.y)
 
 
 class HasteTracker:
-    """HASTE trackers on the corners of a stream of events.
+    """HASTE trackers on the corners of an event stream.
 
     Args:
         config: the section `frontend`.
@@ -195,69 +231,72 @@ class HasteTracker:
 
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
         self.settings = HasteSettings(
+            width=width,
+            height=height,
             t_min_ns=round(config.min_interval_s * NS_PER_S),
             t_max_ns=round(config.max_silence_s * NS_PER_S),
             spacing_px=spacing_px(config.spacing, width),
             border_px=_BORDER_PX,
             silence_ns=_SILENCE_NS,
         )
-        self.features = np.zeros(config.max_features, dtype=HASTE_DTYPE)
-        self.counters = np.zeros(COUNTERS, dtype=np.int64)
-        self._border = EventBorder(width, height)
-        self._surface = make_surface(width, height)
+        state = np.zeros(1, dtype=HASTE_STATE_DTYPE)
+        state["checked_ns"] = state["hot_ns"] = NEVER_NS
+        state["capacity"] = config.max_features
         reach = max(float(RADIUS), self.settings.spacing_px)
-        self._registration = make_registration(width, height, config.max_features, reach)
-        self._clock = np.full(2, NEVER_NS, dtype=np.int64)
+        self.arrays = HasteArrays(
+            surface=make_surface(width, height),
+            records=np.zeros(config.max_features, dtype=HASTE_DTYPE),
+            grid=make_feature_grid(width, height, config.max_features, reach),
+            settings=record_of(self.settings),
+            state=state,
+            corner_scratch=np.zeros(SCRATCH, dtype=np.int64),
+        )
+        self._validator = EventValidator(width, height)
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
         self._events = 0
 
     def process(self, events: RecordArray, roll_rate: float = 0.0) -> RecordArray:
-        """Observations (OBSERVATION_DTYPE) that a packet of events (EVENT_DTYPE, ascending) gives rise to.
+        """Process a packet of events.
 
-        They come in the order of their making. Each is stamped with the middle of its feature's window, so
-        times ascend for a feature but not from one feature to the next. The trackers find turns on their own
-        and do not ask for the `roll_rate`.
+        Args:
+            events: EVENT_DTYPE, ascending, later than all before.
+            roll_rate: not used: the hypotheses include rotations.
+
+        Returns:
+            OBSERVATION_DTYPE in order of emission. Each carries the time of the middle of its feature's
+            window, so times ascend within a track, but not across tracks.
 
         Raises:
-            RecordingError: events that do not fit, see `EventBorder.admitted`.
+            RecordingError: invalid events, see `EventValidator.validated`.
         """
-        return self.follow(self._border.admitted(events), STILL)
+        return self.follow(self._validator.validated(events), NO_ROLL)
 
     def follow(self, events: RecordArray, turns: RecordArray) -> RecordArray:
-        """As `process`, of a packet as `EventBorder.admitted` returns it; `turns` are not asked for."""
+        """As `Tracker.follow`; `turns` is not used."""
         self._events += events.size
         return in_pieces(events, self._buffer, self._step)
 
-    def set_outlier_share(self, unused: float) -> None:
-        """Nothing: the baseline follows as many features as it was published with."""
+    def set_outlier_share(self, share: float) -> None:
+        """No effect: the baseline follows `max_features`, as published."""
 
     def limit_load(self, share: float) -> None:
-        """Nothing: the baseline sheds no load."""
+        """No effect: the baseline sheds no load."""
 
     def statistics(self) -> FrontendStatistics:
         """Counts since the start."""
-        c = self.counters
+        state = self.arrays.state[0]
         return FrontendStatistics(
             events=self._events,
-            hot_pixels=int(c[HOT_PIXELS]),
-            hot_events=int(c[HOT_EVENTS]),
-            corners=int(c[BIRTHS]),
-            tracks=int(c[TRACKS]),
-            alive=int(np.count_nonzero(self.features["state"] == TRACKING)),
+            hot_pixels=int(state["hot_pixels"]),
+            hot_events=int(state["hot_events"]),
+            corners=int(state["corners"]),
+            tracks=int(state["tracks"]),
+            alive=int(np.count_nonzero(self.arrays.records["state"] == TRACKING)),
             ended_untrusted=0,
-            ended_silent=int(c[SILENT]),
-            ended_border=int(c[AT_BORDER]),
+            ended_silent=int(state["silent"]),
+            ended_border=int(state["border"]),
         )
 
     def _step(self, events: RecordArray, start: int) -> tuple[int, int]:
-        return process_events(
-            events,
-            start,
-            self._surface,
-            self.features,
-            self._registration,
-            self.settings,
-            self._clock,
-            self.counters,
-            self._buffer,
-        )
+        following = process_events(events, start, self.arrays, self._buffer)
+        return following, int(self.arrays.state[0]["written"])

@@ -1,6 +1,6 @@
-"""Where events enter compiled code, which trusts its indices: what does not fit is refused here.
+"""Validation of events before they enter compiled code, which does not check its indices.
 
-One pass in compiled code, about a nanosecond an event; the trackers need some hundreds.
+One compiled pass, about a nanosecond per event; the trackers need some tens to hundreds.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ from asyneio.errors import RecordingError
 from asyneio.frontend.surface import NEVER_NS
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray
 
-#: Stamps beyond these overflow differences with the stamp of a pixel that never fired: the year 2065.
+#: Range of times whose difference with that of a pixel that never fired cannot overflow; it ends in 2065.
 _EARLIEST_NS, _LATEST_NS = NEVER_NS // 2, 3 * 10**18
-#: Events address their pixel with 16 bits.
+#: Pixel coordinates of an event have 16 bits.
 _MOST_PIXELS = 2**16
-_FINE, _UNORDERED, _STAMP, _PIXEL, _POLARITY = range(5)
+_VALID, _UNORDERED, _STAMP, _PIXEL, _POLARITY = range(5)
 
 
-class EventBorder:
-    """Admits packets of events of one sensor, each later than the ones before.
+class EventValidator:
+    """Validates packets of events of one sensor, in the order of time.
 
     Args:
         width, height: of the sensor [px].
 
     Raises:
-        RecordingError: no sensor has this size.
+        RecordingError: a size that no sensor has.
     """
 
     def __init__(self, width: int, height: int) -> None:
@@ -38,28 +38,31 @@ class EventBorder:
         self._width, self._height = width, height
         self._latest_ns = _EARLIEST_NS
 
-    def admitted(self, events: RecordArray) -> RecordArray:
-        """The packet (N,) as kernels take it: EVENT_DTYPE, contiguous, writable.
+    def validated(self, events: RecordArray) -> RecordArray:
+        """The packet (N,) in the form that the kernels require: EVENT_DTYPE, contiguous, writable.
 
         Raises:
-            RecordingError: not an array of events, an event outside the sensor, a polarity other than 0 and
-                1, stamps that descend, lie before an earlier packet or overflow. Nothing is admitted then.
+            RecordingError: not an array of events; an event outside the sensor; a polarity other than 0 and
+                1; times that descend, precede an earlier packet or may overflow. The whole packet is
+                rejected.
         """
-        # Kernels are compiled for writable arrays only; a recording may be a read-only memory map.
+        # The kernels are compiled for writable arrays; a recording may be a read-only memory map.
         events = np.require(_as_events(events), EVENT_DTYPE, ["C", "W"])
         if events.size:
             index, fault = _first_fault(events, self._latest_ns, self._width, self._height)
-            if fault != _FINE:
-                raise RecordingError(self._complaint(events, index, fault))
+            if fault != _VALID:
+                raise RecordingError(self._message(events, index, fault))
             self._latest_ns = int(events["t_ns"][-1])
         return events
 
-    def _complaint(self, events: RecordArray, index: int, fault: int) -> str:
+    def _message(self, events: RecordArray, index: int, fault: int) -> str:
+        """What is wrong with an event, and what to do."""
         t_ns, x, y, p = events[index].tolist()
         if fault == _PIXEL:
             return (
-                f"event {index} of the packet: x = {x}, y = {y} lies outside the sensor of {self._width} x "
-                f"{self._height} pixels; make the front end with the size of the sensor that gave the events"
+                f"event {index} of the packet: x = {x}, y = {y} is outside the sensor of {self._width} x "
+                f"{self._height} pixels; create the front end with the size of the sensor that recorded the "
+                "events"
             )
         if fault == _POLARITY:
             return f"event {index} of the packet: p = {p}; expected polarity 1 (brighter) or 0 (darker)"
@@ -70,14 +73,14 @@ class EventBorder:
             )
         before_ns = self._latest_ns if index == 0 else int(events["t_ns"][index - 1])
         return (
-            f"event {index} of the packet: t_ns = {t_ns} comes {(before_ns - t_ns) / 1e9:.6f} s before the "
-            "event before it; expected ascending stamps: sort them, and begin with a new front end where the "
-            "clock was set back"
+            f"event {index} of the packet: t_ns = {t_ns} is {(before_ns - t_ns) / 1e9:.6f} s earlier than "
+            "the previous event; expected ascending times: sort the events, and create a new front end where "
+            "the clock was set back"
         )
 
 
 def check_gyroscope(samples: RecordArray) -> None:
-    """Refuse what is no array of samples.
+    """Reject anything that is not an array of samples.
 
     Raises:
         RecordingError: another type or shape than INERTIAL_DTYPE (N,).
@@ -90,7 +93,7 @@ def check_gyroscope(samples: RecordArray) -> None:
 
 
 def _as_events(events: RecordArray) -> RecordArray:
-    """Events of integers of any width as EVENT_DTYPE, without wrapping around."""
+    """Events with integer fields of any width as EVENT_DTYPE; values that do not fit are an error."""
     if not isinstance(events, np.ndarray) or events.ndim != 1 or events.dtype.names != EVENT_DTYPE.names:
         raise RecordingError(
             f"found {_described(events)}, expected an array (N,) of EVENT_DTYPE: t_ns [ns], x, y [px], p"
@@ -101,7 +104,7 @@ def _as_events(events: RecordArray) -> RecordArray:
     for name in EVENT_DTYPE.names or ():
         column, limits = events[name], np.iinfo(EVENT_DTYPE[name])
         if column.dtype.kind not in "iub":
-            raise RecordingError(f"found {name} of type {column.dtype}, expected whole numbers: convert them")
+            raise RecordingError(f"found {name} of type {column.dtype}, expected integers: convert them")
         if column.size and not limits.min <= int(column.min()) <= int(column.max()) <= limits.max:
             raise RecordingError(
                 f"found {name} from {column.min()} to {column.max()}, expected {limits.min} to {limits.max}"
@@ -111,6 +114,7 @@ def _as_events(events: RecordArray) -> RecordArray:
 
 
 def _described(value: object) -> str:
+    """The type of a value, for a message."""
     if isinstance(value, np.ndarray):
         return f"an array of type {value.dtype} and shape {value.shape}"
     return f"a {type(value).__name__}"
@@ -118,7 +122,7 @@ def _described(value: object) -> str:
 
 @nb.njit(cache=True, nogil=True)
 def _first_fault(events: RecordArray, latest_ns: int, width: int, height: int) -> tuple[int, int]:
-    """Index of the first event that does not fit, and in what way; `(0, _FINE)` where there is none."""
+    """Index of the first invalid event and the kind of fault; `(0, _VALID)` if there is none."""
     before_ns = latest_ns
     for i in range(events.size):
         event = events[i]
@@ -130,4 +134,4 @@ def _first_fault(events: RecordArray, latest_ns: int, width: int, height: int) -
         if event.p > 1:
             return i, _POLARITY
         before_ns = t_ns
-    return 0, _FINE
+    return 0, _VALID
