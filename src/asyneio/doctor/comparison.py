@@ -26,15 +26,13 @@ from asyneio.io.recording.assembly import USUAL_SIZES
 from asyneio.progress import ProgressCallback
 from asyneio.types import CameraIntrinsics, FloatArray, RecordArray
 
-Progress = Callable[[float], None]
-
 #: Focal length over width without intrinsics: 60 degrees field of view. Rates about x and y have its error.
 _GUESSED_FOCAL = 0.87
 _FOUND = tuple[CameraRates, Alignment | None, Gains | None]
 
 
 def with_alignment(
-    inspection: Inspection, excerpts: list[RecordArray], progress: Progress | None
+    inspection: Inspection, excerpts: list[RecordArray], progress: ProgressCallback | None
 ) -> Inspection:
     """Inspection with the comparison added, if there are enough data.
 
@@ -82,7 +80,7 @@ def _far_off(scale: float) -> bool:
 
 
 def _compared(
-    inspection: Inspection, excerpts: list[RecordArray], scale: float, progress: Progress | None
+    inspection: Inspection, excerpts: list[RecordArray], scale: float, progress: ProgressCallback | None
 ) -> _FOUND:
     """Rates, alignment and gains, with the gyroscope readings divided by `scale`."""
     streams, calibration, camera = inspection.streams, inspection.calibration, inspection.camera

@@ -48,7 +48,6 @@ from asyneio.doctor.inspection import Inspection, fail, ok
 from asyneio.doctor.other_kinds import MATLAB, PICTURES, POSES
 from asyneio.doctor.result import CheckResult, Report, Severity
 from asyneio.io.recording.contents import ReadOptions
-from asyneio.progress import ProgressCallback
 
 #: In the order of the report. A check returns None if it does not apply.
 CHECKS: tuple[Callable[[Inspection], CheckResult | None], ...] = (

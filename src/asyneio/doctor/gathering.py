@@ -20,13 +20,14 @@ from asyneio.io.open_recording import TRACKS_FILE, find_format, open_contents
 from asyneio.io.parsing.stamp_checks import median_rate_hz
 from asyneio.io.recording.assembly import prepare_samples
 from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.progress import ProgressCallback
 from asyneio.types import Calibration, RecordArray
 
 #: Fraction of the work that reading takes.
 _READING = 0.8
 
 
-def gather(path: Path, options: ReadOptions, progress: Progress | None = None) -> tuple[Inspection, float]:
+def gather(path: Path, options: ReadOptions, progress: ProgressCallback | None = None) -> tuple[Inspection, float]:
     """Read a recording, and measure the seconds that reading its events took.
 
     Args:
@@ -103,9 +104,11 @@ def _look_at(
     except RecordingError as error:
         failures.append(ReadFailure("inertial samples", str(error)))
     rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams and streams.gyroscope.size else None
-    rig = replace(contents.rig, trouble="")
-    if contents.rig.trouble:
-        failures.append(ReadFailure("calibration", contents.rig.trouble))
+    sources = replace(contents.calibration, error="")
+    if contents.calibration.error:
+        failures.append(ReadFailure("calibration", contents.calibration.error))
+    found: Calibration | IncompleteCalibration = IncompleteCalibration(None)
+    calibration_notes = sources.notes
     try:
         size = declared or guess_size(read.figures)
         found, calibration_notes = sources.resolve(size, options.selection, contents.intrinsics, rate_hz)
@@ -124,11 +127,11 @@ def _look_at(
         truth=contents.ground_truth,
         files=files_of(path, opened.source, contents, options) if opened.source else None,
         failures=tuple(failures),
-        notes=rig.notes + read.notes + (streams.notes if streams else ()) + contents.notes,
+        notes=calibration_notes + read.notes + (streams.notes if streams else ()) + contents.notes,
     )
     return inspection, read.excerpts
 
 
-def _part(progress: Progress | None, begin: float, end: float) -> Progress:
+def _part(progress: ProgressCallback | None, begin: float, end: float) -> ProgressCallback:
     """Map the progress of one step to that of the whole."""
     return (lambda share: progress(begin + (end - begin) * share)) if progress else (lambda share: None)

@@ -32,7 +32,7 @@ from asyneio.types import INERTIAL_DTYPE, Calibration, CameraIntrinsics, PoseTra
 
 #: Paths of samples and poses in common data sets, relative to the folder; then any file with such a name.
 _INERTIAL_PATTERNS = (*SAMPLE_FILES, "*imu*.csv", "*imu*.txt")
-_TRUTH_PATTERNS = (*TRUTH_FILES, "*groundtruth*.csv", "*groundtruth*.tum", "*groundtruth*.txt")
+_TRUTH_PATTERNS = (*GROUND_TRUTH_FILES, "*groundtruth*.csv", "*groundtruth*.tum", "*groundtruth*.txt")
 #: First bytes of files that are not recordings.
 MATLAB, PICTURES, POSES = "a MATLAB file", "pictures", "a trajectory"
 _OTHER_FILES = {b"MATLAB": MATLAB, b"\x89PNG": PICTURES, b"\xff\xd8\xff": PICTURES}
@@ -56,12 +56,12 @@ def gather_tracks(path: Path, options: ReadOptions) -> Inspection:
         notes = streams.notes
     except RecordingError as error:
         failures.append(ReadFailure("inertial samples", str(error)))
+    found: Calibration | IncompleteCalibration = IncompleteCalibration(None)
     try:
         rate_hz = median_rate_hz(streams.gyroscope["t_ns"]) if streams else None
         found, _ = sources.resolve(None, options.selection, rate_hz=rate_hz)
     except AsyneioError as error:
         failures.append(ReadFailure("calibration", str(error)))
-    calibration = rig.calibration
     tracks, truth = None, None
     if streams is not None and not failures:
         try:

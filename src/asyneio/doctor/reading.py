@@ -13,6 +13,7 @@ from asyneio.io.recording.contents import Contents, Samples, split_samples
 from asyneio.io.recording.event_checks import EventChecker, SensorSizeError, check_span
 from asyneio.io.recording.event_source import FAR_OUTSIDE, EventSource
 from asyneio.io.recording.isolated_events import IsolatedEventFilter
+from asyneio.progress import ProgressCallback
 from asyneio.types import RecordArray
 
 
@@ -35,7 +36,7 @@ class EventReading:
     notes: tuple[str, ...]
 
 
-def read_events(contents: Contents, size: tuple[int, int] | None, progress: Progress | None) -> EventReading:
+def read_events(contents: Contents, size: tuple[int, int] | None, progress: ProgressCallback | None) -> EventReading:
     """Decode all events once.
 
     An error of the reader or of a run's checks is kept as a failure; events before it are used.

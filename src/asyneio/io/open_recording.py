@@ -16,9 +16,9 @@ from asyneio.io.parsing.atomic import PART_SUFFIX
 from asyneio.io.parsing.decimal_commas import reject_decimal_commas
 from asyneio.io.recording.assembly import assemble
 from asyneio.io.recording.contents import Contents, ReadOptions
-from asyneio.io.recording.event_source import Progress
 from asyneio.io.recording.sidecar import SAMPLE_FILES, first_file, read_samples
 from asyneio.io.tracks.reader import read_tracks_folder
+from asyneio.progress import ProgressCallback
 from asyneio.types import EventRecording, Recording
 
 TRACKS_FILE = "tracks.csv"
@@ -64,7 +64,15 @@ def open_recording(
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} contains events, not tracks; a maximum track length does not apply")
     contents = open_contents(path, options)
-    return _with_text(assemble(contents, progress, cache_from, options.selection, options.samples_needed))
+    return _logged(
+        _with_text(assemble(contents, progress, cache_from, options.selection, options.samples_needed))
+    )
+
+
+def _logged(recording: _AnyRecording) -> _AnyRecording:
+    for note in recording.notes:
+        _LOG.warning("%s: %s", recording.name, note)
+    return recording
 
 
 def _with_text(recording: _AnyRecording) -> _AnyRecording:

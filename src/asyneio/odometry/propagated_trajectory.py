@@ -11,7 +11,6 @@ from asyneio.errors import TrajectoryError
 from asyneio.estimation.problem.problem import States
 from asyneio.factors.preintegration import Increment, Knot, propagated_pose, propagated_pose_jacobian
 from asyneio.inertial.increments import Preintegration
-from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import FloatArray, IntArray
 
 #: Step [s] of the differences that give a rate: increments are smooth, and exact to rounding.

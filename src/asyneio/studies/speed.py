@@ -22,7 +22,6 @@ from statistics import median
 from typing import Any
 
 from asyneio.errors import StudyError
-from asyneio.progress import TaskCallback
 from asyneio.studies.speed_run import ESTIMATOR, FRONT_END, PIPELINE, Figures, SpeedRun
 from asyneio.studies.speed_stages import STAGES
 from asyneio.studies.speed_workload import Workload

@@ -33,7 +33,7 @@ class Workload:
     config: Config
     options: ReadOptions | None = None
 
-    def open(self, progress: Callable[[float], None] | None = None) -> EventRecording:
+    def open(self, progress: ProgressCallback | None = None) -> EventRecording:
         """Read the recording, or its first `seconds`; `progress` is called with the fraction done.
 
         Raises:

@@ -15,8 +15,6 @@ from asyneio.viz.figures import ReportFigure, plot_overview, report_figures
 from asyneio.viz.space import space_json
 from asyneio.viz.style import plotting, to_png, to_svg
 
-Advance = Callable[[float], None]
-
 #: Resolution of images on the page and of image files [dots per inch].
 _PAGE_DPI, _FILE_DPI = 180, 200
 #: Maximum number of changes of health on the page; the file contains all.
@@ -78,7 +76,7 @@ def render_overview(data: ReportData) -> bytes | None:
         return None if figure is None else to_png(figure, _FILE_DPI)
 
 
-def render_pictures(data: ReportData, advance: Advance | None = None) -> Iterator[tuple[str, bytes]]:
+def render_pictures(data: ReportData, advance: ProgressCallback | None = None) -> Iterator[tuple[str, bytes]]:
     """Every figure of the report: its name, and a PNG file. Arguments and errors as in `render_report`."""
     with plotting():
         for figure in _counted(report_figures(data), advance):

@@ -107,7 +107,7 @@ def shown_instants(t_ns: IntArray) -> list[int]:
     return [begin + span * (k + 1) // (_PANELS + 1) for k in range(_PANELS)]
 
 
-def render_animation(scene: TrackScene, advance: Callable[[float], None] | None = None) -> bytes:
+def render_animation(scene: TrackScene, advance: ProgressCallback | None = None) -> bytes:
     """A GIF file of four seconds: the middle of a longer recording in real time, or a shorter one slowed
     down.
 

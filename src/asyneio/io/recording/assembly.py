@@ -19,8 +19,8 @@ from asyneio.io.parsing.stamp_checks import (
 from asyneio.io.recording.cache import EventTable, load_events
 from asyneio.io.recording.contents import Contents, Samples, split_samples
 from asyneio.io.recording.event_checks import SensorSizeError
-from asyneio.io.recording.event_source import Progress
 from asyneio.io.recording.inertial_units import InertialStreams, check_units
+from asyneio.progress import ProgressCallback
 from asyneio.types import INERTIAL_DTYPE, Calibration, EventRecording, RecordArray
 
 #: Sensor sizes tried in this order if no file contains it: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
@@ -180,7 +180,7 @@ def _in_order(
 
 
 def _load(
-    contents: Contents, selection: CalibrationSelection, progress: Progress | None, cache_from: int | None
+    contents: Contents, selection: CalibrationSelection, progress: ProgressCallback | None, cache_from: int | None
 ) -> tuple[EventTable, tuple[int, int], tuple[str, ...]]:
     """Events, sensor size, and a note if the size was guessed."""
     size = contents.size or contents.calibration.size or selection.size

@@ -23,8 +23,9 @@ import numpy as np
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_file, make_folder, write_text
 from asyneio.io.recording.event_checks import EventChecker, SensorSizeError, check_span
-from asyneio.io.recording.event_source import SAMPLE_DTYPE, EventSource, Progress, join_events
+from asyneio.io.recording.event_source import SAMPLE_DTYPE, EventSource, join_events
 from asyneio.io.recording.isolated_events import IsolatedEventFilter
+from asyneio.progress import ProgressCallback
 from asyneio.types import EVENT_DTYPE, RecordArray
 
 #: Increased whenever a decoder or a check changes its output.

@@ -18,9 +18,6 @@ FAR_OUTSIDE = 65_535
 
 _BYTES = np.dtype((np.void, EVENT_DTYPE.itemsize))
 
-#: Called with the fraction done, 0 to 1.
-Progress = Callable[[float], None]
-
 
 class EventSource(Protocol):
     """A file that can be decoded once, from front to back, in bounded memory."""

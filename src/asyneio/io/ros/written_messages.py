@@ -22,7 +22,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from asyneio.errors import RecordingError
-from asyneio.io.recording.event_source import Progress
+from asyneio.progress import ProgressCallback
 from asyneio.types import NS_PER_S, CameraIntrinsics, Distortion, EventRecording, RecordArray
 
 EVENTS_TOPIC, IMU_TOPIC, GROUND_TRUTH_TOPIC, CAMERA_INFO_TOPIC = (

@@ -10,7 +10,7 @@ from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.first_window import FirstWindow, filled_window
 from asyneio.odometry.propagation import predict_knot, rates_at
 from asyneio.odometry.settings import Settings
-from asyneio.state import BIAS, DOF, EPS, NU
+from asyneio.state import DOF
 from asyneio.types import NS_PER_S, FloatArray, InitialState
 
 #: Largest deviation of a rotation matrix from orthonormality: that of single precision.
