@@ -110,7 +110,10 @@ _BAGS: Expectations = {
     ),
     "B10b": (Step(_DOCTOR, says=(r"30 ground-truth poses", r"poses of /gt_path were taken as truth")),),
     "B15": (
-        Step(_DOCTOR, says=(r"94992 events, 1200 samples", r"rec_0\.bag, rec_1\.bag are consecutive", _USABLE)),
+        Step(
+            _DOCTOR,
+            says=(r"94992 events, 1200 samples", r"rec_0\.bag, rec_1\.bag are consecutive", _USABLE),
+        ),
     ),
     "C01": (
         Step(_DOCTOR, says=(r"94992 events", r"0 FAIL")),

@@ -70,7 +70,7 @@ def small_recording() -> EventRecording:
 def make_zip(path: Path) -> Path:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("run/events.txt", "".join(f"0.{k:03d} {k % 240} 5 1\n" for k in range(100)))
-        archive.writestr("run/imu.txt", "0.1 0 0 9.8 0 0 0\n0.105 0 0 9.8 0 0 0\n")
+        archive.writestr("run/imu.txt", "".join(f"0.{5 * k:03d} 0 0 9.8 0 0 0\n" for k in range(20)))
     return path
 
 
