@@ -68,7 +68,7 @@ def test_real_samples_are_kept_as_they_are(asyneio: Asyneio, files: Path) -> Non
     assert left["gyroscope"] == pytest.approx(0.003, rel=0.2)
     assert left["accelerometer"] == pytest.approx(0.03, rel=0.2)
     assert left["position"] < 1e-3
-    assert "RMS residual" in err
+    assert "left over (RMS)" in err
     recording = open_recording(files / "out")
     assert isinstance(recording, EventRecording)
     assert recording.events.size == found["events"] > 1000
@@ -101,7 +101,7 @@ def test_poses_alone_get_a_simulated_imu(asyneio: Asyneio, files: Path) -> None:
         (("--poses", "places.csv", "--samples", "imu.csv"), "unit quaternion"),
         (("--poses", "fixed.csv", "--samples", "imu.csv"), "orientation of the poses never changes"),
         (("--poses", "poses.csv", "--samples", "later.csv"), "less than 1 s in common"),
-        (("--poses", "poses.csv", "--samples", "turned.csv"), "deg against the body of the poses"),
+        (("--poses", "poses.csv", "--samples", "turned.csv"), "deg relative to the body of the poses"),
         (("--poses", "poses.csv", "--samples", "imu.csv", "--duration", "9"), "use a smaller offset"),
     ],
 )
