@@ -83,7 +83,7 @@ def test_quaternions_with_w_first_are_named_and_the_cure_works(asyneio: Asyneio,
     mine = estimate.with_name("mine.txt")
     mine.write_text("".join(lines))
     said = " ".join(asyneio("evaluate", mine, estimate)[2].split())
-    assert "w stands first in the quaternions of the estimate" in said
+    assert "w is first in the quaternions of the estimate" in said
     columns = ("--columns", "t,px,py,pz,qw,qx,qy,qz")
     assert " ".join(columns) in said
     status, out, err = asyneio("evaluate", mine, estimate, *columns)

@@ -198,7 +198,7 @@ def test_a_run_in_segments_fails_and_is_evaluated_by_segment(
     assert out.count("aligned separately") == 2
     results, truth = tmp_path / "out", folder / "groundtruth.tum"
     assert (results / "trajectory_1.tum").exists()
-    assert "each segment on its own" in (results / "report.html").read_text()
+    assert "each segment individually" in (results / "report.html").read_text()
     status, out, err = asyneio("evaluate", results / "estimates.npz", truth, "--json")
     assert status == 0
     assert "2 segments, each with its own world frame" in err

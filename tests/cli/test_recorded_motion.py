@@ -101,7 +101,7 @@ def test_poses_alone_get_a_simulated_imu(asyneio: Asyneio, files: Path) -> None:
         (("--poses", "places.csv", "--samples", "imu.csv"), "unit quaternion"),
         (("--poses", "fixed.csv", "--samples", "imu.csv"), "orientation of the poses never changes"),
         (("--poses", "poses.csv", "--samples", "later.csv"), "less than 1 s in common"),
-        (("--poses", "poses.csv", "--samples", "turned.csv"), "deg against the body of the poses"),
+        (("--poses", "poses.csv", "--samples", "turned.csv"), "deg relative to the body of the poses"),
         (("--poses", "poses.csv", "--samples", "imu.csv", "--duration", "9"), "use a smaller offset"),
     ],
 )

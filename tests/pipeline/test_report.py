@@ -170,7 +170,7 @@ def test_segments_are_never_joined(recording: Recording, covariance: np.ndarray)
     with pytest.raises(RecordingError, match="several segments"):
         to_trajectory(estimates)
     figures = list(report_figures(data))
-    assert "each segment on its own" in figures[0].caption
+    assert "each segment individually" in figures[0].caption
     assert [figure.name for figure in figures].count("health") == 1
 
 

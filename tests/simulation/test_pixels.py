@@ -232,12 +232,12 @@ def test_a_run_reports_what_its_readout_lost() -> None:
     assert most_within(bound.recording.events["t_ns"] // 1000, 100_000) <= 2051
 
 
-def test_threads_shares_and_buffers_change_no_event(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_threads_ranges_and_buffers_do_not_change_the_events(monkeypatch: pytest.MonkeyPatch) -> None:
     seeds = Seeds.of(3)
     stage = set_stage(small_scenario(duration_s=0.1), seeds)
     usual = np.concatenate(list(event_chunks(stage, seeds.sensor)))
     monkeypatch.setattr(source, "_THREADS", 1)
-    monkeypatch.setattr(source, "_SHARES", 3)
+    monkeypatch.setattr(source, "_RANGES", 3)
     monkeypatch.setattr(source, "_BUFFER", 64 * 128 + 10)
     alone = np.concatenate(list(event_chunks(stage, seeds.sensor)))
     np.testing.assert_array_equal(usual, alone)

@@ -57,8 +57,8 @@ def evaluate(
       sim3    position, rotation and scale over the whole run, as evo_ape -as
       hku     position and rotation over the first 5 s (PL-EVIO)
       uslam   position and rotation over 3 to 8 s (Ultimate SLAM)
-      origin  the first pose alone
-      none    nothing: both are in one world already
+      origin  position and yaw of the first pose
+      none    none: both are in the same world
     """
     from asyneio.cli import console
     from asyneio.evaluation import evaluate as score

@@ -67,7 +67,17 @@ def check_resolution(inspection: Inspection) -> CheckResult | None:
             "a resolution in the calibration",
             **values,
         )
-    who, (w, h) = declared[0]
+    return _against_declared(events, *declared[0], values)
+
+
+def _against_declared(
+    events: EventFigures, who: str, size: tuple[int, int], values: dict[str, Any]
+) -> CheckResult:
+    """Extent of the events against the single declared size (width, height)."""
+    w, h = size
+    width, height = _extent(events)
+    fills = f"events reach x = {width - 1}, y = {height - 1}"
+    usual = values["likely_sensor"]
     outside = int(events.count - events.counts[:h, :w].sum())
     values |= {"declared": [w, h], "outside": outside}
     if outside > MAX_BAD_SHARE * events.count:

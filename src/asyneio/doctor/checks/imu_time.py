@@ -52,15 +52,7 @@ def check_imu_there(inspection: Inspection) -> CheckResult | None:
 
 def check_imu_rate(inspection: Inspection) -> CheckResult | None:
     """Median rate against the declared rate and the range of such sensors, and jitter."""
-    rates: dict[str, float] = {}
-    jitter: dict[str, float] = {}
-    for name, t_ns, _ in streams_of(inspection):
-        steps = np.diff(np.sort(t_ns)).astype(np.float64)
-        steps = steps[steps > 0.0]
-        if steps.size:
-            usual = float(np.median(steps))
-            rates[name] = NS_PER_S / usual
-            jitter[name] = float((np.abs(steps - usual) > _JITTER * usual).mean())
+    rates, jitter = _rates(inspection)
     if not rates:
         return None
     measured = ", ".join(f"{name} {rate:.5g} Hz" for name, rate in rates.items())
@@ -100,6 +92,20 @@ def check_imu_rate(inspection: Inspection) -> CheckResult | None:
             **values,
         )
     return ok("imu rate", measured, **values)
+
+
+def _rates(inspection: Inspection) -> tuple[dict[str, float], dict[str, float]]:
+    """Median rate [Hz] and fraction of jittering steps of each sensor."""
+    rates: dict[str, float] = {}
+    jitter: dict[str, float] = {}
+    for name, t_ns, _ in streams_of(inspection):
+        steps = np.diff(np.sort(t_ns)).astype(np.float64)
+        steps = steps[steps > 0.0]
+        if steps.size:
+            median = float(np.median(steps))
+            rates[name] = NS_PER_S / median
+            jitter[name] = float((np.abs(steps - median) > _JITTER * median).mean())
+    return rates, jitter
 
 
 def check_imu_gaps(inspection: Inspection) -> CheckResult | None:
