@@ -232,10 +232,10 @@ def moving_row(scene: str, cache: Path) -> list[str]:
         noise.learn_until(packet.t_end_ns)
         detector.update(raw, packet.t_end_ns, packet.t_end_ns, None, noise.when_stationary())
         speeds.append(_most_speed(simulation, packet.t_end_ns - interval_ns, packet.t_end_ns))
-        if detector.rest is not None and detector.still:
-            rests = [r for r in rests if r.since_ns != detector.rest.since_ns] + [detector.rest]
-    found = [_most_speed(simulation, r.since_ns, r.until_ns) for r in rests]
-    lengths = [(r.until_ns - r.since_ns) / NS_PER_S for r in rests]
+        if detector.phase is not None and detector.stationary:
+            rests = [r for r in rests if r.start_ns != detector.phase.start_ns] + [detector.phase]
+    found = [_most_speed(simulation, r.start_ns, r.end_ns) for r in rests]
+    lengths = [(r.end_ns - r.start_ns) / NS_PER_S for r in rests]
     wrong = [f"{length:.1f} s at {100 * v:.1f}" for length, v in zip(lengths, found, strict=True)]
     return [
         scene,

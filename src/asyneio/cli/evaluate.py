@@ -148,7 +148,7 @@ def _hints(
     from asyneio.evaluation import associate
     from asyneio.evaluation.hints import explain
 
-    order_known = estimate.order_told and truth.order_told
+    order_known = estimate.order_known and truth.order_known
     found = (
         explain(associate(segment, truth.longest, max_gap), results[number].alignment, order_known)
         for number, segment in estimate.segments.items()

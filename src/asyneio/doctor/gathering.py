@@ -27,7 +27,9 @@ from asyneio.types import Calibration, RecordArray
 _READING = 0.8
 
 
-def gather(path: Path, options: ReadOptions, progress: ProgressCallback | None = None) -> tuple[Inspection, float]:
+def gather(
+    path: Path, options: ReadOptions, progress: ProgressCallback | None = None
+) -> tuple[Inspection, float]:
     """Read a recording, and measure the seconds that reading its events took.
 
     Args:

@@ -36,7 +36,9 @@ class EventReading:
     notes: tuple[str, ...]
 
 
-def read_events(contents: Contents, size: tuple[int, int] | None, progress: ProgressCallback | None) -> EventReading:
+def read_events(
+    contents: Contents, size: tuple[int, int] | None, progress: ProgressCallback | None
+) -> EventReading:
     """Decode all events once.
 
     An error of the reader or of a run's checks is kept as a failure; events before it are used.

@@ -64,13 +64,12 @@ class MeasurementBuffer:
         self._noise = noise
         self._gates = (SampleGate(), SampleGate())
         #: Observations of all tracks, also of rejected ones: neighbours are looked for among them.
-        empty = np.empty(0, dtype=np.int64)
-        self._seen = TrackObservations(empty, empty, np.empty((0, 2)), np.empty((0, 2, 2)))
+        self._seen = TrackObservations.none()
         self._inlier: BoolArray = np.empty(0, dtype=np.bool_)
         self._taken_ns: int | None = None
         #: Tracks rejected for any reason, and those whose own residuals or rays contradict the motion.
-        self._rejected: IntArray = empty
-        self._outliers: IntArray = empty
+        self._rejected: IntArray = np.empty(0, dtype=np.int64)
+        self._outliers: IntArray = np.empty(0, dtype=np.int64)
 
     def append(
         self, packet: Packet, rates_hz: tuple[float, float] | None = None
@@ -96,14 +95,9 @@ class MeasurementBuffer:
         xy, d_xy_d_uv, valid = self._camera.undistort(np.column_stack([raw["u"], raw["v"]]))
         inlier = ~np.isin(raw["id"], self._rejected)
         self.invalid += int(np.count_nonzero(inlier & ~valid))
-        old = self._seen
         root_information = self._root_information(d_xy_d_uv[valid], raw["covariance"][valid])
-        self._seen = TrackObservations(
-            np.concatenate([old.t_ns, raw["t_ns"][valid]]),
-            np.concatenate([old.track, raw["id"][valid]]),
-            np.concatenate([old.xy, xy[valid]]),
-            np.concatenate([old.root_information, root_information]),
-        )
+        new = TrackObservations(raw["t_ns"][valid], raw["id"][valid], xy[valid], root_information)
+        self._seen = self._seen.joined(new)
         self._inlier = np.concatenate([self._inlier, inlier[valid]])
 
     def _gate(self, packet: Packet, rates_hz: tuple[float, float] | None) -> tuple[RecordArray, RecordArray]:
@@ -130,7 +124,7 @@ class MeasurementBuffer:
     def observations(self) -> TrackObservations:
         """Undistorted observations that the window has not taken yet, without those of rejected tracks."""
         taken = self._taken_count()
-        return _chosen(self._seen, taken + np.flatnonzero(self._inlier[taken:]))
+        return self._seen.chosen(taken + np.flatnonzero(self._inlier[taken:]))
 
     def _taken_count(self) -> int:
         if self._taken_ns is None:
@@ -203,10 +197,6 @@ class MeasurementBuffer:
         self.accelerometer = tail(self.accelerometer, t_ns)
         self.raw.drop_before(t_ns - RAW_MEMORY_NS)
         old = slice(int(np.searchsorted(self._seen.t_ns, t_ns - MEMORY_NS)), None)
-        self._seen, self._inlier = _chosen(self._seen, old), self._inlier[old]
+        self._seen, self._inlier = self._seen.chosen(old), self._inlier[old]
         if len(self._outliers):
             self._outliers = self._outliers[np.isin(self._outliers, self._seen.track)]
-
-
-def _chosen(seen: TrackObservations, rows: slice | IntArray) -> TrackObservations:
-    return TrackObservations(seen.t_ns[rows], seen.track[rows], seen.xy[rows], seen.root_information[rows])

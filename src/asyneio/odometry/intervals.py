@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.types import NS_PER_S, RecordArray
 
 #: Inertial samples before an interval that are kept to interpolate at its start.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray
 
 #: Neighbours are observed within this distance of the middle of a track: in normalised image coordinates (the

@@ -19,6 +19,7 @@ from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.segment import Segment, Tracking
 from asyneio.odometry.settings import resolve
+from asyneio.odometry.transitions import TransitionLog
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import (
     NS_PER_S,
@@ -67,6 +68,7 @@ class Odometry:
         self._attitude_filter = AttitudeFilter(config.inertial, calibration.noise.gyroscope_walk)
         self._attitude: Attitude | None = None
         self._segment = Segment(0, config, calibration)
+        self._log = TransitionLog()
 
     @with_one_blas_thread
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
@@ -181,10 +183,10 @@ class Odometry:
     def _report(
         self, packet: Packet, status: HealthStatus, number: int, origin: Estimate | None = None
     ) -> StepReport:
-        """Report of a step of segment `number`, which a loss has replaced by then."""
+        """Report of a step of segment `number`, which a loss has replaced by then; changes are logged."""
         segment = self._segment
         has_pose = status.health in (Health.TRACKING, Health.DEGRADED)
-        return StepReport(
+        report = StepReport(
             packet.t_end_ns,
             status.health,
             status.reason,
@@ -196,6 +198,8 @@ class Odometry:
             origin=origin,
             **({} if segment.tracking is None else segment.tracking.figures()),
         )
+        self._log.update(report)
+        return report
 
     def trajectory(self) -> GPTrajectory | PropagatedTrajectory:
         """The continuous-time trajectory through the present window, with covariance.

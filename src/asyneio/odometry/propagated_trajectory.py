@@ -11,6 +11,7 @@ from asyneio.errors import TrajectoryError
 from asyneio.estimation.problem.problem import States
 from asyneio.factors.preintegration import Increment, Knot, propagated_pose, propagated_pose_jacobian
 from asyneio.inertial.increments import Preintegration
+from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import FloatArray, IntArray
 
 #: Step [s] of the differences that give a rate: increments are smooth, and exact to rounding.
@@ -89,25 +90,23 @@ class PropagatedTrajectory:
         """
         out = np.empty((len(t_ns), 6, 6))
         d_eps, d_nu, d_bias = np.empty((6, 6)), np.empty((6, 3)), np.empty((6, 6))
-        for n, (k, tau, at) in enumerate(self._increments(t_ns)):
-            increments = at.C[0], at.r[0], at.d_bias[0]
-            propagated_pose_jacobian(*self._knot(k), *increments, tau, self._gravity_w, d_eps, d_nu, d_bias)
-            J = np.zeros((6, 24))
-            J[:, :6], J[:, 9:12], J[:, 18:] = d_eps, d_nu, d_bias
+        for n, (k, increment) in enumerate(self._increments(t_ns)):
+            propagated_pose_jacobian(self._knot(k), increment, d_eps, d_nu, d_bias)
+            J = np.zeros((6, DOF))
+            J[:, EPS : EPS + 6], J[:, NU : NU + 3], J[:, BIAS:] = d_eps, d_nu, d_bias
             # [phi, r] of the increments; r is in the frame of the knot, the error in that of the query.
-            noise = self._inflation**2 * self._preintegrations[k].covariance(tau)
-            turn = np.zeros((6, 9))
-            turn[:3, :3], turn[3:, 6:] = np.eye(3), at.C[0].T
-            out[n] = J @ self._covariance(k) @ J.T + turn @ noise @ turn.T
+            noise = self._inflation**2 * self._preintegrations[k].covariance(increment.dt)
+            to_query = np.zeros((6, 9))
+            to_query[:3, :3], to_query[3:, 6:] = np.eye(3), increment.C.T
+            out[n] = J @ self._covariance(k) @ J.T + to_query @ noise @ to_query.T
         return out
 
-    def _knot(self, k: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """C, r, nu, bias of a knot, and the bias at which its increments were computed."""
+    def _knot(self, k: int) -> Knot:
         s = self._states
         return Knot(s.C[k], s.r[k], s.varpi[k, 0, 3:], s.bias[k])
 
-    def _increments(self, t_ns: IntArray) -> list[tuple[int, float, Increments]]:
-        """For every time: index of the knot before it, seconds since that knot, and increments."""
+    def _increments(self, t_ns: IntArray) -> list[tuple[int, Increment]]:
+        """For every time, the index of the knot before it and the increment since that knot."""
         times = np.asarray(t_ns, dtype=np.int64)
         first, last = int(self._t_ns[0]), int(self._t_ns[-1])
         if len(times) and not first <= times.min() <= times.max() <= last:

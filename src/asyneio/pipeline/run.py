@@ -36,10 +36,6 @@ _LOG = logging.getLogger("asyneio.pipeline")
 class Estimator(Protocol):
     """What the runner requires of an estimator; `Odometry` is the one of this package."""
 
-    @property
-    def origin(self) -> Estimate | None:
-        """The knot that defines the world frame of the current segment; None before initialization."""
-
     def calibration(self) -> CalibrationEstimate | None:
         """The calibration as estimated in the current segment; None before initialization."""
 
@@ -110,11 +106,11 @@ def run_recording(
     check_inertial_scales(recording)
     with watch_compilation(progress) as compilation:
         compile_ahead(compilation, progress)
-        estimator = estimator or Odometry(config, calibration_of(recording), initial_state)
+        used: Estimator = estimator or Odometry(config, calibration_of(recording), initial_state)
         source = _track_source(recording, config, grid, observations)
-        loop = _Loop(estimator, source, compilation, progress, grid)
+        loop = _Loop(used, source, compilation, progress, grid)
         loop.run(recording)
-    outcome = Outcome(loop.done, estimator.calibration(), source.observations(), source.notes(), loop.error)
+    outcome = Outcome(loop.done, used.calibration(), source.observations(), source.notes(), loop.error)
     costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
     summary = summarize(recording, outcome, grid, costs)
     _log_summary(summary, source)
@@ -181,7 +177,7 @@ class _Loop:
         try:
             for packet in packets(recording, grid.start_ns, grid.interval_ns, grid.total, self.source):
                 report = self._step(packet)
-                self.source.set_outlier_share(report.refused)
+                self.source.set_outlier_share(report.outlier_share)
                 self._show(report)
         except AsyneioError as caught:
             self.error = str(caught)
@@ -196,9 +192,8 @@ class _Loop:
         seconds = time.perf_counter() - started - (self.compilation.seconds - compiled_s)
         self.done.estimates.extend(estimates)
         self.done.reports.append(replace(report, seconds=max(seconds, 0.0)))
-        origin = self.estimator.origin
-        if origin is not None:
-            self.origins.setdefault(origin.segment, origin)
+        if report.origin is not None:
+            self.origins[report.origin.segment] = report.origin
         return report
 
     def _show(self, report: StepReport) -> None:

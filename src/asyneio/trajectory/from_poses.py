@@ -14,11 +14,12 @@ import numpy as np
 
 from asyneio.errors import TrajectoryError
 from asyneio.geometry.se3 import right_jacobian_inverse, se3_between, se3_compose, se3_exp, se3_log
+from asyneio.state import DOF, KINEMATIC_DOF, KINEMATIC_LOCAL_DOF
 from asyneio.trajectory.gp_trajectory import GPTrajectory
-from asyneio.trajectory.interpolation import KINEMATIC_DOF, LOCAL_DOF, interval_chain, interval_local
+from asyneio.trajectory.interpolation import interval_chain, interval_local
 from asyneio.trajectory.model import SE3, WNOJ
 from asyneio.trajectory.motion_prior import information_root, transition
-from asyneio.types import STATE_DOF, FloatArray, IntArray
+from asyneio.types import FloatArray, IntArray
 
 #: The fit has converged when a step changes the squared, whitened residuals by less than this.
 _CONVERGED = 1e-8
@@ -141,7 +142,7 @@ def _pose_residual(problem: _Problem, knots: _Knots, k: int) -> tuple[FloatArray
 
 def _prior_residual(problem: _Problem, knots: _Knots, k: int) -> tuple[FloatArray, FloatArray]:
     """Whitened residual (18,) of the motion prior (16) in an interval, and its scaled Jacobian (18,36)."""
-    local, chain = np.empty((5, 6)), np.empty((LOCAL_DOF, LOCAL_DOF))
+    local, chain = np.empty((5, 6)), np.empty((KINEMATIC_LOCAL_DOF, KINEMATIC_LOCAL_DOF))
     ends = [knots.C[k], knots.r[k], knots.varpi[k], knots.C[k + 1], knots.r[k + 1], knots.varpi[k + 1]]
     interval_local(*ends, SE3, local)
     interval_chain(*ends, SE3, chain)
@@ -182,8 +183,8 @@ def _solve(factorization: _Factorization, right: FloatArray) -> FloatArray:
 def _joint_covariances(factorization: _Factorization, scale: FloatArray) -> FloatArray:
     """Joint covariances (K-1,48,48) of neighbouring knots, as `GPTrajectory` expects; zero for biases."""
     inverse, gain = factorization
-    out = np.zeros((len(gain), 2 * STATE_DOF, 2 * STATE_DOF))
-    rows = np.concatenate([np.arange(KINEMATIC_DOF), STATE_DOF + np.arange(KINEMATIC_DOF)])
+    out = np.zeros((len(gain), 2 * DOF, 2 * DOF))
+    rows = np.concatenate([np.arange(KINEMATIC_DOF), DOF + np.arange(KINEMATIC_DOF)])
     unit = np.tile(scale, 2)
     newer = inverse[-1]
     for k in reversed(range(len(gain))):

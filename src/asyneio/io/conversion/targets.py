@@ -13,11 +13,11 @@ from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
 from asyneio.io.conversion.convert import Advance, Source, Target
 from asyneio.io.hdf5.asyneio_writer import fill_hdf5
 from asyneio.io.parsing.atomic import PART_SUFFIX, write_text
-from asyneio.io.recording.event_source import Progress
 from asyneio.io.ros.ros1_writer import write_rosbag
 from asyneio.io.ros.ros2_writer import files_of, write_rosbag2
 from asyneio.io.uzh.folder_reader import EVENTS_FILE, GROUND_TRUTH_FILE, INTRINSICS_FILE, SAMPLES_FILE
 from asyneio.io.uzh.writer import event_lines, sidecar_texts
+from asyneio.progress import ProgressCallback
 from asyneio.types import EventRecording, RecordArray
 
 #: Events converted to text at a time.
@@ -108,7 +108,10 @@ def _part_file(path: Path) -> Iterator[Path]:
 
 
 def _write_rosbag(
-    write: Callable[[EventRecording, Path, Progress], None], source: Source, path: Path, advance: Advance
+    write: Callable[[EventRecording, Path, ProgressCallback], None],
+    source: Source,
+    path: Path,
+    advance: Advance,
 ) -> None:
     if source.shift_ns:
         raise RecordingError("ROS bags store times since 1970: --from-zero does not apply to them")

@@ -180,7 +180,10 @@ def _in_order(
 
 
 def _load(
-    contents: Contents, selection: CalibrationSelection, progress: ProgressCallback | None, cache_from: int | None
+    contents: Contents,
+    selection: CalibrationSelection,
+    progress: ProgressCallback | None,
+    cache_from: int | None,
 ) -> tuple[EventTable, tuple[int, int], tuple[str, ...]]:
     """Events, sensor size, and a note if the size was guessed."""
     size = contents.size or contents.calibration.size or selection.size

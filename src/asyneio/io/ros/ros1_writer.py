@@ -11,8 +11,8 @@ from rosbags.typesys import Stores
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_path
-from asyneio.io.recording.event_source import Progress
 from asyneio.io.ros.written_messages import TYPES, records_of, typestore
+from asyneio.progress import ProgressCallback
 from asyneio.types import NS_PER_S, EventRecording, RecordArray
 
 _PACKED = np.dtype([("x", "<u2"), ("y", "<u2"), ("sec", "<u4"), ("nsec", "<u4"), ("polarity", "u1")])
@@ -35,7 +35,7 @@ class _Ros1:
         return struct.pack("<I", len(model)) + model + numbers
 
 
-def write_rosbag(recording: EventRecording, path: Path, progress: Progress | None = None) -> None:
+def write_rosbag(recording: EventRecording, path: Path, progress: ProgressCallback | None = None) -> None:
     """Write a recording as a bag, complete or not at all; events are read in pieces.
 
     Args:

@@ -11,9 +11,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores
 
 from asyneio.errors import RecordingError
-from asyneio.io.recording.event_source import Progress
 from asyneio.io.ros.rosbag2 import METADATA_FILE
 from asyneio.io.ros.written_messages import TYPES, records_of, typestore
+from asyneio.progress import ProgressCallback
 from asyneio.types import NS_PER_S, EventRecording, RecordArray
 
 #: Sixteen bytes from the row of an event to the column of the next one: CDR has padding after the polarity.
@@ -57,7 +57,7 @@ def files_of(folder: Path) -> tuple[Path, Path]:
     return folder / f"{folder.name}.mcap", folder / METADATA_FILE
 
 
-def write_rosbag2(recording: EventRecording, folder: Path, progress: Progress | None = None) -> None:
+def write_rosbag2(recording: EventRecording, folder: Path, progress: ProgressCallback | None = None) -> None:
     """Write a recording as a ROS 2 folder, complete or not at all; events are read in pieces.
 
     Args:

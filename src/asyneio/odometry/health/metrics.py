@@ -17,6 +17,7 @@ from asyneio.estimation.problem.problem import (
 )
 from asyneio.estimation.solver.optimizer import Solution
 from asyneio.odometry.health.state_machine import MAX_SCALE_CHANGE, SCALE_MEMORY_S, HealthMetrics
+from asyneio.state import NU
 from asyneio.types import NS_PER_S, Estimate, FloatArray
 
 #: Median of the squared norm of two standard normal numbers.

@@ -25,6 +25,7 @@ from asyneio.odometry.outliers import optimize_rejecting_outliers
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings
 from asyneio.odometry.stationary import StationaryPhase
+from asyneio.state import DOF, VARPI, VARPI_DOT
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray, RecordArray
 
 #: The end of a stationary phase is detected late: this duration before it [ns] does not count as stationary.
