@@ -32,7 +32,7 @@ class Steps(NamedTuple):
     """The M times between which the rule takes its M - 1 steps, and what it integrates."""
 
     grid: FloatArray  # (M,) [s], ascending
-    index: IntArray  # (M,2) sample at or before each time, of gyroscope and accelerometer
+    sample: IntArray  # (M,2) index of the sample at or before each time, of gyroscope and accelerometer
     samples: Samples
     bias: FloatArray  # (6,) [b_g, b_a], subtracted from the samples
     hold: bool  # a sample counts until the next one (zero-order hold); otherwise midpoint
@@ -141,7 +141,7 @@ def _advance(steps: Steps, n: int, t_1: float, before: IncrementRow, after: Incr
     B = np.empty((9, 6))
     middle = 0.5 * (t_0 + t_1)
     fraction = 0.0 if hold else 0.5
-    i, j = steps.index[n, 0], steps.index[n, 1]
+    i, j = steps.sample[n, 0], steps.sample[n, 1]
     _value(samples.gyroscope, i, _blend(samples.gyroscope_t, i, middle, hold), bias[:3], omega)
     _value(samples.accelerometer, j, _blend(samples.accelerometer_t, j, middle, hold), bias[3:], force)
     _step(t_1 - t_0, omega, force, fraction, before, after)
@@ -201,7 +201,7 @@ def sample_sensitivity(
     for n in range(last, -1, -1):
         t_1 = tau if n == last else grid[n + 1]
         middle = 0.5 * (grid[n] + t_1)
-        i, j = steps.index[n, 0], steps.index[n, 1]
+        i, j = steps.sample[n, 0], steps.sample[n, 1]
         u = _blend(samples.gyroscope_t, i, middle, hold)
         v = _blend(samples.accelerometer_t, j, middle, hold)
         _value(samples.gyroscope, i, u, bias[:3], omega)
