@@ -32,6 +32,7 @@ from numba.extending import intrinsic  # noqa: E402
 
 from asyneio.config import FrontendConfig  # noqa: E402
 from asyneio.frontend import Frontend  # noqa: E402
+from asyneio.frontend import surface  # noqa: E402
 from asyneio.frontend.gradient import feature as gradient_feature  # noqa: E402
 from asyneio.frontend.gradient import kernel as gradient_kernel  # noqa: E402
 from asyneio.io.parsing.atomic import write_text  # noqa: E402
@@ -44,8 +45,8 @@ from sequences import DEFAULT_CACHE, sequence  # noqa: E402
 #: Stage, module, function. Those of an update and of a birth are parts of it and are taken off below.
 STAGES = (
     ("corner test", gradient_kernel, "is_corner"),
-    ("looking over features and pixels", gradient_kernel, "remove_idle"),
-    ("looking over features and pixels", gradient_kernel, "refresh_hot_pixels"),
+    ("track management", gradient_kernel, "remove_idle"),
+    ("track management", surface, "refresh_hot_pixels"),
     ("birth", gradient_kernel, "try_birth"),
     ("birth: velocity", gradient_feature, "find_flow"),
     ("update", gradient_kernel, "update"),
