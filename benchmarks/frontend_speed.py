@@ -1,17 +1,16 @@
-"""Speed of the front end on one core: events per second with 100 features, and where the time goes.
+"""Speed of the front end on one core: events per second with 100 features, and how the time is spent.
 
     python benchmarks/frontend_speed.py [--trackers gradient haste] [--repeats 5] [--seconds 2] [--cache DIR]
         [--long] [--markdown FILE]
 
-Evidence: simulated events of fast motion, and real excerpts repeated end to end with shifted times (where one
-follows another all tracks break, which costs more than it would in one long recording). Medians of repeated
-runs in one process after one that compiles; reading is not included.
+Kind of evidence: simulated events of fast motion, and real excerpts repeated end to end with shifted times (all
+tracks break at each repetition, which costs more than one long recording). Medians of repeated runs in one
+process, after a run that compiles; reading is not included.
 
-Stages: "filter" is a run with the fewest features (8): every event passes the surface and the filters, next
-to none a corner test or a patch. The rest of the time, with the features asked for, is detection and
-tracking.
+Stages: "filter" is a run with the fewest features (8): every event passes the surface and the filters, almost
+none a corner test or a patch. The difference to the run with 100 features is detection and tracking.
 
-`--long`: 10^8 events, memory of the process on the way.
+`--long`: 10^8 events, with the memory of the process every 10^7.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ HEADER = [
 ]
 _FEWEST = 8
 _FEATURES = 100
-_BAR_MEV_S = 2.5
+_TARGET_MEV_S = 2.5
 _PACKET_NS = 10_000_000
 _LONG_EVENTS = 100_000_000
 REPEATED_EVENTS = 1_000_000
@@ -60,7 +59,7 @@ REPEATED_EVENTS = 1_000_000
 
 @dataclass(frozen=True)
 class Timing:
-    """One run: seconds in the front end, median of the features alive after a packet."""
+    """One run: seconds in the front end, median number of features alive after a packet."""
 
     seconds: float
     alive: float
@@ -74,7 +73,7 @@ def packets(events: RecordArray) -> list[RecordArray]:
 
 
 def repeated(events: RecordArray, count: int) -> RecordArray:
-    """At least `count` events: the same ones again and again, each time later."""
+    """At least `count` events: the same events repeated with later times."""
     times = -(-count // events.size)
     many = np.tile(events, times)
     step_ns = int(events["t_ns"][-1] - events["t_ns"][0]) + 1_000_000
@@ -95,7 +94,7 @@ def timed(recording: EventRecording, pieces: list[RecordArray], config: Frontend
 
 
 def row(name: str, recording: EventRecording, events: RecordArray, tracker: str, repeats: int) -> list[str]:
-    """Speed with all features and with the fewest, the two taking turns."""
+    """Speed with 100 features and with the fewest, in alternating runs."""
     pieces = packets(events)
     configs = [
         FrontendConfig.model_validate({"tracker": tracker, "max_features": n}) for n in (_FEATURES, _FEWEST)
@@ -110,7 +109,7 @@ def row(name: str, recording: EventRecording, events: RecordArray, tracker: str,
         f"{events.size / 1e6:.2f}",
         f"{events.size / span_s / 1e6:.2f}",
         f"{runs[0][0].alive:.0f}",
-        f"{1e3 / whole:.2f}{'' if 1e3 / whole >= _BAR_MEV_S else ' (MISSED)'}",
+        f"{1e3 / whole:.2f}{'' if 1e3 / whole >= _TARGET_MEV_S else ' (MISSED)'}",
         f"{whole:.0f}",
         f"{least:.0f}",
         f"{whole - least:.0f}",
@@ -140,7 +139,7 @@ def long_run(recording: EventRecording, tracker: str) -> str:
 
 
 def memory_mb() -> float:
-    """Memory of this process now [MB]; the peak where the system does not tell."""
+    """Current memory of this process [MB]; the peak where the system does not provide it."""
     statm = Path("/proc/self/statm")
     if statm.is_file():
         return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
@@ -176,7 +175,7 @@ def main() -> None:
             recording = load(name)
             events = repeated(recording.events, REPEATED_EVENTS)
             rows.append(row(f"{name}, repeated", recording, events, tracker, options.repeats))
-        parts.append(f"## {tracker}, bar {_BAR_MEV_S} Mev/s\n\n{table(HEADER, rows)}")
+        parts.append(f"## {tracker}, target {_TARGET_MEV_S} Mev/s\n\n{table(HEADER, rows)}")
     text = "\n\n".join(parts) + "\n"
     print(text)
     if options.markdown:
