@@ -3,7 +3,7 @@
     python benchmarks/frontend_speed.py [--trackers gradient haste] [--repeats 5] [--seconds 2] [--cache DIR]
         [--long] [--markdown FILE]
 
-Kind of evidence: simulated events of fast motion, and real excerpts repeated end to end with shifted times (all
+Kind of evidence: simulated events of fast motion; real excerpts repeated end to end with shifted times (all
 tracks break at each repetition, which costs more than one long recording). Medians of repeated runs in one
 process, after a run that compiles; reading is not included.
 

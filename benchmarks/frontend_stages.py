@@ -31,8 +31,7 @@ from numba.core import types  # noqa: E402
 from numba.extending import intrinsic  # noqa: E402
 
 from asyneio.config import FrontendConfig  # noqa: E402
-from asyneio.frontend import Frontend  # noqa: E402
-from asyneio.frontend import surface  # noqa: E402
+from asyneio.frontend import Frontend, surface  # noqa: E402
 from asyneio.frontend.gradient import feature as gradient_feature  # noqa: E402
 from asyneio.frontend.gradient import kernel as gradient_kernel  # noqa: E402
 from asyneio.io.parsing.atomic import write_text  # noqa: E402
