@@ -1,14 +1,14 @@
-"""Cost of an event in the front end, by sensor size, event rate and number of features.
+"""Cost of an event in the front end, by size of the sensor, event rate and number of features.
 
     python benchmarks/frontend_law.py [--sizes 240x180 640x480 1280x720] [--rates 1.1 10 30]
         [--features 8 25 100] [--millions 4] [--repeats 3] [--load 0.3] [--cache DIR] [--markdown FILE]
 
-Evidence: simulation (`suite_fine_6dof`, the same scene and motion at all sizes). A stream with a given rate
-is made of these events by scaling their times, so the same image moves at another speed. Times are CPU times
-of the front end's thread without reading; for each packet, the minimum of repeated runs.
+Kind of evidence: simulation (`suite_fine_6dof`, the same scene and motion at all sizes). Times are scaled to
+give the requested event rate: the same image moves slower or faster. Costs are processor time of the thread
+of the front end, without reading: the minimum of repeated runs, packet by packet.
 
-The last lines fit `ns per event = a + b n`, with `n` the mean number of features that an event is fed to, and
-show what is shed with `frontend.max_load` set, and the cost of the rest.
+The last lines fit `ns per event = a + b n`, where `n` is the mean number of features that an event is fed to,
+and show what is dropped under `frontend.max_load`, and the cost of the rest.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from common import table
 from frontend_speed import packets
 from sequences import DEFAULT_CACHE, cached_sequence
 
-HEADER = ["sensor", "Mev/s", "features", "alive", "fed to", "ns an event", "share of a core", "untested"]
-SHED_HEADER = ["sensor", "Mev/s", "max_load", "alive", "ns an event", "share of a core", "events shed %"]
+HEADER = ["sensor", "Mev/s", "features", "alive", "fed to", "ns per event", "share of a core", "untested"]
+SHED_HEADER = ["sensor", "Mev/s", "max_load", "alive", "ns per event", "share of a core", "events shed %"]
 SHED_HEADER += ["near features %", "features shed"]
 
 
@@ -138,7 +138,7 @@ def report(rows: list[list[str]], shed: list[list[str]], points: list[tuple[floa
     fed, ns = np.array(points).T
     (a, b), *_ = np.linalg.lstsq(np.column_stack([np.ones_like(fed), fed]), ns, rcond=None)
     left = np.abs(a + b * fed - ns).max()
-    law = f"ns per event = {a:.1f} + {b:.1f} n, residual at most {left:.1f}"
+    law = f"ns per event = {a:.1f} + {b:.1f} n, largest deviation {left:.1f}"
     return f"{table(HEADER, rows)}\n\n{law}\n\n{table(SHED_HEADER, shed)}\n"
 
 

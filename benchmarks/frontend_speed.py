@@ -1,17 +1,16 @@
-"""Speed of the front end on one core: events per second with 100 features, and where the time goes.
+"""Speed of the front end on one core: events per second with 100 features, and how the time is spent.
 
     python benchmarks/frontend_speed.py [--trackers gradient haste] [--repeats 5] [--seconds 2] [--cache DIR]
         [--long] [--markdown FILE]
 
-Evidence: simulated events of fast motion, and real excerpts repeated end to end with shifted times (all
-tracks end at the junctions, which costs more than in one long recording). Medians of repeated runs in one
-process, after one for compilation; reading is not included.
+Kind of evidence: simulated events of fast motion; real excerpts repeated end to end with shifted times (all
+tracks break at each repetition, which costs more than one long recording). Medians of repeated runs in one
+process, after a run that compiles; reading is not included.
 
-Stages: "filter" is a run with the minimum number of features (8): every event passes the surface and the
-filters, and nearly none a corner test or a patch. The additional time with the requested number of features
-is detection and tracking.
+Stages: "filter" is a run with the fewest features (8): every event passes the surface and the filters, almost
+none a corner test or a patch. The difference to the run with 100 features is detection and tracking.
 
-`--long`: 10^8 events, with the memory of the process over time.
+`--long`: 10^8 events, with the memory of the process every 10^7.
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ REPEATED_EVENTS = 1_000_000
 
 @dataclass(frozen=True)
 class Timing:
-    """One run: seconds in the front end, and median number of live features."""
+    """One run: seconds in the front end, median number of features alive after a packet."""
 
     seconds: float
     alive: float
@@ -74,7 +73,7 @@ def packets(events: RecordArray) -> list[RecordArray]:
 
 
 def repeated(events: RecordArray, count: int) -> RecordArray:
-    """At least `count` events: the same ones repeatedly, with shifted times."""
+    """At least `count` events: the same events repeated with later times."""
     times = -(-count // events.size)
     many = np.tile(events, times)
     step_ns = int(events["t_ns"][-1] - events["t_ns"][0]) + 1_000_000
@@ -95,7 +94,7 @@ def timed(recording: EventRecording, pieces: list[RecordArray], config: Frontend
 
 
 def row(name: str, recording: EventRecording, events: RecordArray, tracker: str, repeats: int) -> list[str]:
-    """Speed with all and with the fewest features, in alternating runs."""
+    """Speed with 100 features and with the fewest, in alternating runs."""
     pieces = packets(events)
     configs = [
         FrontendConfig.model_validate({"tracker": tracker, "max_features": n}) for n in (_FEATURES, _FEWEST)
@@ -140,7 +139,7 @@ def long_run(recording: EventRecording, tracker: str) -> str:
 
 
 def memory_mb() -> float:
-    """Current memory of this process [MB], or its peak if the system does not provide it."""
+    """Current memory of this process [MB]; the peak where the system does not provide it."""
     statm = Path("/proc/self/statm")
     if statm.is_file():
         return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6

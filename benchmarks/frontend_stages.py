@@ -1,13 +1,13 @@
-"""Time of the default tracker by stage, in nanoseconds per event.
+"""How the default tracker spends its time: nanoseconds per event and stage.
 
     python benchmarks/frontend_stages.py [--scenes event_fast] [--excerpts ecd_excerpts/boxes_translation ...]
         [--seconds 2] [--cache DIR] [--markdown FILE]
 
-The stages of the event loop are wrapped, in this process only, with reads of the processor's cycle counter,
-and compiled into a separate cache. The times include the cost of the wrappers (the last line shows the
-slowdown of the wrapped loop); the installed kernels are not affected.
+The stages of the event loop are wrapped with reads of the processor's cycle counter and compiled into a
+separate cache, in this process only. The figures include the cost of the wrappers; the installed kernels are
+not affected.
 
-Evidence: as in `frontend_speed.py`: simulated events, and real excerpts repeated end to end.
+Kind of evidence: as `frontend_speed.py`: simulated events, and real excerpts repeated end to end.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-# Before the front end is imported: wrapped kernels must not be mixed with those of normal use.
+# Set before the front end is imported, to keep wrapped kernels out of the normal cache.
 _KERNELS = tempfile.TemporaryDirectory(prefix="asyneio-stages-")
 os.environ["NUMBA_CACHE_DIR"] = _KERNELS.name
 
@@ -31,7 +31,7 @@ from numba.core import types  # noqa: E402
 from numba.extending import intrinsic  # noqa: E402
 
 from asyneio.config import FrontendConfig  # noqa: E402
-from asyneio.frontend import Frontend  # noqa: E402
+from asyneio.frontend import Frontend, surface  # noqa: E402
 from asyneio.frontend.gradient import feature as gradient_feature  # noqa: E402
 from asyneio.frontend.gradient import kernel as gradient_kernel  # noqa: E402
 from asyneio.io.parsing.atomic import write_text  # noqa: E402
@@ -41,11 +41,11 @@ from frontend_speed import EXCERPTS, REPEATED_EVENTS, packets, repeated  # noqa:
 from real_tracking import load  # noqa: E402
 from sequences import DEFAULT_CACHE, sequence  # noqa: E402
 
-#: Stage, module, function. Stages of an update and of a birth are parts of it and are subtracted below.
+#: Stage, module, function. Stages "A: B" are parts of stage A and are subtracted from it below.
 STAGES = (
     ("corner test", gradient_kernel, "is_corner"),
-    ("check of features and pixels", gradient_kernel, "remove_idle"),
-    ("check of features and pixels", gradient_kernel, "refresh_hot_pixels"),
+    ("track management", gradient_kernel, "remove_idle"),
+    ("track management", surface, "refresh_hot_pixels"),
     ("birth", gradient_kernel, "try_birth"),
     ("birth: velocity", gradient_feature, "find_flow"),
     ("update", gradient_kernel, "update"),
@@ -101,7 +101,7 @@ def _wrapped(function: Callable[..., Any], stage: int) -> Callable[..., Any]:
 
 
 def wrap_stages() -> None:
-    """Replace the stages by wrapped functions, before the event loop is first compiled."""
+    """Replace the stages by wrapped functions; must be called before the event loop is compiled."""
     for k, (_, module, name) in enumerate(STAGES):
         setattr(module, name, _wrapped(getattr(module, name), k))
 
@@ -116,7 +116,7 @@ def seconds_of(recording: EventRecording, pieces: list[RecordArray]) -> float:
 
 
 def stage_lines(recording: EventRecording, events: RecordArray) -> dict[str, tuple[float, float, float]]:
-    """For each stage: ns per event, µs per call, calls per 1000 events; the rest is the event loop."""
+    """Of each stage: ns per event, µs per call, calls per 1000 events; the event loop is the remainder."""
     pieces = packets(events)
     seconds_of(recording, pieces[:20])
     _COUNTS[:] = 0
@@ -169,7 +169,7 @@ def main() -> None:
         for stage in sorted(stages, key=lambda s: -max(column[s][0] for column in columns.values()))
     ]
     rows.append(["all", *(f"{sum(line[0] for line in column.values()):.0f}" for column in columns.values())])
-    text = "ns an event (µs a call)\n\n" + table(["stage", *columns], rows) + "\n"
+    text = "ns per event (µs per call)\n\n" + table(["stage", *columns], rows) + "\n"
     print(text)
     if options.markdown:
         write_text(options.markdown, text)

@@ -52,11 +52,24 @@ class Feature:
     fed: int = 0
     last_report_ns: int = NEVER_NS
     confirmed: bool = False
+    entered: tuple[float, float] = (0.0, 0.0)
 
     @property
     def record(self) -> Record:
         """The record that the called parts read and write."""
         return self.arrays.records[0]
+
+    def enter(self) -> None:
+        """Enter the feature into the grid where it is now."""
+        self.entered = float(self.record["x"]), float(self.record["y"])
+
+    def is_listed(self, x: int, y: int) -> bool:
+        """Whether the bucket of 8 px of an event lists the feature: all that lie within 12 px, and 1.5 px for
+        its motion, of where it was entered in x and in y."""
+        return all(
+            math.floor((c - 13.5) / 8) <= e // 8 <= math.floor((c + 13.5) / 8)
+            for c, e in zip(self.entered, (x, y), strict=True)
+        )
 
     def distance(self, t_ns: int, x: int, y: int) -> float:
         """From where the feature is predicted to be [px]."""
@@ -102,7 +115,7 @@ class NaiveFrontend:
             self.hot_events += 1
             return
         self.polarity[p] += 1
-        distances = [(f.distance(t_ns, x, y), f) for f in self.features]
+        distances = [(f.distance(t_ns, x, y), f) for f in self.features if f.is_listed(x, y)]
         for distance, feature in distances:
             if distance <= 12.0:
                 self.feed(feature, t_ns, x, y, p, roll_rate)
@@ -119,6 +132,7 @@ class NaiveFrontend:
         f = feature.record
         f["x"], f["y"], f["t_ns"], f["stride"], f["due"] = x, y, t_ns, 1, 150
         f["u1"] = f["v1"] = 22
+        feature.enter()
         self.features.append(feature)
         self.corners += 1
 
@@ -146,6 +160,7 @@ class NaiveFrontend:
         elif status < 0:
             self.end(feature, "untrusted")
         elif status > 0:
+            feature.enter()
             self.report(feature)
 
     def try_to_track(self, feature: Feature, roll_rate: float) -> None:
@@ -160,6 +175,7 @@ class NaiveFrontend:
         reach_px = 2 if guess else 5
         if first_template(feature.arrays, self.roll, roll_rate, reach_px, self.settings, self.work):
             feature.id, self.tracks = self.tracks, self.tracks + 1
+            feature.enter()
 
     def report(self, feature: Feature) -> None:
         """Observations at least `t_min` apart; the first match also confirms the position at the birth."""

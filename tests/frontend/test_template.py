@@ -132,7 +132,7 @@ def test_halves_that_part_are_noticed() -> None:
     assert apart[-1][0] == pytest.approx(0.9, rel=0.5)
 
 
-def test_no_corner_no_signal_and_too_far_a_jump_are_refused() -> None:
+def test_no_corner_no_signal_and_too_far_a_jump_are_rejected() -> None:
     picture = blobs(SEED)
     template = template_of(picture)
     nothing = np.zeros_like(template_of(picture))

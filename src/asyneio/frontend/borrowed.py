@@ -16,7 +16,7 @@ def borrowed(_context: Any, values: Any) -> Any:
     times as long as an event. An array without an owner has no references to count. The caller must keep the
     arrays alive: a kernel may borrow its arguments, and must not return them.
     """
-    if not isinstance(values, types.BaseTuple):
+    if not isinstance(values, types.BaseTuple):  # type: ignore[attr-defined]
         return None
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -26,7 +26,7 @@ def borrowed(_context: Any, values: Any) -> Any:
 
 
 def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    if isinstance(kind, types.BaseTuple):
+    if isinstance(kind, types.BaseTuple):  # type: ignore[attr-defined]
         for i, member in enumerate(kind):
             bare = _without_owner(context, builder, member, builder.extract_value(value, i))
             value = builder.insert_value(value, bare, i)

@@ -56,7 +56,7 @@ def make_surface(width: int, height: int) -> Surface:
 def read_event(events: RecordArray, i: int) -> Event:
     """Event `i`, not negative, of an array EVENT_DTYPE."""
     event = events[np.uint64(i)]
-    return Event(event.t_ns, np.int64(event.x), np.int64(event.y), np.int64(event.p))
+    return Event(event.t_ns, int(np.int64(event.x)), int(np.int64(event.y)), int(np.int64(event.p)))
 
 
 @nb.njit(**INLINE)

@@ -130,7 +130,7 @@ def _find_motion(
     """Search the velocity of a growing feature, into the frame `work`."""
     feature = features.records[slot]
     window = newest_events(feature, features.rings, slot, np.int64(RING), settings.max_window_ns)
-    count, span_s = window.count, (window.last_ns - window.first_ns) * 1e-9
+    count, span_s = window.events, (window.last_ns - window.first_ns) * 1e-9
     work.t_ns, work.x, work.y = window.mean_ns, feature.x, feature.y
     work.roll, work.roll_rate = 0.0, roll_rate
     sharpening = 0.0
@@ -160,7 +160,7 @@ def _cut_template(
     feature.y += feature.vy * dt
     feature.t_ns = window.mean_ns
     work.t_ns, work.x, work.y = window.mean_ns, feature.x, feature.y
-    draw_patch(rings, slot, feature.written - 1, window.count, work)
+    draw_patch(rings, slot, feature.written - 1, window.events, work)
     blur(work)
     shift_patch(work, 0.0, 0.0)
     feature.birth_roll = roll.angle + roll.rate * (window.mean_ns - window.last_ns) * 1e-9
@@ -224,7 +224,7 @@ def update(features: Features, slot: int, roll: Roll, loop: Record, settings: Re
     work.t_ns, work.x, work.y = predicted.window.mean_ns, predicted.x, predicted.y
     work.vx, work.vy = feature.vx, feature.vy
     work.roll, work.roll_rate = predicted.angle, roll.rate
-    draw_patch(features.rings, slot, feature.written - 1, predicted.window.count, work)
+    draw_patch(features.rings, slot, feature.written - 1, predicted.window.events, work)
     blur(work)
     sx, sy = _displacement(feature, predicted)
     synthesise(feature, features.gradient_sums, slot, sx, sy, settings.ridge_px2, work)
@@ -280,7 +280,7 @@ def _apply_match(
     feature.vy += settings.velocity_gain * shift_y / dt
     speed = np.hypot(feature.vx, feature.vy)
     if speed * predicted.span_s > 0.05:
-        events = predicted.window.count * stride
+        events = predicted.window.events * stride
         seen = min(max(events / (speed * predicted.span_s), 0.5 * density), 2.0 * density)
         feature.density += 0.3 * (seen - density)
     feature.stride = max(1, int(feature.density / settings.kept_per_px + 0.5))

@@ -90,7 +90,7 @@ class Features(NamedTuple):
 class Window(NamedTuple):
     """The newest events of a feature: how many, and their first, mean and last time [ns]."""
 
-    count: int
+    events: int
     first_ns: int
     mean_ns: int
     last_ns: int

@@ -137,7 +137,8 @@ def manage_tracks(tracker: GradientArrays, t_ns: int) -> None:
 @nb.njit(**INLINE)
 def count_listed(tracker: GradientArrays, event: Event) -> int:
     """Number of features in the bucket of an event."""
-    return np.int64(tracker.grids.feeding.counts[np.uint64(event.y >> FINE), np.uint64(event.x >> FINE)])
+    counts = tracker.grids.feeding.counts
+    return int(np.int64(counts[np.uint64(event.y >> FINE), np.uint64(event.x >> FINE)]))
 
 
 @nb.njit(**INLINE)
