@@ -227,7 +227,7 @@ def main() -> None:
 def _sequences(
     scenes: Sequence[str], seeds: Sequence[int] | None, seconds: float | None
 ) -> Iterator[tuple[str, int, float | None]]:
-    """Scene, seed and seconds of each sequence asked for."""
+    """Scene, seed and seconds of each requested sequence."""
     for chosen in scenes:
         names, own_seeds, own_seconds = LISTS.get(chosen, ((chosen,), (0,), None))
         for name in names:

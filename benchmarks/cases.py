@@ -74,7 +74,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--keep",
         type=Path,
         metavar="FOLDER",
-        help="work in this folder and keep inputs, results and outputs (said.txt) there",
+        help="work in this folder and keep inputs, results and outputs (output.txt) there",
     )
     parser.add_argument("--verbose", action="store_true", help="print the outputs of failed cases")
     return parser.parse_args(arguments)
@@ -131,7 +131,7 @@ def _judged(work: Path, made: dict[str, tuple[int, str]], name: str) -> Outcome:
         status, said = _run(step.run, place, _environment(work), step.seconds)
         outputs.append(f"$ {step.run}\n{said}[exit {status}]\n")
         wrong.extend(f"`{step.run}`: {reason}" for reason in _faults(step, status, said, place))
-    (place / "said.txt").write_text("".join(outputs) + "".join(f"WRONG: {reason}\n" for reason in wrong))
+    (place / "output.txt").write_text("".join(outputs) + "".join(f"WRONG: {reason}\n" for reason in wrong))
     shown = kind.group(1) if kind else "?"
     return Outcome(name, shown, tuple(wrong), "".join(outputs), time.perf_counter() - start)
 

@@ -45,7 +45,7 @@ HEADER = [
     "rate Mev/s",
     "alive",
     "Mev/s",
-    "ns an event",
+    "ns per event",
     "filter ns",
     "detection, tracking ns",
 ]

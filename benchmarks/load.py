@@ -44,7 +44,7 @@ HEADER = [
     "observations per second",
     "landmarks",
     "front end ms/s",
-    "ns an event",
+    "ns per event",
     "estimator ms/s",
     "x real time",
     "queued latency 99 %, ms",

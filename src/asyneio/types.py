@@ -106,7 +106,7 @@ class ImuCorrectionEstimate:
     """Estimated model of the IMU: `reading = matrix (true value + bias) + noise`, for both sensors.
 
     `gyroscope`, `accelerometer` (3,3): the matrices, near identity, with scale factors on the diagonal and
-    misalignment beside it. `gyroscope_sigma`, `accelerometer_sigma` (3,3): standard deviations of the
+    misalignment next to it. `gyroscope_sigma`, `accelerometer_sigma` (3,3): standard deviations of the
     elements, zero where they are not estimated. Biases of estimates are those of corrected readings.
     """
 

@@ -30,7 +30,7 @@ BANNED: dict[str, str] = {
     r"(one|row|file|record|figure|ns|ms|us|µs) an? (event|line|knot|call|window|field|feature|second|row)": (
         "per"
     ),
-    r"in words|with a sentence|in a sentence": "'with a message'",
+    r"in words(?! \()(?!\))|with a sentence|in a sentence": "'with a message'",
     r"as (it|they) (is|are|stands?|stand) in": "'unmodified'",
     r"bears? (this|it) out|are borne|is borne": "'confirms', 'tolerated'",
     r"as ever": "'as usual'",
@@ -66,7 +66,7 @@ BANNED: dict[str, str] = {
     r"accus(e|ed|es|ing)": "'rejected'",
     r"verdicts?": "'result'",
     r"witness(es)?": "'reference', 'check'",
-    r"(?<!kind of )(?<!kinds of )evidence": "'measurements', 'inspection'",
+    r"(?<!kind of )(?<!kinds of )evidence(?!:)": "'measurements', 'inspection'",
     r"cures?|cured": "'fix'",
     r"refus(e|es|ed|al|als|ing)": "'reject'",
     r"(tracks|samples|measurements|observations)( and samples)? that lie": "'outliers'",
@@ -88,7 +88,7 @@ BANNED: dict[str, str] = {
     r"beside (it|them|the recording|the events|any)": "'next to', 'sidecar file'",
     r"holds? no lens|lens, extrinsics": "'intrinsics'",
     r"specimens?": "'unit'",
-    r"(?<!progress )(?<!error )(?<!status )(?<!colour )(?<!side)bars?": "'target', 'threshold'",
+    r"(?<!progress )(?<!error )(?<!status )(?<!colour )(?<!side)bars?(?!-Shalom)": "'target', 'threshold'",
     r"sharpest (picture|patch)": "'highest contrast'",
     r"is true of": "'is modelled'",
     r"spoils?|spoiled": "'degrades', 'corrupts'",

@@ -206,7 +206,7 @@ def test_figures_tables_and_json() -> None:
     comparison = compare(found, found)
     assert set(comparison.ratios) == set(TIMED)
     tables = speed_markdown(found, comparison)
-    assert "| front end alone (500 ns an event) |  | 0.500 | 0.500 | 250.0 |  | 1.00 | 1.00 |" in tables
+    assert "| front end alone (500 ns per event) |  | 0.500 | 0.500 | 250.0 |  | 1.00 | 1.00 |" in tables
     assert "times as slow as alone | 3 |" in tables
     assert "median, 99 %, largest, ms | 5  9  11 |" in tables
     plain = json.loads(speed_json(found, comparison))

@@ -22,7 +22,7 @@ class RunProgressBar:
         self._compiling = False
 
     def message(self, text: str) -> None:
-        """Print a line above the bar."""
+        """Print a line above the progress bar."""
         self._bar.console.print(escape(text), highlight=False, soft_wrap=True)
 
     def compiling(self, share: float) -> None:

@@ -88,14 +88,14 @@ def _bar(share: ProgressColumn) -> Iterator[Progress]:
         TimeRemainingColumn(),
     )
     console = Console(stderr=True)
-    # Without a terminal, even a removed bar would leave an empty line.
+    # Without a terminal, even a removed progress bar would leave an empty line.
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         yield bar
 
 
 @contextmanager
 def _counting(bar: Progress, what: str) -> Iterator[Callable[[int, int], float]]:
-    """Yields a function of (done, total) that updates the bar and returns the rate [1/s], at first 0.
+    """Yields a function of (done, total) that updates the progress bar and returns the rate [1/s], at first 0.
 
     The first call sets the start: what was done before does not count for the rate.
     """

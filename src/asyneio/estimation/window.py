@@ -199,7 +199,7 @@ class Window:
         self.camera, self.imu = solution.problem.camera, solution.problem.imu
         if self._moves_in_time:
             self._visual.move_to(self.camera.time_offset, self.preintegrations, self.first)
-        # `move_to` may have computed the propagated poses anew.
+        # `move_to` may have recomputed the propagated poses.
         self._solved = None if self._settings.scheme.propagates else solution.problem
         return solution
 

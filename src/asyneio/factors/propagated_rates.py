@@ -20,7 +20,7 @@ def propagated_velocity(
     gravity_w: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Generalised velocity `out` (6,), in the body, of the pose of `propagated_pose` as time goes on.
+    """Generalised velocity `out` (6,), in the body, of the pose of `propagated_pose`, its derivative by time.
 
     `omega` (3,) is the angular velocity of the increment in the body, `d_bias_rate` (3,6) the rate of
     d_bias[:3]; r changes with `increment.nu`, d_bias[6:] with d_bias[3:6].
@@ -61,7 +61,7 @@ def shifted_increments(
     """`C` (3,3), `r` (3,), `d_bias` (9,6) of the increment `shift` seconds later, to first order.
 
     Rates as in `propagated_velocity`. The neglected term is half the shift squared times the angular
-    acceleration: 3e-4 rad for 5 ms in fast motion. The window computes its increments anew before that.
+    acceleration: 3e-4 rad for 5 ms in fast motion. The window computes its increments again before that.
     """
     dR = np.empty((3, 3))
     so3_exp(shift * omega, dR)

@@ -20,7 +20,7 @@ FINE = 3
 #: Capacity of a bucket.
 BUCKET_FEATURES = 15
 
-#: Distance [px] that a feature may move before it is entered anew: in general, and in grids whose buckets
+#: Distance [px] that a feature may move before it is entered again: in general, and in grids whose buckets
 #: list few features, where a larger reach costs nothing.
 _SLACK_PX = 1.5
 _AHEAD_PX = 4.0

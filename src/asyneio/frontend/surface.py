@@ -91,7 +91,7 @@ def refresh_hot_pixels(surface: Surface, elapsed_s: float) -> int:
 
     An edge crosses neighbouring pixels alike, so a pixel that fires far more often than all but one of its
     neighbours is defective. One neighbour is exempt, so that two adjacent defective pixels do not hide each
-    other. The mask is computed anew each time: a pixel that calms down is used again.
+    other. The mask is computed again each time: a pixel that calms down is used again.
     """
     height, width = surface.fired.shape
     masked = 0

@@ -74,7 +74,7 @@ class GravityWitness:
         return self.against_rest > EXCLUDED and np.isfinite(self.log_sigma)
 
     def gyroscope_complaint(self) -> str:
-        """A certain error of the gyroscope's scale, in words; empty if there is none."""
+        """A certain error of the gyroscope's scale, as a phrase; empty if there is none."""
         factor = max(self.scale, 1.0 / self.scale)
         if not self.told or factor < SAME_SCALE or self.against_one < EXCLUDED:
             return ""
@@ -84,7 +84,7 @@ class GravityWitness:
         )
 
     def force_complaint(self) -> str:
-        """A certain error of the accelerometer's scale, in words; empty if there is none."""
+        """A certain error of the accelerometer's scale, as a phrase; empty if there is none."""
         ratio = self.force / GRAVITY
         if 1.0 / FORCE_RATIO < ratio < FORCE_RATIO or abs(self.force - GRAVITY) * self.span_s < _VELOCITY:
             return ""

@@ -1,4 +1,4 @@
-"""One BLAS thread while the estimator works, whoever calls it."""
+"""One BLAS thread while the estimator works, whatever calls it."""
 
 from __future__ import annotations
 

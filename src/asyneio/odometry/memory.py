@@ -1,4 +1,4 @@
-"""Memory that the estimator allocates anew for every packet."""
+"""Memory that the estimator allocates again for every packet."""
 
 from __future__ import annotations
 

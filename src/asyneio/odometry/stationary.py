@@ -1,7 +1,7 @@
 """Is the sensor stationary? Inertial samples and the image decide together.
 
 Inertial samples alone cannot distinguish a stationary sensor from smooth uniform motion. The image alone
-cannot distinguish a static scene from a dark or empty one. Each source makes up for the limits of the other:
+cannot distinguish a static scene from a dark or empty one. Each source covers the limits of the other:
 
 - *The tracks do not move*: stationary, if the inertial samples are quiet. - *The tracks move*: no stationary
 phase begins. One that has begun continues while the samples pass a stricter

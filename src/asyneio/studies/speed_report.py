@@ -119,7 +119,7 @@ def _stage_table(found: Figures, comparison: Comparison) -> str:
     recorded_s, events = found["workload"]["seconds"], found["workload"]["events"]
     what = {stage.name: f"- {stage.name}: {stage.what}" for stage in STAGES}
     what |= {
-        FRONT_END: f"front end alone ({1e9 * found['seconds'][FRONT_END] / events:.0f} ns an event)",
+        FRONT_END: f"front end alone ({1e9 * found['seconds'][FRONT_END] / events:.0f} ns per event)",
         ESTIMATOR: "estimator alone, on the same observations",
         PIPELINE: "pipeline: both, in parallel",
     }

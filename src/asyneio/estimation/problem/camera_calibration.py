@@ -6,7 +6,7 @@ made at t + time_offset. It stays with the interval of its stamp, whose polynomi
 knot by at most the offset d. The polynomial of the next interval differs from it by a jump j of the third
 derivative of xi, hence by j d^3 / 6: 1e-5 rad for d = 5 ms and a jump of 500 rad/s^3.
 
-On an interpolated trajectory the interpolation weights are computed anew for every offset that is tried, so
+On an interpolated trajectory the interpolation weights are computed again for every offset that is tried, so
 that only the step is linearised. Propagated poses (29) are shifted to first order from the times at which
 their increments were last computed.
 

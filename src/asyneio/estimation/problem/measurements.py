@@ -24,7 +24,7 @@ from asyneio.inertial.increments import Preintegration
 from asyneio.trajectory.motion_prior import interpolation_weights_many
 from asyneio.types import BoolArray, FloatArray, IntArray
 
-#: Propagated poses are computed anew when the time offset has changed by this much [s]: a first-order shift
+#: Propagated poses are computed again when the time offset has changed by this much [s]: a first-order shift
 #: neglects half its square times the angular acceleration, 1e-6 rad in violent motion (50 rad/s^2).
 _ASK_AGAIN_S = 2e-4
 

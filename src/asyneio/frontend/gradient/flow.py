@@ -1,4 +1,4 @@
-"""Velocity of a growing feature by contrast maximization: the motion that gives the sharpest patch."""
+"""Velocity of a growing feature by contrast maximization: the motion whose patch has the highest contrast."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def fine_contrast(work: Record, count: int, vx: float, vy: float) -> float:
 def find_flow(
     rings: RecordArray, slot: int, newest: int, count: int, span_s: float, reach_px: int, work: Record
 ) -> float:
-    """Write the velocity that gives the sharpest patch to the frame `work`.
+    """Write the velocity whose patch has the highest contrast to the frame `work`.
 
     The search covers displacements over the window up to `reach_px` around the initial velocity: whole pixels
     with some of the events, half pixels around the best with all events, then the peak of a paraboloid.

@@ -28,7 +28,7 @@ class CameraReading:
     """One camera as stored in its file.
 
     `T_b_c` (4,4) maps camera to body coordinates, `t_imu = t_cam + timeshift_ns`; None if the file does not
-    contain them. `notes` say which convention was read and what is doubtful.
+    contain them. `notes` say which convention was read and what is suspect.
     """
 
     intrinsics: CameraIntrinsics

@@ -93,7 +93,7 @@ def read_calibration(
         rate_hz: sample rate of the IMU, for per-sample noise values.
 
     Returns:
-        The calibration, and messages: which convention was read, what was repaired, assumed or is doubtful.
+        The calibration, and messages: which convention was read, what was repaired, assumed or is suspect.
 
     Raises:
         CalibrationError: a file is missing or malformed, or a value is missing or physically impossible.

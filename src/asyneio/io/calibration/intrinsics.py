@@ -126,7 +126,7 @@ def distortion_named(name: Any, path: Path, key: str) -> Distortion:
 
 
 def check_distortion(intrinsics: CameraIntrinsics, path: Path) -> tuple[str, ...]:
-    """Check that the distortion can be inverted at every pixel; returns notes on doubtful values.
+    """Check that the distortion can be inverted at every pixel; returns notes on suspect values.
 
     Raises:
         CalibrationError: it folds inside the image: pixels beyond the fold have no viewing direction.

@@ -18,7 +18,7 @@ REPAIRED_ROTATION_ERROR = 1e-7
 #: Longer lever arms [m] get a note (wrong unit?), and are rejected.
 DOUBTFUL_TRANSLATION, MAX_TRANSLATION = 1.0, 20.0
 
-#: A transform (4,4) and notes on what was repaired or is doubtful.
+#: A transform (4,4) and notes on what was repaired or is suspect.
 Checked = tuple[FloatArray, tuple[str, ...]]
 
 

@@ -54,7 +54,7 @@ STATE_DTYPE = np.dtype(
     ]
 )
 
-#: Without another high time within this number of words, a doubtful one is not accepted.
+#: Without another high time within this number of words, a suspect one is not accepted.
 _SEARCH_WORDS = 2**16
 #: A step back by up to this many high times is not a wrap of the clock.
 _MAX_BACK = 10
@@ -92,7 +92,7 @@ class Evt3Decoder(WordDecoder):
 
 @njit(cache=True)
 def _count_events(words: np.ndarray) -> int:
-    """Number of events in words (N,) uint16."""
+    """Number of events in an array of words (N,) uint16."""
     count = 0
     for word in words:
         code = word >> 12

@@ -1,6 +1,6 @@
 """The high part of the time in EVT 2.0 and EVT 2.1: 28 bits that count 64 us, with wrong bits now and then.
 
-A high time that differs much from the previous one is doubtful: it is accepted unless the next one returns to
+A high time that differs much from the previous one is suspect: it is accepted unless the next one returns to
 where time was before.
 """
 
@@ -13,9 +13,9 @@ from numba import njit
 HIGH_BITS, LOW_BITS = 28, 6
 _MASK = (1 << HIGH_BITS) - 1
 
-#: A larger step of the high time [64 us], one minute, is doubtful.
+#: A larger step of the high time [64 us], one minute, is suspect.
 _MAX_STEP = 60_000_000 >> LOW_BITS
-#: Without another high time within this number of words, a doubtful one is accepted.
+#: Without another high time within this number of words, a suspect one is accepted.
 SEARCH_WORDS = 2**16
 
 #: Words of EVT 2.0 and 2.1 with these codes: CD_OFF and CD_ON are events.

@@ -32,13 +32,13 @@ class WordDecoder(ABC):
         self._state = np.zeros(1, dtype=state_dtype)
         self._state["high"] = -1
         self._words = 0
-        #: Words after a doubtful high time, until the next high time is known.
+        #: Words after a suspect high time, until the next high time is known.
         self._waiting = np.empty(0, dtype=word)
 
     def feed(self, words: np.ndarray, last: bool = False) -> RecordArray:
         """Events of words (N,), in file order, EVENT_DTYPE; sensor time without the turns of its counter.
 
-        Words after a doubtful high time wait for the next call, unless this is the `last`.
+        Words after a suspect high time wait for the next call, unless this is the `last`.
         """
         words = np.ascontiguousarray(words, dtype=self._word)
         self._words += words.size

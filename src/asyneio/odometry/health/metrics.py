@@ -88,7 +88,7 @@ def _newest(samples: Inertial) -> Inertial:
 class ScaleChanges:
     """Sum of the recent revisions of the window's scale by optimisation.
 
-    A sum beyond `MAX_SCALE_CHANGE` is reported once; then summation begins anew.
+    A sum beyond `MAX_SCALE_CHANGE` is reported once; then summation starts again from zero.
     """
 
     def __init__(self) -> None:
