@@ -95,7 +95,7 @@ def _bar(share: ProgressColumn) -> Iterator[Progress]:
 
 @contextmanager
 def _counting(bar: Progress, what: str) -> Iterator[Callable[[int, int], float]]:
-    """Yields a function of (done, total) that updates the progress bar and returns the rate [1/s], at first 0.
+    """Yields a function of (done, total) that updates the progress bar and returns the rate [1/s], first 0.
 
     The first call sets the start: what was done before does not count for the rate.
     """

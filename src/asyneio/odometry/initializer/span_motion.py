@@ -88,8 +88,8 @@ def _time_offset_sigma(camera: CalibrationSettings) -> float:
 def _given_time_offset(covariance: FloatArray) -> FloatArray:
     """Covariance (11,11) of all unknowns but the time offset, given the time offset.
 
-    The offset is estimated so that a wrong clock does not degrade the initialization. The prior uncertainty of
-    a correct clock is no reason to wait: the joint optimisation, which is more certain of the offset, is
+    The offset is estimated so that a wrong clock does not degrade the initialization. The prior uncertainty
+    of a correct clock is no reason to wait: the joint optimisation, which is more certain of the offset, is
     checked with the offset free.
     """
     with_clock = covariance[:-1, -1]
