@@ -88,7 +88,7 @@ def drawn(case: Case, frozen: int = 0) -> tuple[Problem, Prior]:
         linearization=problem.states,
         frozen=frozen,
         preintegrated=sums._replace(bias=sums.bias - 0.02),
-        rest=softened(zero_velocity_of(np.array(case.still), problem.model)),
+        zero_velocity=softened(zero_velocity_of(np.array(case.still), problem.model)),
     )
     return problem, prior
 

@@ -26,7 +26,7 @@ from asyneio.odometry.buffer import MeasurementBuffer, around
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.propagation import predict_knot, propagate, rates_at
 from asyneio.odometry.settings import resolve
-from asyneio.pipeline import compilation as kernels
+from asyneio.pipeline import kernels
 from asyneio.simulation import PinholeCamera
 from asyneio.simulation.tracks.scenario import NOISE_FREE
 from asyneio.trajectory.model import SE3, SO3_X_R3, WNOA, WNOJ, MotionModel
