@@ -54,7 +54,7 @@ def test_the_scale_of_the_gyroscope_is_found(scale: float) -> None:
 def test_the_scale_of_the_accelerometer_is_found(scale: float) -> None:
     witness = hand(force_scale=scale)
     assert witness.force == pytest.approx(scale * GRAVITY, rel=0.05)
-    assert "times what it is" in witness.force_complaint()
+    assert "times its true value" in witness.force_complaint()
 
 
 def test_a_body_whose_tilt_and_acceleration_cancel_tells_nothing() -> None:

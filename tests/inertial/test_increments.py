@@ -45,8 +45,8 @@ def test_good_samples_are_accepted() -> None:
         (lambda t, y: (t[::-1], y), "does not come after"),
         (lambda t, y: (np.append(t[:-1], np.nan), y), "sample 20"),
         (lambda t, y: (t, np.where(np.arange(21)[:, None] == 7, np.inf, y)), "sample 7"),
-        (lambda t, y: (t[4:], y[4:]), "bare"),
-        (lambda t, y: (t[:-4], y[:-4]), "bare"),
+        (lambda t, y: (t[4:], y[4:]), "do not cover"),
+        (lambda t, y: (t[:-4], y[:-4]), "do not cover"),
     ],
 )
 def test_bad_samples_are_refused(
