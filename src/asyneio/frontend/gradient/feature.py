@@ -123,7 +123,7 @@ def try_birth(
     return True
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def _find_motion(
     features: Features, slot: int, roll_rate: float, reach_px: int, settings: Record, work: Record
 ) -> Motion:
@@ -145,7 +145,7 @@ def _find_motion(
     return Motion(count, moved_px)
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def _cut_template(
     features: Features, slot: int, motion: Motion, roll: Roll, settings: Record, work: Record
 ) -> float:
@@ -174,7 +174,7 @@ def _cut_template(
     return span_s
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def _postpone(feature: Record, rings: RecordArray, slot: int) -> None:
     """Try again after half as many events more, but before a full ring overwrites events; a full ring is
     thinned."""
