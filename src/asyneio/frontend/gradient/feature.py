@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
+from asyneio.frontend.borrowed import borrowed
 from asyneio.frontend.gradient.features import (
     RING,
     ROW,
@@ -101,6 +102,7 @@ def try_birth(
 
     The search for the velocity starts at the velocity of the frame `work` and covers `reach_px` around it.
     """
+    features = borrowed(features)
     feature = features.records[slot]
     motion = _find_motion(features, slot, roll.rate, reach_px, settings, work)
     if motion.moved_px == 0.0:
@@ -215,6 +217,7 @@ def update(features: Features, slot: int, roll: Roll, loop: Record, settings: Re
 
     `roll` is that at the newest event. The result of `match` is in `work.match`.
     """
+    features = borrowed(features)
     feature, out = features.records[slot], work.match
     predicted = _predict(feature, features.rings, slot, roll, settings)
     feature.fresh = 0
