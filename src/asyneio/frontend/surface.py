@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
-from asyneio.frontend.tracker import INLINE, INNER, Record
+from asyneio.frontend.tracker import INLINE, Record
 from asyneio.types import NS_PER_S, BoolArray, IntArray, RecordArray
 
 #: Time of a pixel that never fired: far in the past, and differences with it do not overflow.
@@ -77,7 +77,7 @@ def is_hot(surface: Surface, event: Event) -> bool:
     return surface.hot[np.uint64(event.y), np.uint64(event.x)]
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def update_hot_pixels(surface: Surface, state: Record, t_ns: int) -> None:
     """Search for hot pixels if HOT_NS have passed; `state` has the fields `hot_ns` and `hot_pixels`."""
     if t_ns - state.hot_ns > HOT_NS:

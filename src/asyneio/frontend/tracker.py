@@ -27,8 +27,8 @@ Record: TypeAlias = Any
 
 #: Options of a kernel that only other kernels call: no wrapper for calls from Python or C is compiled.
 INNER: dict[str, Any] = {"cache": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-#: Options of a kernel that runs for every event and is copied into its callers: a call would pass dozens of
-#: array fields.
+#: Options of a kernel that is copied into its callers: one that runs for every event, where a call would pass
+#: dozens of array fields, or one with a single caller, where that saves time to compile.
 INLINE: dict[str, Any] = {"cache": True, "inline": "always"}
 
 
@@ -45,7 +45,7 @@ def is_outside(u: float, v: float, sensor: Record, margin: float) -> bool:
     return u < margin or v < margin or u > sensor.width - 1 - margin or v > sensor.height - 1 - margin
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def free_slot(records: RecordArray) -> int:
     """The first unused slot; there must be one."""
     slot = int(np.int64(0))

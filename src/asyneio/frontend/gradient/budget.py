@@ -39,7 +39,7 @@ def grant_tests(state: Record, elapsed_ns: int) -> None:
     state.tests = min(MOST_TESTS, state.tests + elapsed_ns * 1e-9 * TESTS_PER_S)
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def has_credit(state: Record, t_ns: int) -> bool:
     """Whether an event at `t_ns` may be processed in full."""
     elapsed_ns = t_ns - state.credited_ns

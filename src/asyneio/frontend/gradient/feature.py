@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numba as nb
 import numpy as np
 
+from asyneio.frontend.borrowed import borrowed
 from asyneio.frontend.gradient.features import (
     RING,
     ROW,
@@ -101,6 +102,7 @@ def try_birth(
 
     The search for the velocity starts at the velocity of the frame `work` and covers `reach_px` around it.
     """
+    features = borrowed(features)
     feature = features.records[slot]
     motion = _find_motion(features, slot, roll.rate, reach_px, settings, work)
     if motion.moved_px == 0.0:
@@ -123,7 +125,7 @@ def try_birth(
     return True
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def _find_motion(
     features: Features, slot: int, roll_rate: float, reach_px: int, settings: Record, work: Record
 ) -> Motion:
@@ -145,7 +147,7 @@ def _find_motion(
     return Motion(count, moved_px)
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def _cut_template(
     features: Features, slot: int, motion: Motion, roll: Roll, settings: Record, work: Record
 ) -> float:
@@ -174,7 +176,7 @@ def _cut_template(
     return span_s
 
 
-@nb.njit(**INNER)
+@nb.njit(**INLINE)
 def _postpone(feature: Record, rings: RecordArray, slot: int) -> None:
     """Try again after half as many events more, but before a full ring overwrites events; a full ring is
     thinned."""
@@ -215,6 +217,7 @@ def update(features: Features, slot: int, roll: Roll, loop: Record, settings: Re
 
     `roll` is that at the newest event. The result of `match` is in `work.match`.
     """
+    features = borrowed(features)
     feature, out = features.records[slot], work.match
     predicted = _predict(feature, features.rings, slot, roll, settings)
     feature.fresh = 0
