@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.estimation.problem.window_settings import TrackObservations
+from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.neighbourhood import rejected_by_neighbours
 from asyneio.types import OBSERVATION_DTYPE, Packet

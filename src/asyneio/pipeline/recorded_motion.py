@@ -10,7 +10,7 @@ import numpy as np
 from asyneio.errors import RecordingError
 from asyneio.io import open_recording, read_inertial_file, read_trajectory
 from asyneio.io.calibration import read_calibration, read_imu_noise
-from asyneio.io.recording.inertial_csv import InertialStreams, check_units
+from asyneio.io.recording.inertial_units import InertialStreams, check_units
 from asyneio.simulation import EventScenario
 from asyneio.simulation.path_fit import PathFit, fit_path
 from asyneio.simulation.recorded_path import recorded_run

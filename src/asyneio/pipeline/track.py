@@ -15,7 +15,7 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.errors import RecordingError
-from asyneio.evaluation.tracks_lives import Tracks, group_tracks
+from asyneio.evaluation.tracks import Tracks, group_tracks
 from asyneio.frontend import Frontend, FrontendStatistics, gyroscope_in_camera
 from asyneio.pipeline.packets import check_length
 from asyneio.progress import ProgressCallback

@@ -21,7 +21,7 @@ from asyneio.estimation.linearization import linear_system
 from asyneio.estimation.solver import chi_square as misfit
 from asyneio.estimation.solver import elimination, optimizer
 from asyneio.odometry import Odometry, outputs
-from asyneio.odometry.initializer import initialize as attempt
+from asyneio.odometry.initializer import initialize as initializer
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Stage:
 REST = "rest"
 
 STAGES: tuple[Stage, ...] = (
-    Stage("start", attempt, "attempt_start", True, "initialization attempts, including their optimisations"),
+    Stage("start", initializer, "initialize", True, "initialization attempts, including their optimisations"),
     Stage("measurements", window.Window, "extend", True, "add samples and observations to the window"),
     Stage("births", window.Window, "add_landmarks", True, "new landmarks"),
     Stage("arrays", window.Window, "problem", True, "arrays of the window's problem"),

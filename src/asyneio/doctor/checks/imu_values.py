@@ -14,7 +14,7 @@ from asyneio.errors import RecordingError
 from asyneio.inertial.gating import SampleGate, SensorLimits
 from asyneio.inertial.repeats import Renewals
 from asyneio.inertial.stationarity import LEAST_DENSITY, Stationarity, possible
-from asyneio.io.recording.inertial_csv import STANDARD_GRAVITY, InertialStreams, check_units
+from asyneio.io.recording.inertial_units import STANDARD_GRAVITY, InertialStreams, check_units
 from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
 _SENSORS = ("gyroscope", "accelerometer")
