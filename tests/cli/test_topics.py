@@ -31,4 +31,4 @@ def test_the_error_names_the_option_and_the_option_helps(
     told = " ".join((out + error).split())
     assert "events from /right/events" in told
     # Both parts have their poses in one topic, one after the other; events do not need them.
-    assert "not taken as truth: /optitrack/davis: time runs backwards" in told
+    assert "not used as ground truth: /optitrack/davis: time runs backwards" in told

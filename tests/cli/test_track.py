@@ -135,7 +135,7 @@ def test_errors_are_one_paragraph(
     (tmp_path / "wrong.yaml").write_text("frontend: {trackers: haste}\n")
     for arguments, message in (
         (("track", "absent"), "asyneio: absent does not exist"),
-        (("track", "events", "--config", "wrong.yaml"), "asyneio: wrong.yaml: frontend.trackers"),
+        (("track", "events", "--config", "wrong.yaml"), "wrong.yaml: unknown setting frontend.trackers"),
         (("simulate", "event_calm", "-o", "x"), "event_slow, event_room"),
         (("simulate", "event_slow", "-o", "x", "--duration", "-1"), "expected"),
     ):

@@ -258,7 +258,7 @@ def test_the_order_of_unnamed_columns_is_found_from_gravity(short: Path, tmp_pat
     samples(columns_swapped)(folder)
     report = examine(folder)
     assert result_of(report, "imu units").severity is Severity.OK
-    assert "imu.txt: gyroscope first, as gravity says; time in s" in report.repairs
+    assert "imu.txt: gyroscope first (from gravity), time in s" in report.repairs
 
 
 def test_a_short_recording_only_lacks_duration(short: Path) -> None:
@@ -283,5 +283,5 @@ def test_a_truncated_file_is_checked_up_to_the_damage(short: Path, tmp_path: Pat
     whole = (folder / "events.txt").read_bytes()
     (folder / "events.txt").write_bytes(whole[: len(whole) // 2] + b"1000.3 1")
     report = examine(folder)
-    assert any("cut off" in text for text in report.repairs)
+    assert any("truncated" in text for text in report.repairs)
     assert result_of(report, "event order").severity is Severity.OK

@@ -73,7 +73,7 @@ def test_a_reader_failure_is_reported_once(folder: Path) -> None:
 def test_missing_named_samples_do_not_hide_the_rest(folder: Path) -> None:
     report = examine(folder, ReadOptions(samples="absent.csv"))
     assert [v.check for v in report.results if v.severity is Severity.FAIL] == ["inertial samples"]
-    assert "there is no file absent.csv" in report.headline
+    assert "absent.csv (--samples) does not exist" in report.headline
     assert report.events > 0
     assert any(result.check == "event rate" for result in report.results)
 

@@ -48,9 +48,9 @@ def evaluate(
     max_gap: _MaxGap = 0.05,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare an estimated trajectory with ground truth; each segment is aligned separately.
+    r"""Compare an estimated trajectory with ground truth; each segment is aligned separately.
 
-    \b
+    
     Protocols:
       posyaw  position and yaw over the whole run, as for any VIO
       se3     position and rotation over the whole run, as evo_ape -a

@@ -28,13 +28,20 @@ class TrueStates(Protocol):
     """True states at N times: `T_w_b` (N,4,4), others (N,3), units as in `Estimate`."""
 
     @property
-    def T_w_b(self) -> FloatArray: ...
+    def T_w_b(self) -> FloatArray:
+        """Poses (N,4,4), body to world."""
+
     @property
-    def velocity_w(self) -> FloatArray: ...
+    def velocity_w(self) -> FloatArray:
+        """Velocities (N,3) in the world [m/s]."""
+
     @property
-    def bias_gyroscope(self) -> FloatArray: ...
+    def bias_gyroscope(self) -> FloatArray:
+        """Biases (N,3) [rad/s]."""
+
     @property
-    def bias_accelerometer(self) -> FloatArray: ...
+    def bias_accelerometer(self) -> FloatArray:
+        """Biases (N,3) [m/s^2]."""
 
 
 class NeesBlock(StrEnum):

@@ -40,8 +40,8 @@ class Frontend:
     """
 
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
-        self._tracker: Tracker = _TRACKERS[config.tracker](config, width, height)
         self._border = EventValidator(width, height)
+        self._tracker: Tracker = _TRACKERS[config.tracker](config, width, height)
         self._roll_rate = 0.0
 
     def process(self, events: RecordArray, gyroscope: RecordArray | None = None) -> RecordArray:

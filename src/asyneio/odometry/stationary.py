@@ -34,6 +34,7 @@ from asyneio.inertial.stationarity import (
     shakes,
 )
 from asyneio.odometry.raw_measurements import MEMORY_NS, RawMeasurements
+from asyneio.state import B_G, NU
 from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, RecordArray
 
 #: Duration of the inertial samples that are tested [ns]. Before there is an estimate, the first stationary
@@ -199,11 +200,11 @@ class StationaryDetector:
             offset = _MAX_OFFSET_WITH_TRACKS if image is _Image.STATIC else _MAX_OFFSET
             return bool(np.abs(omega).max() < offset) and self._is_gravity(force)
         sigma = np.sqrt(known.covariance.diagonal())
-        turning = np.abs(omega - known.bias_gyroscope) > _BIAS_SLACK + _ENTER * sigma[18:21]
+        turning = np.abs(omega - known.bias_gyroscope) > _BIAS_SLACK + _ENTER * sigma[B_G : B_G + 3]
         if turning.any() or not self._is_gravity(force - known.bias_accelerometer):
             return False
         speed = float(np.linalg.norm(known.velocity_w))
-        slowest = _SLOW + _SPEED_SIGMAS * float(np.linalg.norm(sigma[9:12]))
+        slowest = _SLOW + _SPEED_SIGMAS * float(np.linalg.norm(sigma[NU : NU + 3]))
         return image is _Image.STATIC or speed < slowest
 
     def _is_gravity(self, force: FloatArray) -> bool:

@@ -173,4 +173,4 @@ def test_presets_that_do_not_fit(folder: Path) -> None:
     camera = replace(make_rig().camera, width=346, height=260)
     found, notes = CalibrationSources().resolve((346, 260), davis346, lambda width, height: camera)
     assert found == IncompleteCalibration(camera, notes[-1])
-    assert "no extrinsics (camera to IMU): no extrinsics are published" in notes[-1]
+    assert "no extrinsics (camera to IMU): extrinsics differ between units and are not published" in notes[-1]

@@ -177,7 +177,7 @@ def _unexplained(found: Alignment, motion: str, values: dict[str, Any]) -> Check
         return warning(
             "extrinsics",
             f"both rotate, but the rates are unrelated at any offset within 10 s: {measured}",
-            "the same motion in both"
+            "the same motion in both",
             "the samples belong to another recording or sensor, the clocks differ by more, or most of what "
             "the camera sees moves by itself",
             **values,

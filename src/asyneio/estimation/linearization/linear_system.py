@@ -150,8 +150,9 @@ def _needed(problem: Problem) -> BoolArray:
     return np.asarray(problem.motion | (counts > 0))
 
 
+# The loops over the non-zero blocks of the chain are written out: four levels, no temporary matrix.
 @njit(cache=True, nogil=True)
-def _move_to_knots(
+def _move_to_knots(  # noqa: C901
     needed: BoolArray,
     chain: FloatArray,
     H_local: FloatArray,

@@ -43,8 +43,9 @@ def retract(problem: Problem, system: LinearSystem, step: FloatArray) -> Problem
     return moved._replace(camera=camera, visual=visual, propagated=propagated)
 
 
+# One branch for each space, prior and kind of landmark; split, each part would be compiled for itself.
 @njit(cache=True, nogil=True)
-def _retract(
+def _retract(  # noqa: C901
     states: States,
     linearization: States,
     frozen: int,

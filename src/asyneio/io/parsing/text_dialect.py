@@ -19,6 +19,7 @@ class Dialect:
     decimal_comma: bool
 
     def split(self, text: str) -> list[str]:
+        """Fields of a line, without blanks and quotes around them."""
         if self.mark:
             fields = text.split(self.mark)
             fields = fields[:-1] if not fields[-1].strip() else fields
@@ -54,6 +55,7 @@ def header_columns(text: str, count: int, dialect: Dialect) -> tuple[Column, ...
 
 
 def header_names(text: str, dialect: Dialect) -> list[str]:
+    """Column names of a header line, each with its unit if it has one."""
     text = text.lstrip("#% ").rstrip(",; ")
     mark = dialect.mark if dialect.mark and dialect.mark in text else "," if "," in text else ""
     if mark:
@@ -70,10 +72,12 @@ def holds_numbers(text: str) -> bool:
 
 
 def is_comment(text: str) -> bool:
+    """True if a line is a comment."""
     return text.startswith(("#", "%"))
 
 
 def is_number(token: str) -> bool:
+    """True if a field is a number in any notation that is read."""
     return numbers_of([token], frozenset()) is not None
 
 

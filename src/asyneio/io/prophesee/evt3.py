@@ -103,8 +103,9 @@ def _count_events(words: np.ndarray) -> int:
     return count
 
 
+# One branch for each opcode.
 @njit(cache=True)
-def _decode_words(
+def _decode_words(  # noqa: C901
     words: np.ndarray,
     last: bool,
     state: RecordArray,

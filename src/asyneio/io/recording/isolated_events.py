@@ -104,8 +104,9 @@ class IsolatedEventFilter:
         return kept
 
 
+# One pass with all cases: a call for each event would cost more than the test.
 @njit(cache=True)
-def _find(
+def _find(  # noqa: C901
     t_ns: IntArray, before: int, keep: np.ndarray, last: bool, limit: int, checked: int
 ) -> tuple[int, int]:
     """Mark isolated events in `keep`; returns the number of events checked and isolated (-1: too many)."""

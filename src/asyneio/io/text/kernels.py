@@ -26,8 +26,9 @@ _MAX_SECONDS = MAX_STAMP_NS // NS_PER_S
 _MAX_DIGITS = 19
 
 
+# One pass over the bytes: a call for each byte would cost more than the parsing.
 @njit(cache=True)
-def parse_columns(
+def parse_columns(  # noqa: C901
     data: np.ndarray,
     start: int,
     roles: IntArray,
@@ -88,8 +89,9 @@ def parse_columns(
     return line, count
 
 
+# One pass over the bytes: a call for each byte would cost more than the parsing.
 @njit(cache=True)
-def parse_lines(
+def parse_lines(  # noqa: C901
     data: np.ndarray,
     start: int,
     t_ns: np.ndarray,

@@ -10,13 +10,13 @@ from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.first_window import FirstWindow, filled_window
 from asyneio.odometry.propagation import predict_knot, rates_at
 from asyneio.odometry.settings import Settings
-from asyneio.state import DOF
+from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import NS_PER_S, FloatArray, InitialState
 
 #: Largest deviation of a rotation matrix from orthonormality: that of single precision.
 _ROTATION_TOLERANCE = 1e-5
 #: Columns of a knot's error state that an initial state determines: pose, velocity, biases.
-_KNOWN = np.r_[0:6, 9:12, 18:24]
+_KNOWN = np.r_[EPS : EPS + 6, NU : NU + 3, BIAS : BIAS + 6]
 
 
 def checked(first: InitialState) -> InitialState:
