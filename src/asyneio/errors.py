@@ -46,3 +46,7 @@ class SimulationError(AsyneioError):
 
 class StudyError(AsyneioError):
     """A study is incomplete, or its folder cannot be used."""
+
+
+class LiveError(AsyneioError):
+    """A live source cannot be opened, or sends what cannot be used."""

@@ -22,7 +22,7 @@ from asyneio.odometry.initializer.known_state import checked
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.memory import keep_freed_memory
 from asyneio.odometry.outliers import optimize_without_outliers
-from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
+from asyneio.odometry.outputs import camera_of, estimate_of, landmarks_of, newest_estimate, trajectory_of
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings, resolve
@@ -34,6 +34,7 @@ from asyneio.types import (
     Calibration,
     CalibrationEstimate,
     Estimate,
+    FloatArray,
     Health,
     InitialState,
     Packet,
@@ -187,6 +188,11 @@ class Odometry:
     def calibration(self) -> CalibrationEstimate | None:
         """What is believed of the camera now; None before the present segment has started."""
         return None if self._window is None else camera_of(self._window, self._solved())
+
+    def landmarks(self) -> FloatArray:
+        """Positions (N,3) [m] of the landmarks of the present window in the world; none before it has
+        started."""
+        return np.empty((0, 3)) if self._window is None else landmarks_of(self._window)
 
     def _advance(self, knot_ns: int) -> Advance:
         """Predict the knot, add what was measured since the last one, optimise."""

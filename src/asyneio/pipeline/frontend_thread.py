@@ -17,10 +17,11 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend import Frontend, gyroscope_in_camera
+from asyneio.pipeline.delayed import DelayedObservations
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: Packets that the front end may be ahead; what it is told of one concerns the one so many later.
-_AHEAD = 5
+AHEAD = 5
 
 
 class ObservationStream:
@@ -97,7 +98,7 @@ class ObservationStream:
     def _work(self) -> None:
         try:
             batches = self._batches()
-            for _ in range(min(_AHEAD, self._ends_ns.size - 1)):
+            for _ in range(min(AHEAD, self._ends_ns.size - 1)):
                 self._queue.put(next(batches))
             while (unused := self._wait_for_word()) is not None:
                 self._frontend.set_outlier_share(unused)
@@ -121,8 +122,7 @@ class ObservationStream:
         events = self._recording.events
         # A few probes a packet: of a memory map, only what is tracked is ever read.
         begin = np.searchsorted(events["t_ns"], int(self._ends_ns[0]) - shift_ns)
-        waiting = np.empty(0, dtype=OBSERVATION_DTYPE)
-        from_ns = int(self._ends_ns[0])
+        delayed = DelayedObservations(int(self._ends_ns[0]))
         for end_ns in self._ends_ns[1:].tolist():
             until_ns = end_ns + self._delay_ns - shift_ns
             end = np.searchsorted(events["t_ns"], until_ns, side="right")
@@ -131,13 +131,9 @@ class ObservationStream:
             self.busy_s += time.perf_counter() - started
             begin = end
             new["t_ns"] += shift_ns
-            waiting = np.concatenate([waiting, new])
-            waiting = waiting[np.argsort(waiting["t_ns"], kind="stable")]
-            late, due = np.searchsorted(waiting["t_ns"], [from_ns, end_ns], side="right")
-            self.late += int(late)
-            yield waiting[late:due]
-            waiting = waiting[due:]
-            from_ns = end_ns
+            batch = delayed.due(new, end_ns)
+            self.late = delayed.late
+            yield batch
 
     def _turning(self, until_ns: int) -> RecordArray | None:
         """Gyroscope samples that may concern the next packet; None where there are none at all."""
