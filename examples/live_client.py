@@ -15,8 +15,14 @@ import time
 
 import numpy as np
 
-EVENT = np.dtype({"names": ["t", "x", "y", "p"], "formats": ["<i8", "<u2", "<u2", "u1"],
-                  "offsets": [0, 8, 10, 12], "itemsize": 16})
+EVENT = np.dtype(
+    {
+        "names": ["t", "x", "y", "p"],
+        "formats": ["<i8", "<u2", "<u2", "u1"],
+        "offsets": [0, 8, 10, 12],
+        "itemsize": 16,
+    }
+)
 SAMPLE = np.dtype([("t", "<i8"), ("gyroscope", "<f8", 3), ("accelerometer", "<f8", 3)])
 
 
@@ -27,7 +33,9 @@ def batches(path, step_ns=5_000_000):
     first, started = min(events["t"][0], samples["t"][0]), time.monotonic()
     for start in range(first, max(events["t"][-1], samples["t"][-1]) + 1, step_ns):
         time.sleep(max(0.0, (start + step_ns - first) / 1e9 - (time.monotonic() - started)))
-        yield tuple(rows[slice(*np.searchsorted(rows["t"], [start, start + step_ns]))] for rows in (events, samples))
+        yield tuple(
+            rows[slice(*np.searchsorted(rows["t"], [start, start + step_ns]))] for rows in (events, samples)
+        )
 
 
 def frame(kind, payload=b""):

@@ -16,7 +16,7 @@ from asyneio.live.intake import IntakeThread
 from asyneio.live.spool import Spool
 from asyneio.live.step import LiveStep, Output
 from asyneio.live.summary import LiveSummary, Tally
-from asyneio.live.tracking import Keep, Shed, StretchEnd, Tracked, TrackingThread
+from asyneio.live.tracking import Keep, StretchEnd, Tracked, TrackingThread
 from asyneio.odometry import Odometry
 from asyneio.pipeline.compilation import compile_ahead, watch_compilation
 from asyneio.pipeline.kernels import (
@@ -111,11 +111,12 @@ class _Engine:
     ) -> None:
         self._config, self._sensor, self._options, self._progress = config, sensor, options, progress
         self._outputs: list[Output] = [*outputs, *([spool] if spool else [])]
-        inbox = Inbox(options.max_backlog_s, source.can_wait)
+        inbox = Inbox(source.can_wait)
+        max_backlog_s = None if source.can_wait else options.max_backlog_s
         self._source = source
         self._intake = IntakeThread(source, sensor, inbox, options.duration_s)
         keep: Keep | None = spool.keep if spool else None
-        self._tracking = TrackingThread(inbox, sensor, config, keep, shed_load=not source.can_wait)
+        self._tracking = TrackingThread(inbox, sensor, config, keep, max_backlog_s)
         self._estimator = Odometry(config, sensor.calibration)
         self._first_segment = 0
         self._last: StepReport | None = None
@@ -210,7 +211,9 @@ class _Engine:
             return
         posed = last.health in (Health.TRACKING, Health.DEGRADED)
         health = Health.LOST if posed else Health.INITIALIZING
-        self._publish(LiveStep(StepReport(last.t_ns, health, end.reason, segment=last.segment), shed=self._shed()))
+        self._publish(
+            LiveStep(StepReport(last.t_ns, health, end.reason, segment=last.segment), shed=self._tally.shed)
+        )
         self._first_segment = self._tally.segments
 
     def _check_silence(self) -> None:
@@ -223,10 +226,7 @@ class _Engine:
         health = Health.INITIALIZING if last.health is Health.INITIALIZING else Health.DEGRADED
         reason = f"no data from the source for {silence_s:.1f} s"
         report = StepReport(last.t_ns, health, reason, segment=last.segment)
-        self._publish(LiveStep(report, shed=self._shed()))
-
-    def _shed(self) -> Shed:
-        return self._tally.shed
+        self._publish(LiveStep(report, shed=self._tally.shed))
 
     def _publish(self, step: LiveStep) -> None:
         before, report = self._last, step.report

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
 
-from asyneio.live.chunks import Break, Chunk, no_events, no_samples
+from asyneio.live.chunks import Break, Chunk
 from asyneio.types import NS_PER_S, BoolArray, IntArray, RecordArray
 
 #: A stamp this far behind the newest one is disorder of the transport; further back is wrong or a jump.
@@ -67,8 +67,7 @@ class StreamGuard:
                 if isinstance(part, Break):
                     yield part
                 else:
-                    empty = replace(chunk, events=no_events(), gyroscope=no_samples())
-                    yield replace(empty, **{"accelerometer": no_samples(), name: part}, complete_ns=None)
+                    yield _samples_chunk(chunk.arrived_s, name, part)
         for part in self._parts(0, chunk.events):
             if isinstance(part, Break):
                 yield part
@@ -113,6 +112,12 @@ class StreamGuard:
             self._states[number][_NEWEST] = t_ns
             self._states[number][_RUN] = 0
             rows = rows[stop:]
+
+
+def _samples_chunk(arrived_s: float, name: str, rows: RecordArray) -> Chunk:
+    if name == "gyroscope":
+        return Chunk(arrived_s, gyroscope=rows)
+    return Chunk(arrived_s, accelerometer=rows)
 
 
 @nb.njit(cache=True, nogil=True)

@@ -9,13 +9,11 @@ from dataclasses import dataclass, replace
 
 from asyneio.live.chunks import Break, Chunk, no_events
 
-#: At most so many events wait (256 MB); beyond, events are dropped. Inertial samples are few: they are dropped
-#: only where so many chunks wait.
+#: At most so many events wait (256 MB); beyond, events are dropped. Inertial samples are few: they are
+#: dropped only where so many chunks wait.
 MOST_EVENTS, MOST_CHUNKS = 16_000_000, 50_000
 #: Of a source that can wait, at most so many events and chunks are read ahead.
 _EVENTS_AHEAD, _CHUNKS_AHEAD = 4_000_000, 16
-#: Thinning keeps one of so many events at most.
-_MOST_THINNED = 16
 
 
 class EndOfSource:
@@ -39,16 +37,14 @@ class InboxCounts:
 class Inbox:
     """Chunks in order of arrival, in bounded memory.
 
-    Where the source cannot wait and the oldest chunk has been waiting for longer than `max_backlog_s`, only
-    one of 2, 4, ... 16 events is taken in, evenly over each chunk; where MOST_EVENTS are waiting, none.
+    One of `stride` events is taken in, evenly over each chunk; where MOST_EVENTS are waiting, none.
 
     Args:
-        max_backlog_s: seconds on the wall.
         can_wait: the source loses nothing by waiting: `put` blocks instead.
     """
 
-    def __init__(self, max_backlog_s: float, can_wait: bool) -> None:
-        self.max_backlog_s = max_backlog_s
+    def __init__(self, can_wait: bool) -> None:
+        self.stride = 1
         self._can_wait = can_wait
         self._items: deque[Item] = deque()
         self._changed = threading.Condition()
@@ -80,6 +76,17 @@ class Inbox:
         with self._changed:
             return self._backlog_s()
 
+    def drop_chunks(self) -> None:
+        """Throw away all chunks that wait; what else waits stays."""
+        with self._changed:
+            chunks = [item for item in self._items if isinstance(item, Chunk)]
+            self.counts.dropped += sum(int(chunk.events.size) for chunk in chunks)
+            samples = sum(int(chunk.gyroscope.size + chunk.accelerometer.size) for chunk in chunks)
+            self.counts.dropped_samples += samples
+            self._items = deque(item for item in self._items if not isinstance(item, Chunk))
+            self._waiting_events = 0
+            self._changed.notify_all()
+
     def stop_waiting(self) -> None:
         """Block no `put` any more: nothing will be taken out."""
         with self._changed:
@@ -110,9 +117,8 @@ class Inbox:
         events = chunk.events
         if not events.size:
             return chunk
-        overload = self._backlog_s() / self.max_backlog_s
-        if overload > 1.0:
-            events = events[:: min(2 ** int(overload), _MOST_THINNED)]
+        if self.stride > 1:
+            events = events[:: self.stride]
             self.counts.thinned += int(chunk.events.size - events.size)
         if self._waiting_events + events.size > MOST_EVENTS:
             self.counts.dropped += int(events.size)

@@ -76,7 +76,9 @@ class IntakeThread:
         self._heard_s, self._broken = time.perf_counter(), False
         for part in self.guard.passed(chunk):
             self._inbox.put(part)
-        newest = max((int(rows["t_ns"][-1]) for rows in (chunk.events, chunk.gyroscope) if rows.size), default=None)
+        newest = max(
+            (int(rows["t_ns"][-1]) for rows in (chunk.events, chunk.gyroscope) if rows.size), default=None
+        )
         if self._duration_ns is None or newest is None:
             return False
         self._first_ns = newest if self._first_ns is None else self._first_ns

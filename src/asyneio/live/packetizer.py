@@ -71,7 +71,8 @@ class _Stream:
                 rows = rows[~late]
         if not rows.size:
             return
-        worst_ns, repeated = _order(rows["t_ns"], int(rows["t_ns"][0] if self.newest_ns is None else self.newest_ns))
+        before_ns = int(rows["t_ns"][0]) if self.newest_ns is None else self.newest_ns
+        worst_ns, repeated = _order(rows["t_ns"], before_ns)
         repeated = repeated or rows["t_ns"][0] == self.newest_ns
         self.disorder_ns = max(self.disorder_ns, worst_ns)
         self._ordered &= worst_ns == 0 and not (self._unique and repeated)
@@ -136,7 +137,12 @@ class Packetizer:
     """
 
     def __init__(
-        self, calibration: Calibration, size: tuple[int, int], interval_ns: int, delay_ns: int, patience_ns: int
+        self,
+        calibration: Calibration,
+        size: tuple[int, int],
+        interval_ns: int,
+        delay_ns: int,
+        patience_ns: int,
     ) -> None:
         self._calibration = calibration
         self._size = size
@@ -212,15 +218,14 @@ class Packetizer:
 
     def _begin(self) -> None:
         streams = (self._events, self._gyroscope, self._accelerometer)
-        firsts = [stream.first_ns for stream in streams]
+        firsts = [stream.first_ns for stream in streams if stream.first_ns is not None]
         newest_ns = self._newest_ns()
-        if None in firsts:
+        if len(firsts) < len(streams):
             for stream in streams:
                 if newest_ns is not None:
                     stream.forget_before(newest_ns - _PRELUDE_NS)
             return
-        start_ns = max(firsts[0] + self._shift_ns, firsts[1], firsts[2])  # type: ignore[operator, type-var]
-        self._start_ns = int(start_ns)
+        self._start_ns = max(firsts[0] + self._shift_ns, *firsts[1:])
         # A recording's first packet holds its start.
         before_ns = self._start_ns - 1
         self.prelude = Rows(

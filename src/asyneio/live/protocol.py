@@ -11,8 +11,8 @@
 | kind | payload |
 |---|---|
 | `H` | hello, the first frame: JSON object with `width`, `height` [px] and optionally `name` |
-| `E` | events, 16 bytes each: int64 t [ns], uint16 x, uint16 y, uint8 polarity (1 brighter, 0 darker), 3 bytes of padding |
-| `I` | samples of both inertial sensors, 56 bytes each: int64 t [ns], float64 gyroscope x, y, z [rad/s], float64 accelerometer x, y, z [m/s^2] |
+| `E` | events, 16 bytes: int64 t [ns], uint16 x, uint16 y, uint8 polarity (1: brighter), 3 bytes padding |
+| `I` | samples of both sensors, 56 bytes: int64 t [ns], 3 float64 [rad/s], 3 float64 [m/s^2] |
 | `G`, `A` | samples of one of them, 32 bytes each: int64 t [ns], float64 x, y, z |
 | `T` | int64 t [ns]: all events up to this time have been sent (optional; a static scene makes no events) |
 | `Z` | the end: the source closes for good; no payload |
@@ -54,7 +54,9 @@ def parse_header(header: bytes) -> tuple[bytes, int]:
     """Kind and length of the payload. Raises LiveError: no header of this protocol."""
     magic, kind, length = HEADER.unpack(header)
     if magic != MAGIC:
-        raise LiveError(f"a frame begins with {magic!r}, expected {MAGIC!r}: the sender uses another protocol")
+        raise LiveError(
+            f"a frame begins with {magic!r}, expected {MAGIC!r}: the sender uses another protocol"
+        )
     if kind not in (*ROWS, HELLO, END):
         raise LiveError(f"a frame is of kind {kind!r}, expected one of H, E, I, G, A, T, Z")
     if length > MOST_BYTES:

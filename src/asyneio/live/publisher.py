@@ -143,6 +143,6 @@ def listening_socket(host: str, port: int) -> socket.socket:
         return socket.create_server((host, port), family=family, backlog=8)
     except (OSError, OverflowError) as error:
         raise LiveError(
-            f"cannot listen at {host}:{port}: {getattr(error, 'strerror', None) or error}; choose an address of "
-            "this machine and a port from 1024 to 65535 that no other program uses"
+            f"cannot listen at {host}:{port}: {getattr(error, 'strerror', None) or error}; choose an address "
+            "of this machine and a port from 1024 to 65535 that no other program uses"
         ) from error

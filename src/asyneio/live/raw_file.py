@@ -65,7 +65,11 @@ class RawFile:
     def _column(self, group: str, name: str, kind: str, shape: tuple[int, ...] = ()) -> Any:
         section = self._file.require_group(group)
         return section.create_dataset(
-            name, shape=(0, *shape), maxshape=(None, *shape), chunks=(_CHUNK if not shape else 4096, *shape), dtype=kind
+            name,
+            shape=(0, *shape),
+            maxshape=(None, *shape),
+            chunks=(_CHUNK if not shape else 4096, *shape),
+            dtype=kind,
         )
 
 

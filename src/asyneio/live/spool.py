@@ -21,7 +21,7 @@ import zipfile
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
@@ -117,7 +117,7 @@ class Spool:
             )
             for estimate in step.estimates:
                 self._add(estimate)
-            for stream in (self._lines, self._health, self._states, *self._trajectories.values()):
+            for stream in self._open_files():
                 stream.flush()
         except OSError as error:
             self._fail(error)
@@ -125,7 +125,7 @@ class Spool:
     def end(self) -> None:
         """Close all files; states become `estimates.npz`."""
         with suppress(OSError):
-            for stream in (self._lines, self._health, self._states, *self._trajectories.values()):
+            for stream in self._open_files():
                 stream.close()
         self._batches.put(None)
         self._raw.join()
@@ -145,6 +145,9 @@ class Spool:
         if self.lost_batches:
             said += (f"the disk was too slow: {self.lost_batches} packet(s) are missing in the recording",)
         return said + ((self._failure,) if self._failure else ())
+
+    def _open_files(self) -> tuple[IO[Any], ...]:
+        return (self._lines, self._health, self._states, *self._trajectories.values())
 
     def _add(self, estimate: Estimate) -> None:
         row = np.zeros(1, dtype=_STATE_DTYPE)
@@ -186,8 +189,8 @@ class Spool:
 
     def _fail(self, error: OSError) -> None:
         self._failure = self._failure or (
-            f"the recording is incomplete: cannot write to {self.folder}: {error.strerror or error}; check the "
-            "free space"
+            f"the recording is incomplete: cannot write to {self.folder}: {error.strerror or error}; check "
+            "the free space"
         )
 
 

@@ -16,8 +16,10 @@ from asyneio.live.load import LoadControl
 from asyneio.live.packetizer import Packetizer, RawPacket, Rows
 from asyneio.pipeline.delayed import DelayedObservations
 from asyneio.pipeline.frontend_thread import AHEAD
-from asyneio.types import NS_PER_S, Packet, RecordArray
+from asyneio.types import NS_PER_S, Packet
 
+#: Where data wait for so many times the longest backlog, they are given up and a new stretch begins.
+_HOPELESS = 4.0
 #: A stream that pauses while the others go on is waited for so long, by the time of the sensors.
 PATIENCE_NS = 200_000_000
 
@@ -27,7 +29,8 @@ class Shed:
     """Load that was shed since the start.
 
     Events left out before the front end (`thinned`, and `dropped` where the queue was full); events, events
-    near features and features that the front end shed; events and samples that came too late for their packet.
+    near features and features that the front end shed; observations that the estimator was not given; events
+    and samples that came too late for their packet; samples that were given up with the data that waited.
     """
 
     thinned: int = 0
@@ -35,6 +38,8 @@ class Shed:
     events: int = 0
     feature_events: int = 0
     features: int = 0
+    observations: int = 0
+    dropped_samples: int = 0
     late_events: int = 0
     late_samples: int = 0
 
@@ -79,12 +84,23 @@ class TrackingThread:
     The share of useless tracks that the estimator reports of a packet takes effect a fixed number of packets
     later, for which the front end waits: results do not depend on how the threads are scheduled, and at most
     so many packets wait for the estimator.
+
+    Args:
+        inbox: where chunks come from.
+        sensor: what sends them.
+        config: all settings.
+        keep: is given all raw rows as the front end takes them.
+        max_backlog_s: load is shed so that data do not wait longer; None: never.
     """
 
-    def __init__(self, inbox: Inbox, sensor: Sensor, config: Config, keep: Keep | None, shed_load: bool) -> None:
+    def __init__(
+        self, inbox: Inbox, sensor: Sensor, config: Config, keep: Keep | None, max_backlog_s: float | None
+    ) -> None:
         self._inbox, self._sensor, self._config, self._keep = inbox, sensor, config, keep
-        self._shed_load = shed_load
-        self._load = LoadControl(config.frontend.max_load, inbox.max_backlog_s)
+        self._max_backlog_s = max_backlog_s
+        self._load = LoadControl(config.frontend.max_load, max_backlog_s or 1.0)
+        self._last_busy_s = self._last_waited_s = 0.0
+        self._shed_observations = 0
         self._abort = threading.Event()
         self._stretch = 0
         self._ended = Shed()
@@ -114,8 +130,7 @@ class TrackingThread:
             PATIENCE_NS,
         )
         self._frontend = Frontend(frontend, *size)
-        if self._load.limited:
-            self._frontend.limit_load(self._load.share)
+        self._frontend.limit_load(self._load.share)
         self._delayed: DelayedObservations | None = None
         self._words: queue.SimpleQueue[float] = queue.SimpleQueue()
         self._count = 0
@@ -124,6 +139,7 @@ class TrackingThread:
         try:
             while not self._abort.is_set():
                 item = self._inbox.get(timeout_s=0.1)
+                self._give_up_backlog()
                 if isinstance(item, Chunk):
                     self._packetizer.feed(item)
                     self._drain(final=False)
@@ -134,6 +150,15 @@ class TrackingThread:
         except BaseException as error:  # for the thread that waits
             self._inbox.stop_waiting()
             self.queue.put(error)
+
+    def _give_up_backlog(self) -> None:
+        """Throw away what waits where the machine cannot keep up: old poses are of no use."""
+        if self._max_backlog_s is None:
+            return
+        backlog_s = self._inbox.backlog_s()
+        if backlog_s > _HOPELESS * self._max_backlog_s:
+            self._inbox.drop_chunks()
+            self._finish(Break(f"the machine cannot keep up: {backlog_s:.1f} s of data are given up"))
 
     def _finish(self, item: Break | EndOfSource) -> None:
         """End the stretch and begin the next one."""
@@ -164,18 +189,44 @@ class TrackingThread:
 
     def _tracked(self, raw: RawPacket, delayed: DelayedObservations) -> Tracked:
         backlog_s = self._inbox.backlog_s()
-        before = self._load.share
-        if self._shed_load and self._load.update(backlog_s) != before:
-            self._frontend.limit_load(self._load.share)
+        self._control_load(backlog_s)
         started = time.perf_counter()
         emitted = self._frontend.process(raw.events, raw.turning)
-        self.busy_s += time.perf_counter() - started
+        self._last_busy_s = time.perf_counter() - started
+        self.busy_s += self._last_busy_s
         emitted["t_ns"] += self._sensor.calibration.timeshift_ns
-        observations = delayed.due(emitted, raw.end_ns)
+        due = delayed.due(emitted, raw.end_ns)
+        observations = self._load.kept(due)
+        self._shed_observations += due.size - observations.size
         packet = Packet(raw.end_ns, observations, raw.gyroscope, raw.accelerometer, raw.event_count)
-        return Tracked(packet, raw, self._stretch, self._words.put, backlog_s, self._shed(), self._load.share, self._interval_ns())
+        return Tracked(
+            packet,
+            raw,
+            self._stretch,
+            self._words.put,
+            backlog_s,
+            self._shed(),
+            self._load.share,
+            self._interval_ns(),
+        )
+
+    def _control_load(self, backlog_s: float) -> None:
+        if self._max_backlog_s is None:
+            return
+        before = self._load.share
+        self._load.update(backlog_s, self._last_busy_s, self._last_waited_s)
+        self._inbox.stride = self._load.stride
+        if self._load.share != before:
+            self._frontend.limit_load(self._load.share)
 
     def _wait_for_word(self) -> float | None:
+        started = time.perf_counter()
+        try:
+            return self._word()
+        finally:
+            self._last_waited_s = time.perf_counter() - started
+
+    def _word(self) -> float | None:
         while not self._abort.is_set():
             try:
                 return self._words.get(timeout=0.1)
@@ -190,6 +241,8 @@ class TrackingThread:
             self._ended,
             thinned=self._inbox.counts.thinned,
             dropped=self._inbox.counts.dropped,
+            dropped_samples=self._inbox.counts.dropped_samples,
+            observations=self._shed_observations,
             events=self._ended.events + counts.shed_events,
             feature_events=self._ended.feature_events + counts.shed_feature_events,
             features=self._ended.features + counts.shed_features,

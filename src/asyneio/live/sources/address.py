@@ -38,7 +38,7 @@ def open_source(text: str, rig: RigOptions, speed: float = 1.0, read: ReadOption
     if kind == "file":
         return FileSource(Path(rest), speed, read or ReadOptions())
     if speed != 1.0:
-        raise LiveError(f"--speed {speed:g} is of files alone: {kind}: delivers at its own pace; leave it out")
+        raise LiveError(f"--speed {speed:g} is of files alone: {kind}: has its own pace; leave it out")
     if kind == "socket":
         return SocketSource(*host_and_port(rest), rig)
     if kind == "dv":

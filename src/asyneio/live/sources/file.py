@@ -33,7 +33,9 @@ class FileSource:
 
     def __init__(self, path: Path, speed: float, options: ReadOptions) -> None:
         if not 0.0 <= speed < float("inf"):
-            raise LiveError(f"found --speed {speed:g}, expected a positive number, or 0 for as fast as possible")
+            raise LiveError(
+                f"found --speed {speed:g}, expected a positive number, or 0 for as fast as possible"
+            )
         self.can_wait = speed == 0.0
         self._path, self._speed, self._options = path, speed, options
         self._recording: EventRecording | None = None
@@ -89,4 +91,5 @@ class FileSource:
 
 
 def _chunk(parts: list[RecordArray]) -> Chunk:
-    return Chunk(time.perf_counter(), *parts)
+    events, gyroscope, accelerometer = parts
+    return Chunk(time.perf_counter(), events, gyroscope, accelerometer)

@@ -100,7 +100,7 @@ class SocketSource:
             connection.settimeout(_HELLO_S)
             kind, length = parse_header(_received(connection, HEADER.size))
             if kind != HELLO:
-                raise LiveError(f"the first frame of a sender is of kind {kind.decode()}, expected a hello (H)")
+                raise LiveError(f"a sender begins with the kind {kind.decode()}, expected a hello (H)")
             name, size = parse_hello(_received(connection, length))
             if self._size not in (None, size):
                 raise LiveError(f"a sender has {size[0]} x {size[1]} pixels, the first one had {self._size}")
@@ -116,7 +116,7 @@ class SocketSource:
     def _frame(
         self, connection: socket.socket, stop: threading.Event
     ) -> tuple[bytes, RecordArray | None] | None:
-        """A frame, its rows if it has any; None where none begins in time. Raises OSError: the sender went."""
+        """A frame and its rows; None where none begins in time. Raises OSError: the sender went."""
         try:
             first = connection.recv(1)
         except TimeoutError:
@@ -128,7 +128,7 @@ class SocketSource:
             _received(connection, length, stop)
             return kind, None
         rows = np.empty(length // ROWS[kind].itemsize, dtype=ROWS[kind])
-        _fill(connection, memoryview(rows.view(np.uint8)), stop)
+        _fill(connection, rows.view(np.uint8).data, stop)
         return kind, rows
 
     def _drop(self, reason: str) -> None:

@@ -128,8 +128,8 @@ def _advice(trouble: str, serial: str | None) -> str:
         )
     which = f"with the serial number {serial} " if serial else ""
     return (
-        f"no camera {which}can be opened ({trouble}): connect a DAVIS346 or a DVXplorer to a USB 3 port; other "
-        "programs that use it must be closed, and in a container the USB bus must be passed on"
+        f"no camera {which}can be opened ({trouble}): connect a DAVIS346 or a DVXplorer to a USB 3 port; "
+        "close other programs that use it; in a container pass the USB bus on"
     )
 
 

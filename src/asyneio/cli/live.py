@@ -1,0 +1,108 @@
+"""`asyneio live`: a camera or a stream in, poses out as they are made."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from asyneio.cli.options import (
+    CalibrationOption,
+    CameraOption,
+    ConfigOption,
+    EventsOption,
+    ImuOption,
+    PresetOption,
+    SamplesOption,
+    SchemeOption,
+    TrackerOption,
+    settings_of,
+    with_scheme,
+    with_tracker,
+)
+
+
+def live(
+    source: Annotated[
+        str,
+        typer.Argument(help="file:PATH, socket:[HOST:]PORT, dv:[HOST:]PORT[,PORT] or usb:[SERIAL]."),
+    ],
+    calibration: CalibrationOption = None,
+    imu: ImuOption = None,
+    camera: CameraOption = None,
+    preset: PresetOption = None,
+    events: EventsOption = None,
+    samples: SamplesOption = None,
+    config: ConfigOption = None,
+    tracker: TrackerOption = None,
+    scheme: SchemeOption = None,
+    speed: Annotated[
+        float, typer.Option(help="Of a file: times faster than recorded; 0: as fast as possible.")
+    ] = 1.0,
+    listen: Annotated[
+        str | None,
+        typer.Option(help="Also send the lines to programs that connect to this [HOST:]PORT."),
+    ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(help="Keep raw stream and results in this folder; `asyneio run` replays it."),
+    ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show the run in a viewer (rerun).")] = False,
+    duration: Annotated[
+        float | None, typer.Option(help="Stop after so many seconds of sensor time.", show_default="never")
+    ] = None,
+    max_backlog: Annotated[
+        float, typer.Option(help="Seconds that data may wait; load is shed beforehand.")
+    ] = 0.5,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No lines on standard output.")] = False,
+) -> None:
+    """Estimate poses from a live stream.
+
+    Each estimate is a line of JSON on standard output: time, pose, velocity, covariance, health, latency,
+    load that was shed. End it with Ctrl-C: what has arrived is processed and written first. The exit status
+    is that of `asyneio run`.
+    """
+    from asyneio.cli import console
+    from asyneio.cli.live_view import StatusLine, viewer_of
+    from asyneio.errors import EstimationError, LiveError
+    from asyneio.io import ReadOptions
+    from asyneio.live.engine import LiveInterrupted, LiveOptions, run_live
+    from asyneio.live.publisher import LineOutput, SocketOutput
+    from asyneio.live.sources import RigOptions, open_source
+    from asyneio.live.sources.address import host_and_port
+    from asyneio.live.spool import Spool, check_folder
+    from asyneio.live.step import Output
+
+    if not max_backlog > 0.0:
+        raise LiveError(f"found --max-backlog {max_backlog:g}, expected seconds above 0")
+    settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
+    # A service manager ends a program with SIGTERM: as Ctrl-C does.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if record is not None:
+        check_folder(record)
+    rig = RigOptions(calibration, imu, camera, preset)
+    read = ReadOptions(calibration, imu, events, samples, camera, preset)
+    chosen = open_source(source, rig, speed, read)
+    status = StatusLine()
+    outputs: list[Output] = [] if quiet else [LineOutput(sys.stdout)]
+    if listen is not None:
+        publisher = SocketOutput(*host_and_port(listen))
+        console.say(f"listening at port {publisher.port}")
+        outputs.append(publisher)
+    spool = Spool(record, settings) if record is not None else None
+    if view or spool is not None:
+        viewer = viewer_of(view, spool.results / "view.rrd" if spool else None)
+        outputs += [viewer] if viewer is not None else []
+    outputs.append(status)
+    options = LiveOptions(max_backlog, duration, landmarks=view)
+    try:
+        summary = run_live(chosen, settings, outputs, spool, options, status)
+    except LiveInterrupted as interrupted:
+        status.finish(interrupted.summary, spool)
+        raise
+    status.finish(summary, spool)
+    if summary.failure:
+        raise EstimationError(summary.failure)
