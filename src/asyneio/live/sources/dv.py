@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from asyneio.errors import LiveError
+from asyneio.io.recording.inertial_units import STANDARD_GRAVITY
 from asyneio.live.chunks import Chunk, Sensor, no_events, no_samples
 from asyneio.live.sources.rig import RigOptions, sensor_of
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray
@@ -116,7 +117,7 @@ def _read(reader: Any) -> Chunk | None:
     """The next batch of a reader; None where there is none."""
     batch = reader.getNextEventBatch() if reader.isEventStreamAvailable() else None
     samples = reader.getNextImuBatch() if reader.isImuStreamAvailable() else None
-    if batch is None and not samples:
+    if batch is None and not (samples is not None and len(samples)):
         return None
     events = no_events() if batch is None else _events(batch.numpy())
     gyroscope, accelerometer = _samples(samples or [])
@@ -131,14 +132,19 @@ def _events(found: np.ndarray) -> RecordArray:
     return events
 
 
-def _samples(found: list[Any]) -> tuple[RecordArray, RecordArray]:
-    """Samples in rad/s and m/s^2; the library stores deg/s and g, and converts."""
-    if not found:
-        return no_samples(), no_samples()
+def _samples(found: Sequence[Any]) -> tuple[RecordArray, RecordArray]:
+    """Samples in rad/s and m/s^2, converted from deg/s and g as readers of AEDAT4 do.
+
+    The library's own conversion takes g for 9.81007 m/s^2.
+    """
     streams = np.zeros((2, len(found)), dtype=INERTIAL_DTYPE)
-    streams["t_ns"] = np.array([sample.timestamp for sample in found]) * _NS_PER_US
-    streams["xyz"][0] = [sample.getAngularVelocities() for sample in found]
-    streams["xyz"][1] = [sample.getAccelerations() for sample in found]
+    if not len(found):
+        return no_samples(), no_samples()
+    streams["t_ns"] = np.array([sample.timestamp for sample in found], dtype=np.int64) * _NS_PER_US
+    rates = [(sample.gyroscopeX, sample.gyroscopeY, sample.gyroscopeZ) for sample in found]
+    forces = [(sample.accelerometerX, sample.accelerometerY, sample.accelerometerZ) for sample in found]
+    streams["xyz"][0] = np.radians(np.array(rates))
+    streams["xyz"][1] = np.array(forces) * STANDARD_GRAVITY
     return streams[0], streams[1]
 
 
