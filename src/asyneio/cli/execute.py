@@ -10,6 +10,7 @@ from asyneio import __version__
 from asyneio.cli import console
 from asyneio.cli.figures import run_figures
 from asyneio.cli.progress import share_progress
+from asyneio.cli.recording_view import recording_view
 from asyneio.config import Config
 from asyneio.errors import EstimationError, EvaluationError
 from asyneio.evaluation import Evaluation, evaluate, protocol_named
@@ -31,7 +32,7 @@ class Job:
 
     `evidence` tells the reader of the report where the data come from; `known` gives true velocity and biases
     at chosen times, where a simulation knows them; `png`: also every figure as a file; `as_json`: figures on
-    standard output as JSON instead of a table.
+    standard output as JSON instead of a table; `view`: show the run in rerun's viewer.
     """
 
     recording: Recording | EventRecording
@@ -41,6 +42,7 @@ class Job:
     known: KnownStates | None = None
     png: bool = False
     as_json: bool = False
+    view: bool = False
 
 
 def execute(job: Job) -> RunResult:
@@ -52,8 +54,8 @@ def execute(job: Job) -> RunResult:
     """
     make_folder(job.folder)
     try:
-        with console.run_progress() as progress:
-            result = run_recording(job.recording, job.config, progress)
+        with console.run_progress() as progress, recording_view(job.recording, job.view) as watch:
+            result = run_recording(job.recording, job.config, progress, watch=watch)
     except RunInterrupted as interrupted:
         _write_interrupted(job, interrupted.result)
         raise

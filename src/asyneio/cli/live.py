@@ -97,7 +97,7 @@ def live(
         viewer = viewer_of(view, spool.results / "view.rrd" if spool else None)
         outputs += [viewer] if viewer is not None else []
     outputs.append(status)
-    options = LiveOptions(max_backlog, duration, landmarks=view)
+    options = LiveOptions(max_backlog, duration, landmarks=view or record is not None)
     try:
         summary = run_live(chosen, settings, outputs, spool, options, status)
     except LiveInterrupted as interrupted:

@@ -53,6 +53,7 @@ def run(
     png: Annotated[
         bool, typer.Option("--png", help="Also every figure of the report as a file, in figures.")
     ] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the run in a viewer (rerun).")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Estimate the trajectory of a recording.
@@ -74,4 +75,4 @@ def run(
     for note in loaded.notes:
         console.say(f"note: {note}")
     folder = output or Path("results") / loaded.name
-    execute(Job(loaded, settings, folder, _EVIDENCE, png=png, as_json=as_json))
+    execute(Job(loaded, settings, folder, _EVIDENCE, png=png, as_json=as_json, view=view))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -35,6 +36,7 @@ from asyneio.types import (
     CalibrationEstimate,
     Estimate,
     EventRecording,
+    FloatArray,
     Health,
     InitialState,
     IntArray,
@@ -55,6 +57,9 @@ class Estimator(Protocol):
 
     def calibration(self) -> CalibrationEstimate | None:
         """What is believed of the camera in the present segment, once there is one."""
+
+    def landmarks(self) -> FloatArray:
+        """Positions (N,3) [m] of the landmarks of the present window in the world."""
 
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         """Take one knot interval of measurements; the causal estimates they make possible, and a report."""
@@ -78,6 +83,10 @@ class RunResult:
         return next((origin for origin in self.origins if origin.segment == segment), None)
 
 
+#: Called with a packet, the landmarks (N,3) [m] of the window, and the run so far.
+Watch = Callable[[Packet, FloatArray, Run], None]
+
+
 class RunInterrupted(KeyboardInterrupt):
     """A run was interrupted; `result` is what there was until then."""
 
@@ -92,13 +101,14 @@ def run_recording(
     progress: Progress = SILENT,
     observations: RecordArray | None = None,
     initial_state: InitialState | None = None,
+    watch: Watch | None = None,
 ) -> RunResult:
     """Run the estimator over a whole recording; of events, the front end runs beside it.
 
     `observations` are those of an earlier run on the same events (`RunResult.observations`): given again,
     they save the tracking and lead to the same estimates. The first segment begins at `initial_state` where
-    that is known. An error of the estimator ends the run; what it had estimated until then is kept and the
-    cause stands in `summary.failure`.
+    that is known. `watch` is called after each packet. An error of the estimator ends the run; what it had
+    estimated until then is kept and the cause stands in `summary.failure`.
 
     Raises:
         RecordingError: the recording is shorter than two knot intervals, has events without the inertial
@@ -135,6 +145,8 @@ def run_recording(
                     tracked.set_outlier_share(report.refused)
                 if report.health is Health.LOST:
                     progress.message(f"lost after {done_s:.1f} s: {report.reason}")
+                if watch is not None:
+                    watch(packet, estimator.landmarks(), run)
                 progress.advance(done_s, total * interval_ns / NS_PER_S, report.health)
         except AsyneioError as caught:
             error = str(caught)
