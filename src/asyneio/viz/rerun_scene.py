@@ -1,6 +1,7 @@
 """A run in rerun's viewer: events, tracks, landmarks, trajectory, IMU, biases and health over sensor time.
 
-Needs the package rerun-sdk (extra `viz`). What is logged is thinned, so that an hour takes about 1 GB at 240 x 180 pixels.
+Needs the package rerun-sdk (extra `viz`). What is logged is thinned: an hour takes about 1 GB at 240 x 180
+pixels.
 """
 
 from __future__ import annotations
@@ -26,12 +27,14 @@ from asyneio.types import (
 #: The viewer forgets the oldest data beyond this.
 MEMORY_LIMIT = "1GB"
 #: The picture of events holds those of the last so many nanoseconds of a packet; tracks are drawn for longer.
-_PICTURE_NS, _TRAIL_NS = 30_000_000, 300_000_000
+_PICTURE_NS, _TRAIL_NS = 10_000_000, 300_000_000
 #: Samples of the IMU that are plotted, at most so many a second.
 _PLOTTED_HZ = 100
-#: Trajectory: the newest so many poses are drawn.
-_MOST_POSES = 2000
+#: The trajectory is drawn in pieces of so many poses: each pose draws its own piece anew.
+_PIECE_POSES = 50
 _BACKGROUND, _BRIGHTER, _DARKER = 32, 255, 128
+#: Landmarks further from their middle than so many times the median are not drawn.
+_FARTHEST = 10.0
 #: A covariance is drawn as an ellipse of three sigma; where it is not known, as one of this size [px].
 _SIGMAS, _UNKNOWN_PX = 3.0, 1.0
 _COLOURS = {
@@ -41,6 +44,7 @@ _COLOURS = {
     Health.LOST: (210, 50, 50),
 }
 #: Of the curve of health.
+_AXES = ((200, 70, 60), (70, 160, 80), (60, 110, 210))
 _LEVELS = {Health.LOST: 0, Health.INITIALIZING: 1, Health.DEGRADED: 2, Health.TRACKING: 3}
 
 
@@ -89,7 +93,7 @@ class RerunScene:
         self._stream.send_recording_name(name)
         self._trail = np.empty(0, dtype=OBSERVATION_DTYPE)
         self._path: list[FloatArray] = []
-        self._segment = -1
+        self._segment, self._piece = -1, 0
         self._connect(show, file)
         self._log_static()
 
@@ -102,7 +106,7 @@ class RerunScene:
         for estimate in step.estimates:
             self._log_estimate(estimate, step.report.health)
         if step.landmarks is not None and len(step.landmarks):
-            points = self._rr.Points3D(step.landmarks, radii=0.02, colors=(80, 140, 220))
+            points = self._rr.Points3D(_near(step.landmarks), radii=0.02, colors=(80, 140, 220))
             self._log("world/landmarks", points)
         self._log_samples("gyroscope", step.gyroscope)
         self._log_samples("accelerometer", step.accelerometer)
@@ -142,6 +146,20 @@ class RerunScene:
             static=True,
         )
 
+        self._name_curves()
+
+    def _name_curves(self) -> None:
+        """Names and colours of the curves, which do not change."""
+        rr = self._rr
+        for path in ("imu/gyroscope", "imu/accelerometer"):
+            self._stream.log(path, rr.SeriesLines(names=list("xyz"), colors=_AXES), static=True)
+        # The bias, and bounds of three sigma in a paler colour.
+        pale = [tuple((c + 2 * 160) // 3 for c in colour) for colour in _AXES]
+        names = [f"{axis}{bound}" for bound in ("", " - 3 sigma", " + 3 sigma") for axis in "xyz"]
+        lines = rr.SeriesLines(names=names, colors=[*_AXES, *pale, *pale], widths=[2.0] * 3 + [1.0] * 6)
+        for path in ("bias/gyroscope", "bias/accelerometer"):
+            self._stream.log(path, lines, static=True)
+
     def _at(self, t_ns: int) -> None:
         self._stream.set_time("sensor", timestamp=np.datetime64(t_ns, "ns"))
 
@@ -164,11 +182,10 @@ class RerunScene:
         newest = _newest_of_tracks(self._trail)
         centres = np.column_stack([newest["u"], newest["v"]])
         self._log("camera/tracks", rr.LineStrips2D(_strips(self._trail), colors=(255, 210, 60), radii=0.3))
-        ellipses, radii = _ellipses(newest)
+        ellipses = _ellipses(newest)
         self._log("camera/covariance", rr.LineStrips2D(ellipses, colors=(60, 200, 255), radii=0.2))
         self._log("camera/features", rr.Points2D(centres, colors=(60, 200, 255), radii=0.6))
-        if radii.size:
-            self._log("figures/track_sigma_px", rr.Scalars(float(np.median(radii))))
+        self._log("counts/features", rr.Scalars(newest.size))
 
     def _log_health(self, report: StepReport, figures: dict[str, float]) -> None:
         rr = self._rr
@@ -177,20 +194,22 @@ class RerunScene:
             "health/log",
             rr.TextLog(f"{report.health}: {report.reason}" if report.reason else str(report.health)),
         )
-        self._log("figures/landmarks", rr.Scalars(report.landmarks))
+        self._log("counts/landmarks", rr.Scalars(report.landmarks))
         for name, value in figures.items():
-            self._log(f"figures/{name}", rr.Scalars(value))
+            self._log(f"latency/{name}", rr.Scalars(value))
 
     def _log_estimate(self, estimate: Estimate, health: Health) -> None:
         rr = self._rr
         self._at(estimate.t_ns)
         if estimate.segment != self._segment:
-            self._segment, self._path = estimate.segment, []
-        self._path = [*self._path[-_MOST_POSES + 1 :], estimate.T_w_b[:3, 3]]
+            self._segment, self._piece, self._path = estimate.segment, 0, []
+        if len(self._path) > _PIECE_POSES:
+            self._piece, self._path = self._piece + 1, self._path[-1:]
+        self._path.append(estimate.T_w_b[:3, 3])
         pose = rr.Transform3D(translation=estimate.T_w_b[:3, 3], mat3x3=estimate.T_w_b[:3, :3])
         self._log("world/body", pose)
         path = rr.LineStrips3D([np.array(self._path)], colors=_COLOURS[health], radii=0.005)
-        self._log(f"world/trajectory/{estimate.segment}", path)
+        self._log(f"world/trajectory/{estimate.segment}/{self._piece}", path)
         for name, bias, block in (
             ("gyroscope", estimate.bias_gyroscope, slice(18, 21)),
             ("accelerometer", estimate.bias_accelerometer, slice(21, 24)),
@@ -229,21 +248,25 @@ def _strips(observations: RecordArray) -> list[FloatArray]:
     return [strip for strip in np.split(points, cuts) if len(strip) > 1]
 
 
-def _ellipses(observations: RecordArray) -> tuple[list[FloatArray], FloatArray]:
-    """Outlines (17,2) of three sigma [px], and the larger sigma of each observation [px]."""
+def _ellipses(observations: RecordArray) -> list[FloatArray]:
+    """Outlines (17,2) of three sigma [px]."""
     turn = np.linspace(0.0, 2.0 * np.pi, 17)
     circle = np.vstack([np.cos(turn), np.sin(turn)])
-    outlines, radii = [], []
+    outlines = []
     for row in observations:
         uu, uv, vv = (float(c) for c in row["covariance"])
         known = uu > 0.0 and vv > 0.0
         values, axes = np.linalg.eigh([[uu, uv], [uv, vv]])
-        sigmas = np.sqrt(np.maximum(values, 0.0)) if known else np.full(2, _UNKNOWN_PX / _SIGMAS)
-        outline = (axes * (_SIGMAS * sigmas)) @ circle
+        radii = _SIGMAS * np.sqrt(np.maximum(values, 0.0)) if known else np.full(2, _UNKNOWN_PX)
+        outline = (axes * radii) @ circle
         outlines.append(outline.T + np.array([row["u"], row["v"]]))
-        if known:
-            radii.append(float(sigmas.max()))
-    return outlines, np.array(radii)
+    return outlines
+
+
+def _near(landmarks: FloatArray) -> FloatArray:
+    """Landmarks without those so far away that the others would be a dot."""
+    distance = np.linalg.norm(landmarks - np.median(landmarks, axis=0), axis=1)
+    return landmarks[distance <= _FARTHEST * np.median(distance)]
 
 
 def _blueprint() -> Any:
@@ -259,7 +282,10 @@ def _blueprint() -> Any:
     left = rrb.Vertical(
         rrb.Spatial2DView(origin="camera", name="events and tracks"),
         rrb.TimeSeriesView(origin="health/level", name="health (3: tracking, 0: lost)"),
-        rrb.TimeSeriesView(origin="figures", name="latency, landmarks"),
+        rrb.TimeSeriesView(origin="latency", name="latency [ms]"),
+        rrb.TimeSeriesView(origin="counts", name="features and landmarks"),
+        row_shares=[4, 1, 1, 1],
     )
     world = rrb.Spatial3DView(origin="world", name="trajectory and landmarks")
-    return rrb.Blueprint(rrb.Horizontal(left, world, rrb.Vertical(*curves), column_shares=[2, 3, 2]))
+    whole = rrb.Horizontal(left, world, rrb.Vertical(*curves), column_shares=[3, 3, 2])
+    return rrb.Blueprint(whole, collapse_panels=True)
