@@ -15,14 +15,7 @@ import time
 
 import numpy as np
 
-EVENT = np.dtype(
-    {
-        "names": ["t", "x", "y", "p"],
-        "formats": ["<i8", "<u2", "<u2", "u1"],
-        "offsets": [0, 8, 10, 12],
-        "itemsize": 16,
-    }
-)
+EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")], align=True)
 SAMPLE = np.dtype([("t", "<i8"), ("gyroscope", "<f8", 3), ("accelerometer", "<f8", 3)])
 
 
@@ -33,9 +26,8 @@ def batches(path, step_ns=5_000_000):
     first, started = min(events["t"][0], samples["t"][0]), time.monotonic()
     for start in range(first, max(events["t"][-1], samples["t"][-1]) + 1, step_ns):
         time.sleep(max(0.0, (start + step_ns - first) / 1e9 - (time.monotonic() - started)))
-        yield tuple(
-            rows[slice(*np.searchsorted(rows["t"], [start, start + step_ns]))] for rows in (events, samples)
-        )
+        cuts = [slice(*np.searchsorted(rows["t"], [start, start + step_ns])) for rows in (events, samples)]
+        yield events[cuts[0]], samples[cuts[1]]
 
 
 def frame(kind, payload=b""):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +23,10 @@ from asyneio.cli.options import (
     with_scheme,
     with_tracker,
 )
+
+if TYPE_CHECKING:
+    from asyneio.live.spool import Spool
+    from asyneio.live.step import Output
 
 
 def live(
@@ -65,16 +69,13 @@ def live(
     load that was shed. End it with Ctrl-C: what has arrived is processed and written first. The exit status
     is that of `asyneio run`.
     """
-    from asyneio.cli import console
-    from asyneio.cli.live_view import StatusLine, viewer_of
+    from asyneio.cli.live_view import StatusLine
     from asyneio.errors import EstimationError, LiveError
     from asyneio.io import ReadOptions
     from asyneio.live.engine import LiveInterrupted, LiveOptions, run_live
-    from asyneio.live.publisher import LineOutput, SocketOutput
+    from asyneio.live.publisher import LineOutput
     from asyneio.live.sources import RigOptions, open_source
-    from asyneio.live.sources.address import host_and_port
     from asyneio.live.spool import Spool, check_folder
-    from asyneio.live.step import Output
 
     if not max_backlog > 0.0:
         raise LiveError(f"found --max-backlog {max_backlog:g}, expected seconds above 0")
@@ -87,16 +88,9 @@ def live(
     read = ReadOptions(calibration, imu, events, samples, camera, preset)
     chosen = open_source(source, rig, speed, read)
     status = StatusLine()
-    outputs: list[Output] = [] if quiet else [LineOutput(sys.stdout)]
-    if listen is not None:
-        publisher = SocketOutput(*host_and_port(listen))
-        console.say(f"listening at port {publisher.port}")
-        outputs.append(publisher)
     spool = Spool(record, settings) if record is not None else None
-    if view or spool is not None:
-        viewer = viewer_of(view, spool.results / "view.rrd" if spool else None)
-        outputs += [viewer] if viewer is not None else []
-    outputs.append(status)
+    outputs: list[Output] = [] if quiet else [LineOutput(sys.stdout)]
+    outputs += [*_listening(listen), *_viewing(view, spool), status]
     options = LiveOptions(max_backlog, duration, landmarks=view or record is not None)
     try:
         summary = run_live(chosen, settings, outputs, spool, options, status)
@@ -106,3 +100,26 @@ def live(
     status.finish(summary, spool)
     if summary.failure:
         raise EstimationError(summary.failure)
+
+
+def _listening(address: str | None) -> list[Output]:
+    """The publisher of lines at an address, if one is named."""
+    from asyneio.cli import console
+    from asyneio.live.publisher import SocketOutput
+    from asyneio.live.sources.address import host_and_port
+
+    if address is None:
+        return []
+    publisher = SocketOutput(*host_and_port(address))
+    console.say(f"listening at port {publisher.port}")
+    return [publisher]
+
+
+def _viewing(show: bool, spool: Spool | None) -> list[Output]:
+    """The viewer, where it is wanted on the screen or in a recording."""
+    from asyneio.cli.live_view import viewer_of
+
+    if not show and spool is None:
+        return []
+    viewer = viewer_of(show, spool.results / "view.rrd" if spool else None)
+    return [viewer] if viewer is not None else []

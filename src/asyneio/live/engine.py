@@ -13,6 +13,7 @@ from asyneio.errors import AsyneioError
 from asyneio.live.chunks import Sensor, Source
 from asyneio.live.inbox import Inbox
 from asyneio.live.intake import IntakeThread
+from asyneio.live.interrupts import ending_softly
 from asyneio.live.spool import Spool
 from asyneio.live.step import LiveStep, Output
 from asyneio.live.summary import LiveSummary, Tally
@@ -124,39 +125,33 @@ class _Engine:
         self._tally = Tally(sensor.name)
 
     def run(self) -> LiveSummary:
-        interrupted, error = False, ""
+        error = ""
         for output in self._outputs:
             output.begin(self._sensor)
         self._tracking.start()
         self._intake.start()
-        try:
-            interrupted = self._interruptible()
-        except AsyneioError as caught:
-            error = str(caught)
-        finally:
-            self._intake.stop()
-            self._tracking.abort()
-            self._intake.join(timeout_s=2.0)
-            summary = self._tally.summary(error, (*self._sensor.notes, *self._notes()), self._tracking.busy_s)
-            for output in self._outputs:
-                output.end()
-        if interrupted:
+        with ending_softly(self._end) as interrupts:
+            try:
+                self._work()
+            except AsyneioError as caught:
+                error = str(caught)
+            except KeyboardInterrupt:
+                error = "ended at once by a second Ctrl-C"
+            finally:
+                self._intake.stop()
+                self._tracking.abort()
+                self._intake.join(timeout_s=2.0)
+                notes = (*self._sensor.notes, *self._notes())
+                summary = self._tally.summary(error, notes, self._tracking.busy_s)
+                for output in self._outputs:
+                    output.end()
+        if interrupts.count:
             raise LiveInterrupted(summary)
         return summary
 
-    def _interruptible(self) -> bool:
-        """Work until the end; after Ctrl-C, on what has arrived until then. Whether it was pressed."""
-        try:
-            self._work()
-            return False
-        except KeyboardInterrupt:
-            self._progress.message("ending: processing what has arrived (Ctrl-C again: at once)")
-            self._intake.stop()
-        try:
-            self._work()
-        except KeyboardInterrupt:
-            self._progress.message("ended at once")
-        return True
+    def _end(self) -> None:
+        self._progress.message("ending: processing what has arrived (Ctrl-C again: at once)")
+        self._intake.stop()
 
     def _work(self) -> None:
         while True:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend import gyroscope_in_camera
-from asyneio.io.recording.source import join_events
+from asyneio.live.buffer import RowBuffer
 from asyneio.live.chunks import Chunk, no_events, no_samples
-from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, Calibration, EventRecording, IntArray, RecordArray
+from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, Calibration, EventRecording, RecordArray
 
 #: Before the first packet, samples older than this against the newest one are forgotten.
 _PRELUDE_NS = 5_000_000_000
@@ -47,80 +46,6 @@ class Rows:
     accelerometer: RecordArray
 
 
-class _Stream:
-    """Rows of one stream, taken out in order of time."""
-
-    def __init__(self, dtype: np.dtype[np.void], unique: bool) -> None:
-        self._parts: deque[RecordArray] = deque()
-        self._dtype = dtype
-        self._unique = unique
-        self._ordered = True
-        self._floor_ns: int | None = None
-        self.first_ns: int | None = None
-        self.newest_ns: int | None = None
-        #: The largest backward step so far [ns].
-        self.disorder_ns = 0
-        self.late = 0
-
-    def add(self, rows: RecordArray) -> None:
-        """Add rows; those before what was taken out already are dropped and counted."""
-        if rows.size and self._floor_ns is not None:
-            late = rows["t_ns"] <= self._floor_ns
-            if late.any():
-                self.late += int(late.sum())
-                rows = rows[~late]
-        if not rows.size:
-            return
-        before_ns = int(rows["t_ns"][0]) if self.newest_ns is None else self.newest_ns
-        worst_ns, repeated = _order(rows["t_ns"], before_ns)
-        repeated = repeated or rows["t_ns"][0] == self.newest_ns
-        self.disorder_ns = max(self.disorder_ns, worst_ns)
-        self._ordered &= worst_ns == 0 and not (self._unique and repeated)
-        self._parts.append(rows)
-        first_ns, newest_ns = int(rows["t_ns"].min()), int(rows["t_ns"].max())
-        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
-        self.newest_ns = newest_ns if self.newest_ns is None else max(self.newest_ns, newest_ns)
-
-    def take(self, until_ns: int) -> RecordArray:
-        """Rows up to and including a time, ascending; later rows stay, earlier ones come no more."""
-        self._sort()
-        self._floor_ns = until_ns if self._floor_ns is None else max(until_ns, self._floor_ns)
-        taken = []
-        while self._parts:
-            part = self._parts[0]
-            cut = int(np.searchsorted(part["t_ns"], until_ns, side="right"))
-            taken.append(part[:cut])
-            if cut < part.size:
-                self._parts[0] = part[cut:]
-                break
-            self._parts.popleft()
-        return self._joined(taken)
-
-    def forget_before(self, t_ns: int) -> None:
-        """Drop whole parts that end before a time."""
-        while len(self._parts) > 1 and int(self._parts[0]["t_ns"][-1]) < t_ns:
-            self._parts.popleft()
-
-    def _sort(self) -> None:
-        if self._ordered:
-            return
-        rows = self._joined(list(self._parts))
-        rows = rows[np.argsort(rows["t_ns"], kind="stable")]
-        if self._unique:
-            keep = np.r_[True, rows["t_ns"][1:] != rows["t_ns"][:-1]]
-            self.late += int(rows.size - keep.sum())
-            rows = rows[keep]
-        self._parts = deque([rows])
-        self._ordered = True
-
-    def _joined(self, parts: list[RecordArray]) -> RecordArray:
-        if not parts:
-            return np.empty(0, dtype=self._dtype)
-        if len(parts) == 1:
-            return parts[0]
-        return join_events(parts) if self._dtype == EVENT_DTYPE else np.concatenate(parts)
-
-
 class Packetizer:
     """Cuts one stretch of a live stream into packets.
 
@@ -148,9 +73,9 @@ class Packetizer:
         self._size = size
         self._interval_ns, self._delay_ns, self._patience_ns = interval_ns, delay_ns, patience_ns
         self._shift_ns = calibration.timeshift_ns
-        self._events = _Stream(EVENT_DTYPE, unique=False)
-        self._gyroscope = _Stream(INERTIAL_DTYPE, unique=True)
-        self._accelerometer = _Stream(INERTIAL_DTYPE, unique=True)
+        self._events = RowBuffer(EVENT_DTYPE, unique=False)
+        self._gyroscope = RowBuffer(INERTIAL_DTYPE, unique=True)
+        self._accelerometer = RowBuffer(INERTIAL_DTYPE, unique=True)
         self._turned = no_samples()
         self._pending = no_samples()
         self._declared_ns: int | None = None
@@ -306,14 +231,3 @@ def _in_camera(gyroscope: RecordArray, calibration: Calibration, size: tuple[int
     rows = np.concatenate([gyroscope, gyroscope]) if gyroscope.size == 1 else gyroscope
     recording = EventRecording("", no_events(), *size, rows, no_samples(), None, calibration)
     return gyroscope_in_camera(recording)[: gyroscope.size]
-
-
-@nb.njit(cache=True, nogil=True)
-def _order(t_ns: IntArray, newest_ns: int) -> tuple[int, bool]:
-    """The largest backward step [ns], and whether a stamp is repeated."""
-    worst, repeated = 0, False
-    for i in range(t_ns.size):
-        worst = max(worst, newest_ns - t_ns[i])
-        repeated |= i > 0 and t_ns[i] == t_ns[i - 1]
-        newest_ns = max(newest_ns, t_ns[i])
-    return worst, repeated

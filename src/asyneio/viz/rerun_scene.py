@@ -23,6 +23,7 @@ from asyneio.types import (
     RecordArray,
     StepReport,
 )
+from asyneio.viz.rerun_shapes import ellipses, near, newest_of_tracks, strips
 
 #: The viewer forgets the oldest data beyond this.
 MEMORY_LIMIT = "1GB"
@@ -33,10 +34,8 @@ _PLOTTED_HZ = 100
 #: The trajectory is drawn in pieces of so many poses: each pose draws its own piece anew.
 _PIECE_POSES = 50
 _BACKGROUND, _BRIGHTER, _DARKER = 32, 255, 128
-#: Landmarks further from their middle than so many times the median are not drawn.
-_FARTHEST = 10.0
-#: A covariance is drawn as an ellipse of three sigma; where it is not known, as one of this size [px].
-_SIGMAS, _UNKNOWN_PX = 3.0, 1.0
+#: Bounds of biases.
+_SIGMAS = 3.0
 _COLOURS = {
     Health.INITIALIZING: (120, 120, 120),
     Health.TRACKING: (60, 170, 80),
@@ -106,7 +105,7 @@ class RerunScene:
         for estimate in step.estimates:
             self._log_estimate(estimate, step.report.health)
         if step.landmarks is not None and len(step.landmarks):
-            points = self._rr.Points3D(_near(step.landmarks), radii=0.02, colors=(80, 140, 220))
+            points = self._rr.Points3D(near(step.landmarks), radii=0.02, colors=(80, 140, 220))
             self._log("world/landmarks", points)
         self._log_samples("gyroscope", step.gyroscope)
         self._log_samples("accelerometer", step.accelerometer)
@@ -179,11 +178,11 @@ class RerunScene:
         rr = self._rr
         trail = np.concatenate([self._trail, observations])
         self._trail = trail[trail["t_ns"] > t_ns - _TRAIL_NS]
-        newest = _newest_of_tracks(self._trail)
+        newest = newest_of_tracks(self._trail)
         centres = np.column_stack([newest["u"], newest["v"]])
-        self._log("camera/tracks", rr.LineStrips2D(_strips(self._trail), colors=(255, 210, 60), radii=0.3))
-        ellipses = _ellipses(newest)
-        self._log("camera/covariance", rr.LineStrips2D(ellipses, colors=(60, 200, 255), radii=0.2))
+        self._log("camera/tracks", rr.LineStrips2D(strips(self._trail), colors=(255, 210, 60), radii=0.3))
+        outlines = ellipses(newest)
+        self._log("camera/covariance", rr.LineStrips2D(outlines, colors=(60, 200, 255), radii=0.2))
         self._log("camera/features", rr.Points2D(centres, colors=(60, 200, 255), radii=0.6))
         self._log("counts/features", rr.Scalars(newest.size))
 
@@ -229,44 +228,6 @@ class RerunScene:
         times = rr.TimeColumn("sensor", timestamp=thinned["t_ns"].astype("datetime64[ns]"))
         columns = rr.Scalars.columns(scalars=thinned["xyz"].reshape(-1)).partition([3] * thinned.size)
         self._stream.send_columns(f"imu/{sensor}", indexes=[times], columns=columns)
-
-
-def _newest_of_tracks(observations: RecordArray) -> RecordArray:
-    """The newest observation of each track."""
-    order = np.lexsort((observations["t_ns"], observations["id"]))
-    rows = observations[order]
-    last = np.r_[rows["id"][1:] != rows["id"][:-1], True] if rows.size else np.empty(0, dtype=bool)
-    return rows[last]
-
-
-def _strips(observations: RecordArray) -> list[FloatArray]:
-    """Positions of each track with more than one observation, (K,2) in order of time."""
-    order = np.lexsort((observations["t_ns"], observations["id"]))
-    rows = observations[order]
-    points = np.column_stack([rows["u"], rows["v"]])
-    cuts = np.flatnonzero(np.diff(rows["id"])) + 1
-    return [strip for strip in np.split(points, cuts) if len(strip) > 1]
-
-
-def _ellipses(observations: RecordArray) -> list[FloatArray]:
-    """Outlines (17,2) of three sigma [px]."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 17)
-    circle = np.vstack([np.cos(turn), np.sin(turn)])
-    outlines = []
-    for row in observations:
-        uu, uv, vv = (float(c) for c in row["covariance"])
-        known = uu > 0.0 and vv > 0.0
-        values, axes = np.linalg.eigh([[uu, uv], [uv, vv]])
-        radii = _SIGMAS * np.sqrt(np.maximum(values, 0.0)) if known else np.full(2, _UNKNOWN_PX)
-        outline = (axes * radii) @ circle
-        outlines.append(outline.T + np.array([row["u"], row["v"]]))
-    return outlines
-
-
-def _near(landmarks: FloatArray) -> FloatArray:
-    """Landmarks without those so far away that the others would be a dot."""
-    distance = np.linalg.norm(landmarks - np.median(landmarks, axis=0), axis=1)
-    return landmarks[distance <= _FARTHEST * np.median(distance)]
 
 
 def _blueprint() -> Any:
