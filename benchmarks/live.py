@@ -61,7 +61,8 @@ def send(port: int, sending: Sending, lag_s: object) -> None:
     samples["t_ns"] = recording.gyroscope["t_ns"]
     samples["gyroscope"] = recording.gyroscope["xyz"]
     samples["accelerometer"] = recording.accelerometer["xyz"]
-    first_ns, last_ns = int(samples["t_ns"][0]), int(samples["t_ns"][-1])
+    stamps = [rows["t_ns"][[0, -1]].tolist() for rows in (samples, recording.events)]
+    first_ns, last_ns = min(t[0] for t in stamps), max(t[1] for t in stamps) + 1
     size = {"width": recording.width, "height": recording.height, "name": recording.name}
     with socket.create_connection(("127.0.0.1", port)) as connection:
         connection.sendall(frame(b"H", json.dumps(size).encode()))
