@@ -77,8 +77,10 @@ def live(
     from asyneio.live.sources import RigOptions, open_source
     from asyneio.live.spool import Spool, check_folder
 
-    if not max_backlog > 0.0:
+    if not 0.0 < max_backlog < float("inf"):
         raise LiveError(f"found --max-backlog {max_backlog:g}, expected seconds above 0")
+    if duration is not None and not 0.0 < duration < float("inf"):
+        raise LiveError(f"found --duration {duration:g}, expected seconds above 0")
     settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
     # A service manager ends a program with SIGTERM: as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)

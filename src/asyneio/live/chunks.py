@@ -63,10 +63,12 @@ class Source(Protocol):
     """Where events and inertial samples come from.
 
     `can_wait`: the source loses nothing when it is read more slowly than it could deliver (a file that is
-    played as fast as possible), so that no load has to be shed.
+    played as fast as possible), so that no load has to be shed. `starts_when_read`: an open source delivers
+    nothing before `chunks` is called.
     """
 
     can_wait: bool
+    starts_when_read: bool
 
     def open(self, stop: threading.Event) -> Sensor:
         """Connect and return the sensor; blocks until the size of the sensor is known or `stop` is set.

@@ -81,12 +81,14 @@ def run_live(
         LiveInterrupted: Ctrl-C; what had arrived until then is processed and written.
     """
     options = options or LiveOptions()
-    with watch_compilation(progress) as compilation:
-        compile_ahead(compilation, progress)
-        load_kernels()
     stop = threading.Event()
     try:
-        sensor = source.open(stop)
+        # What is wrong with a file is reported at once; a camera would fill the queues meanwhile.
+        sensor = source.open(stop) if source.starts_when_read else None
+        with watch_compilation(progress) as compilation:
+            compile_ahead(compilation, progress)
+            load_kernels()
+        sensor = sensor or source.open(stop)
         return _Engine(source, sensor, config, outputs, spool, options, progress).run()
     finally:
         stop.set()

@@ -35,6 +35,7 @@ class DvSource:
     """
 
     can_wait = False
+    starts_when_read = False
 
     def __init__(self, host: str, ports: tuple[int, ...], rig: RigOptions) -> None:
         self._dv = _dv_processing()

@@ -31,6 +31,8 @@ class FileSource:
         LiveError: the speed is negative or not finite.
     """
 
+    starts_when_read = True
+
     def __init__(self, path: Path, speed: float, options: ReadOptions) -> None:
         if not 0.0 <= speed < float("inf"):
             raise LiveError(

@@ -37,6 +37,7 @@ class SocketSource:
     """
 
     can_wait = False
+    starts_when_read = False
 
     def __init__(self, host: str, port: int, rig: RigOptions) -> None:
         self._rig = rig

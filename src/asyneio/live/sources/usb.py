@@ -32,6 +32,7 @@ class UsbSource:
     """
 
     can_wait = False
+    starts_when_read = False
 
     def __init__(self, serial: str | None, rig: RigOptions) -> None:
         self._drivers = _neuromorphic_drivers()
