@@ -11,10 +11,11 @@ import pytest
 from asyneio.io.recording.source import pack_events
 from asyneio.live import inbox as inbox_module
 from asyneio.live.chunks import Break, Chunk
+from asyneio.live.gravity import GravityCheck
 from asyneio.live.guard import StreamGuard
 from asyneio.live.inbox import EndOfSource, Inbox
 from asyneio.live.load import LoadControl
-from asyneio.types import INERTIAL_DTYPE, NS_PER_S, OBSERVATION_DTYPE, RecordArray
+from asyneio.types import INERTIAL_DTYPE, NS_PER_S, OBSERVATION_DTYPE, Packet, RecordArray
 
 
 def events(t_ns: np.ndarray, x: int = 1) -> RecordArray:
@@ -154,6 +155,19 @@ def test_dropped_backlog_is_counted_and_marks_stay() -> None:
     box.drop_chunks()
     assert isinstance(box.get(0.0), Break)
     assert (box.counts.dropped, box.counts.dropped_samples) == (100, 5)
+
+
+@pytest.mark.parametrize(("scale", "wrong"), [(1.0, False), (0.5, True)])
+def test_gravity_is_asked_once(scale: float, wrong: bool) -> None:
+    check, told = GravityCheck(), []
+    for second in range(14):
+        stamps = second * NS_PER_S + np.arange(0, NS_PER_S, 5_000_000)
+        gyroscope, accelerometer = samples(stamps), samples(stamps)
+        accelerometer["xyz"][:, 2] = 9.81 * scale
+        rows = np.empty(0, dtype=OBSERVATION_DTYPE)
+        told.append(check.add(Packet((second + 1) * NS_PER_S, rows, gyroscope, accelerometer)))
+    assert sum(told) == wrong
+    assert bool(check.complaint) == wrong
 
 
 def test_no_backlog_changes_nothing() -> None:

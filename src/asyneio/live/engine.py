@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from asyneio.config import Config
 from asyneio.errors import AsyneioError
 from asyneio.live.chunks import Sensor, Source
+from asyneio.live.gravity import GravityCheck
 from asyneio.live.inbox import Inbox
 from asyneio.live.intake import IntakeThread
 from asyneio.live.interrupts import ending_softly
@@ -125,6 +126,7 @@ class _Engine:
         self._last: StepReport | None = None
         self._reported_silence_s = 0.0
         self._tally = Tally(sensor.name)
+        self._gravity = GravityCheck()
 
     def run(self) -> LiveSummary:
         error = ""
@@ -176,6 +178,8 @@ class _Engine:
     def _step(self, tracked: Tracked) -> None:
         estimates, report = self._process(tracked.packet)
         tracked.tell(report.refused)
+        if self._gravity.add(tracked.packet):
+            self._progress.message(f"warning: {self._gravity.complaint}; the poses are wrong by metres")
         now_s = time.perf_counter()
         self._reported_silence_s = 0.0
         self._publish(
@@ -244,4 +248,6 @@ class _Engine:
             "sample(s) that are not finite dropped": counts.not_finite,
             "jump(s) of the sensor's clock": counts.jumps,
         }
-        return (*self._source.notes(), *(f"{count} {what}" for what, count in said.items() if count))
+        counted = (f"{count} {what}" for what, count in said.items() if count)
+        complaint = (self._gravity.complaint,) if self._gravity.complaint else ()
+        return (*complaint, *self._source.notes(), *counted)
