@@ -8,6 +8,7 @@ from pathlib import Path
 
 from asyneio.cli import console
 from asyneio.cli.progress import share_progress
+from asyneio.cli.recording_view import recording_view
 from asyneio.config import Config
 from asyneio.errors import EstimationError
 from asyneio.evaluation import Evaluation
@@ -38,6 +39,7 @@ class Job:
     known: KnownStates | None = None
     png: bool = False
     as_json: bool = False
+    view: bool = False
 
 
 def execute(job: Job) -> RunResult:

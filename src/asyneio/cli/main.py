@@ -18,6 +18,7 @@ from asyneio.cli.demo import demo
 from asyneio.cli.doctor import doctor
 from asyneio.cli.environment import prepare_environment, prepare_streams
 from asyneio.cli.evaluate import evaluate
+from asyneio.cli.live import live
 from asyneio.cli.run import run
 from asyneio.cli.simulate import simulate
 from asyneio.cli.study import study
@@ -48,6 +49,7 @@ app.command(epilog="Example: asyneio track recordings/slider_depth -o results/sl
 app.command(epilog="Example: asyneio doctor recordings/desk")(doctor)
 app.command(epilog="Example: asyneio convert recordings/desk.bag recordings/desk.h5")(convert)
 app.command(epilog="Example: asyneio demo -o results/demo")(demo)
+app.command(epilog="Example: asyneio live socket:5555 --calibration camchain-imucam.yaml --record desk")(live)
 app.add_typer(config, name="config")
 app.add_typer(bench, name="bench")
 app.command(epilog="Example: asyneio study expressiveness -o results/expressiveness --quick")(study)

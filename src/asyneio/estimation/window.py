@@ -29,7 +29,7 @@ from asyneio.estimation.solver.marginalization import marginalize_oldest
 from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution, optimize
 from asyneio.inertial.increments import Preintegration
 from asyneio.inertial.noise import InertialNoise
-from asyneio.types import BoolArray, IntArray, RecordArray
+from asyneio.types import BoolArray, FloatArray, IntArray, RecordArray
 
 #: Inverse depth of the first landmarks without parallax, 1/m: a room.
 _DEFAULT_RHO = 0.5
@@ -65,6 +65,11 @@ class Window:
     def knots(self) -> int:
         """Number of knots."""
         return len(self.t_ns)
+
+    @property
+    def camera_position(self) -> FloatArray:
+        """Position (3,) of the camera in the body [m]."""
+        return self._settings.T_b_c[:3, 3]
 
     @property
     def observations(self) -> int:

@@ -27,6 +27,7 @@ from asyneio.types import (
     Calibration,
     CalibrationEstimate,
     Estimate,
+    FloatArray,
     Health,
     InitialState,
     Packet,

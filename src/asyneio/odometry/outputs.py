@@ -85,6 +85,15 @@ def camera_of(window: Window, solution: Solution) -> CalibrationEstimate:
     return CalibrationEstimate(window.camera.time_offset, window.camera.C_bc.copy(), sigma, imu)
 
 
+def landmarks_of(window: Window) -> FloatArray:
+    """Positions (N,3) [m] of the window's landmarks in the world of its segment."""
+    table, states = window.landmarks, window.states
+    k = table.anchor - window.first
+    rays = table.kappa / np.maximum(table.rho, 1e-9)[:, None] @ window.camera.C_bc.T
+    in_body = rays + window.camera_position
+    return np.einsum("nij,nj->ni", states.C[k], in_body) + states.r[k]
+
+
 def _imu_of(window: Window, solution: Solution) -> ImuCorrectionEstimate:
     sigma = np.zeros(IMU_DOF)
     sigma[window.imu.columns] = np.sqrt(imu_covariance(solution).diagonal())

@@ -123,7 +123,7 @@ class ObservationStream:
     def _work(self) -> None:
         try:
             batches = self._batches()
-            for _ in range(min(_AHEAD, self._ends_ns.size - 1)):
+            for _ in range(min(AHEAD, self._ends_ns.size - 1)):
                 self._queue.put(next(batches))
             while (share := self._wait_for_feedback()) is not None:
                 self._frontend.set_outlier_share(share)
@@ -147,8 +147,7 @@ class ObservationStream:
         events = self._recording.events
         # Binary search for each batch: of a memory map, only the tracked events are read.
         begin = np.searchsorted(events["t_ns"], int(self._ends_ns[0]) - shift_ns)
-        waiting = np.empty(0, dtype=OBSERVATION_DTYPE)
-        from_ns = int(self._ends_ns[0])
+        delayed = DelayedObservations(int(self._ends_ns[0]))
         for end_ns in self._ends_ns[1:].tolist():
             until_ns = end_ns + self._delay_ns - shift_ns
             end = np.searchsorted(events["t_ns"], until_ns, side="right")
@@ -157,13 +156,9 @@ class ObservationStream:
             self.busy_s += time.perf_counter() - started
             begin = end
             new["t_ns"] += shift_ns
-            waiting = np.concatenate([waiting, new])
-            waiting = waiting[np.argsort(waiting["t_ns"], kind="stable")]
-            late, due = np.searchsorted(waiting["t_ns"], [from_ns, end_ns], side="right")
-            self.late += int(late)
-            yield waiting[late:due]
-            waiting = waiting[due:]
-            from_ns = end_ns
+            batch = delayed.due(new, end_ns)
+            self.late = delayed.late
+            yield batch
 
     def _gyroscope_before(self, until_ns: int) -> RecordArray | None:
         """Gyroscope samples that the next batch of events may need; None without a gyroscope."""

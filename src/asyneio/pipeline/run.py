@@ -21,6 +21,7 @@ from asyneio.types import (
     CalibrationEstimate,
     Estimate,
     EventRecording,
+    FloatArray,
     Health,
     InitialState,
     Packet,
@@ -38,6 +39,9 @@ class Estimator(Protocol):
 
     def calibration(self) -> CalibrationEstimate | None:
         """The calibration as estimated in the current segment; None before initialization."""
+
+    def landmarks(self) -> FloatArray:
+        """Positions (N,3) [m] of the landmarks of the present window in the world."""
 
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
         """Process one packet; return the estimates that it completes (causal) and a report."""
@@ -65,6 +69,10 @@ class RunResult:
     def origin_of(self, segment: int) -> Estimate | None:
         """The knot that defines the world frame of a segment; None if unknown."""
         return next((origin for origin in self.origins if origin.segment == segment), None)
+
+
+#: Called with a packet, the landmarks (N,3) [m] of the window, and the run so far.
+Watch = Callable[[Packet, FloatArray, Run], None]
 
 
 class RunInterrupted(KeyboardInterrupt):

@@ -43,10 +43,7 @@ def fill_hdf5(recording: EventRecording, path: Path, events: Iterable[RecordArra
         OSError: the file cannot be written.
     """
     with new_hdf5(path) as file:
-        file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-        file.attrs["name"] = recording.name
-        file.attrs["width"], file.attrs["height"] = recording.width, recording.height
-        _write_calibration(file, recording)
+        start_hdf5(file, recording)
         for sensor, rows in (("gyroscope", recording.gyroscope), ("accelerometer", recording.accelerometer)):
             if rows.size:
                 section = file.create_group(sensor)
@@ -57,6 +54,14 @@ def fill_hdf5(recording: EventRecording, path: Path, events: Iterable[RecordArra
             section["position"] = recording.ground_truth.position
             section["quaternion"] = recording.ground_truth.quaternion
         _write_events(file, events)
+
+
+def start_hdf5(file: h5py.File, recording: EventRecording) -> None:
+    """Write what describes a recording: layout, name, size of the sensor, calibration."""
+    file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
+    file.attrs["name"] = recording.name
+    file.attrs["width"], file.attrs["height"] = recording.width, recording.height
+    _write_calibration(file, recording)
 
 
 def _write_calibration(file: h5py.File, recording: EventRecording) -> None:

@@ -1,0 +1,118 @@
+"""What a live run shows in a terminal, and its viewer."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from asyneio.errors import LiveError
+from asyneio.live.chunks import Sensor
+from asyneio.live.spool import Spool
+from asyneio.live.step import LiveStep, Output
+from asyneio.live.summary import LiveSummary
+from asyneio.live.tracking import Shed
+from asyneio.types import Health
+
+#: The line is written anew at this interval [s].
+_INTERVAL_S = 0.2
+
+
+class StatusLine:
+    """One line on standard error with health, latency and shed load; above it, messages.
+
+    Where standard error is no terminal, there are messages alone.
+    """
+
+    def __init__(self) -> None:
+        self._shown = sys.stderr.isatty()
+        self._console = Console(stderr=True)
+        self._next_s = 0.0
+        self._poses = 0
+
+    def begin(self, sensor: Sensor) -> None:
+        """See `Output`."""
+        for note in sensor.notes:
+            self.message(f"note: {note}")
+        self.message(f"{sensor.name}: {sensor.width} x {sensor.height} pixels")
+
+    def step(self, step: LiveStep) -> None:
+        """See `Output`."""
+        self._poses += len(step.estimates)
+        now_s = time.perf_counter()
+        if self._shown and now_s >= self._next_s:
+            self._next_s = now_s + _INTERVAL_S
+            text = status_text(step, self._poses)[: shutil.get_terminal_size().columns - 1]
+            sys.stderr.write(f"\r\x1b[K{text}")
+            sys.stderr.flush()
+
+    def end(self) -> None:
+        """See `Output`."""
+        if self._shown:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
+
+    def message(self, text: str) -> None:
+        """Print a line above the status."""
+        if self._shown:
+            sys.stderr.write("\r\x1b[K")
+        self._console.print(escape(text), highlight=False, soft_wrap=True)
+
+    def compiling(self, share: float) -> None:
+        """See `Progress`."""
+
+    def advance(self, done_s: float, total_s: float, health: Health) -> None:
+        """See `Progress`."""
+
+    def finish(self, summary: LiveSummary, spool: Spool | None) -> None:
+        """The figures of the whole run, and the files written."""
+        median, high, most = summary.latency_ms
+        self.message(
+            f"{summary.duration_s:.1f} s, {summary.knots} poses in {summary.segments} segment(s), "
+            f"latency {median:.0f} ms (99 %: {high:.0f}, largest {most:.0f}), {_shed_text(summary.shed)}"
+        )
+        for note in (*summary.notes, *(spool.notes() if spool else ())):
+            self.message(f"note: {note}")
+        for path in spool.finish(summary) if spool else ():
+            self.message(f"wrote {path}")
+
+
+def status_text(step: LiveStep, poses: int) -> str:
+    """Health, latency and load in one line."""
+    reason = f" ({step.report.reason})" if step.report.reason else ""
+    return (
+        f"{step.report.health}{reason}  segment {step.report.segment}  {poses} poses  "
+        f"latency {1e3 * step.latency_s:.0f} ms  waiting {1e3 * step.backlog_s:.0f} ms  "
+        f"{_shed_text(step.shed)}"
+    )
+
+
+def _shed_text(shed: Shed) -> str:
+    """What was left out, in words."""
+    events = shed.thinned + shed.dropped + shed.events + shed.feature_events
+    if shed.nothing():
+        return "nothing shed"
+    late = (
+        f", {shed.late_events + shed.late_samples} late rows" if shed.late_events + shed.late_samples else ""
+    )
+    return f"shed {events} events, {shed.features} features, {shed.observations} observations{late}"
+
+
+def viewer_of(show: bool, file: Path | None) -> Output | None:
+    """The viewer, on the screen or into a file; None where only the file was wanted and rerun is missing.
+
+    Raises:
+        LiveError: rerun is not installed, or there is no screen for its window.
+    """
+    from asyneio.live.view import LiveView
+    from asyneio.viz.rerun_scene import available
+
+    if not available():
+        if not show:
+            return None
+        raise LiveError("--view needs the package rerun-sdk: pip install 'asyneio[viz]'")
+    return LiveView(show, file)

@@ -1,0 +1,61 @@
+"""`asyneio run --view`: the run over a recording in rerun's viewer, while it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from asyneio.errors import RecordingError
+from asyneio.pipeline.packets import calibration_of
+from asyneio.pipeline.run import Watch
+from asyneio.types import EVENT_DTYPE, EventRecording, FloatArray, Packet, RecordArray, Recording, Run
+from asyneio.viz.rerun_scene import RerunScene, SceneStep, available
+
+#: Events before the end of a packet that are shown [ns].
+_PICTURE_NS = 30_000_000
+
+
+@contextmanager
+def recording_view(recording: Recording | EventRecording, show: bool) -> Iterator[Watch | None]:
+    """What to call after each packet of a run; None where nothing is to be shown.
+
+    Raises:
+        RecordingError: rerun is not installed, or its viewer could not be started.
+    """
+    if not show:
+        yield None
+        return
+    if not available():
+        raise RecordingError("--view needs the package rerun-sdk: pip install 'asyneio[viz]'")
+    calibration = calibration_of(recording)
+    camera = calibration.camera
+    try:
+        scene = RerunScene(recording.name, (camera.width, camera.height), calibration, show=True, file=None)
+    except (RuntimeError, OSError) as error:
+        raise RecordingError(
+            f"rerun's viewer could not be started ({error}): it needs a screen; leave out --view"
+        ) from error
+    shown = 0
+
+    def watch(packet: Packet, landmarks: FloatArray, run: Run) -> None:
+        nonlocal shown
+        estimates = tuple(run.estimates[shown:])
+        shown = len(run.estimates)
+        events = _newest_events(recording, packet.t_end_ns - calibration.timeshift_ns)
+        streams = packet.observations, packet.gyroscope, packet.accelerometer
+        scene.add(SceneStep(run.reports[-1], estimates, events, *streams, landmarks))
+
+    try:
+        yield watch
+    finally:
+        scene.close()
+
+
+def _newest_events(recording: Recording | EventRecording, end_ns: int) -> RecordArray:
+    """Events shortly before a time (camera clock); none of a recording of tracks."""
+    if isinstance(recording, Recording):
+        return np.empty(0, dtype=EVENT_DTYPE)
+    a, b = np.searchsorted(recording.events["t_ns"], [end_ns - _PICTURE_NS, end_ns])
+    return np.array(recording.events[a:b])

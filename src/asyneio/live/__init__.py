@@ -1,0 +1,1 @@
+"""Live odometry: a source of events and inertial samples in, poses out as they are made."""

@@ -1,0 +1,84 @@
+"""Steps as lines of JSON: what programs that follow a live run read."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asyneio.live.step import LiveStep
+from asyneio.types import NS_PER_S, Estimate, FloatArray
+
+
+def step_lines(step: LiveStep) -> Iterator[str]:
+    """A line of type `pose` for each estimate; without any, one of type `state`. Each ends with a newline."""
+    state = _state(step)
+    if not step.estimates:
+        yield _line({"type": "state", "t_ns": step.report.t_ns, **_attitude(step), **state})
+    for estimate in step.estimates:
+        # An estimate of an earlier knot than the packet's end is that much older.
+        age_s = max(step.report.t_ns - estimate.t_ns, 0) / NS_PER_S
+        timing = {"latency_s": step.latency_s + age_s}
+        yield _line({"type": "pose", "t_ns": estimate.t_ns, **_pose(estimate), **state, **timing})
+
+
+def _pose(estimate: Estimate) -> dict[str, Any]:
+    covariance = estimate.covariance
+    return {
+        "position": estimate.T_w_b[:3, 3].tolist(),
+        "quaternion": quaternion(estimate.T_w_b[:3, :3]),
+        "velocity": estimate.velocity_w.tolist(),
+        "angular_velocity": estimate.angular_velocity_b.tolist(),
+        "bias_gyroscope": estimate.bias_gyroscope.tolist(),
+        "bias_accelerometer": estimate.bias_accelerometer.tolist(),
+        "pose_covariance": covariance[:6, :6].tolist(),
+        "velocity_covariance": covariance[9:12, 9:12].tolist(),
+    }
+
+
+def _state(step: LiveStep) -> dict[str, Any]:
+    report = step.report
+    return {
+        "health": str(report.health),
+        "reason": report.reason,
+        "segment": report.segment,
+        "stationary": report.still,
+        "latency_s": step.latency_s,
+        "processing_s": step.processing_s,
+        "backlog_s": step.backlog_s,
+        "shed": asdict(step.shed),
+    }
+
+
+def _attitude(step: LiveStep) -> dict[str, Any]:
+    attitude = step.report.attitude
+    return {} if attitude is None else {"attitude": quaternion(attitude.C_w_b)}
+
+
+def quaternion(C: FloatArray) -> list[float]:
+    """A rotation (3,3) as x y z w, w not negative."""
+    return [float(v) for v in Rotation.from_matrix(C).as_quat(canonical=True)]
+
+
+def _line(fields: dict[str, Any]) -> str:
+    try:
+        return json.dumps(fields, allow_nan=False) + "\n"
+    except ValueError:
+        return json.dumps(_finite(fields)) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    """The value with null for what is not finite, which JSON cannot tell."""
+    match value:
+        case dict():
+            return {key: _finite(item) for key, item in value.items()}
+        case list():
+            return [_finite(item) for item in value]
+        case float() | np.floating():
+            return float(value) if math.isfinite(value) else None
+    return value

@@ -1,0 +1,74 @@
+"""What is left out when the machine is too slow, by what the clock on the wall shows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asyneio.types import RecordArray
+
+#: Load is shed while data wait for more than this share of the longest backlog, and taken back step by step
+#: while they wait for less than the second share.
+_HIGH, _LOW = 0.5, 0.15
+#: Factors on a limit for each packet.
+_LESS, _MORE = 0.8, 1.05
+#: The front end's first limit, the least one that leaves odometry, and the one that is no longer needed.
+_FIRST, _LEAST, _ENOUGH = 1.0, 0.05, 2.0
+#: The least share of the tracks that the estimator is given.
+_LEAST_TRACKS = 0.3
+#: Thinning keeps one of so many events at most.
+_MOST_THINNED = 16
+
+
+class LoadControl:
+    """Decides, packet by packet, what is left out.
+
+    Where packets wait for the estimator, it is given fewer tracks. Where they wait for the front end, its
+    load is limited (`Frontend.limit_load`), and beyond the longest backlog events are thinned before it.
+    While no data wait, nothing is changed: results are those of a recording.
+
+    Attributes:
+        share: the front end's limit, as a share of a processor core; 0: any.
+        tracks: share of the tracks that the estimator is given.
+        stride: one of so many events is taken in.
+
+    Args:
+        configured: `frontend.max_load`.
+        max_backlog_s: the longest time that data should wait.
+    """
+
+    def __init__(self, configured: float, max_backlog_s: float) -> None:
+        self._configured = configured
+        self._max_backlog_s = max_backlog_s
+        self.share = configured
+        self.tracks = 1.0
+        self.stride = 1
+
+    def update(self, backlog_s: float, busy_s: float, waited_s: float) -> None:
+        """Decide for the next packet.
+
+        Args:
+            backlog_s: how long data have been waiting.
+            busy_s: how long the front end worked on the last packet.
+            waited_s: how long it waited for the estimator before it.
+        """
+        overload = backlog_s / self._max_backlog_s
+        self.stride = 1
+        if overload > _HIGH and waited_s > busy_s:
+            self.tracks = max(_LESS * self.tracks, _LEAST_TRACKS)
+        elif overload > _HIGH:
+            least = _LEAST if not self._configured else min(_LEAST, self._configured)
+            self.share = max(_LESS * (self.share or _FIRST / _LESS), least)
+            self.stride = min(2 ** int(overload), _MOST_THINNED)
+        elif overload < _LOW:
+            self.tracks = min(_MORE * self.tracks, 1.0)
+            if self.share != self._configured:
+                raised = _MORE * self.share
+                self.share = self._configured if raised >= (self._configured or _ENOUGH) else raised
+
+    def kept(self, observations: RecordArray) -> RecordArray:
+        """The observations of the tracks that the estimator is given; with a larger share, more tracks."""
+        if self.tracks >= 1.0:
+            return observations
+        # A hash of the track's number: neighbouring ones are of neighbouring features.
+        mixed = observations["id"].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15) >> np.uint64(40)
+        return observations[mixed < self.tracks * 2**24]

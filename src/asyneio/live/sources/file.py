@@ -1,0 +1,97 @@
+"""`file:`: a recording played as if it were live."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from asyneio.errors import LiveError
+from asyneio.io import ReadOptions, open_recording
+from asyneio.live.chunks import Chunk, Sensor
+from asyneio.pipeline.packets import calibration_of, usable_span
+from asyneio.types import NS_PER_S, EventRecording, RecordArray
+
+#: Sensor time in a chunk: as a camera delivers, and where the file is read as fast as possible.
+_CHUNK_NS, _LARGE_CHUNK_NS = 4_000_000, 50_000_000
+
+
+class FileSource:
+    """A recording of events, at its own pace or another one.
+
+    Args:
+        path: of any kind that `asyneio run` reads.
+        speed: times faster than it was recorded; 0: as fast as possible, and then nothing is shed.
+        options: how it is read.
+
+    Raises:
+        LiveError: the speed is negative or not finite.
+    """
+
+    starts_when_read = True
+
+    def __init__(self, path: Path, speed: float, options: ReadOptions) -> None:
+        if not 0.0 <= speed < float("inf"):
+            raise LiveError(
+                f"found --speed {speed:g}, expected a positive number, or 0 for as fast as possible"
+            )
+        self.can_wait = speed == 0.0
+        self._path, self._speed, self._options = path, speed, options
+        self._recording: EventRecording | None = None
+
+    def open(self, stop: threading.Event) -> Sensor:
+        """See `Source`. Raises RecordingError as `open_recording` does."""
+        recording = open_recording(self._path, self._options)
+        if not isinstance(recording, EventRecording):
+            raise LiveError(
+                f"{self._path} holds feature tracks, no events: a live run follows features itself; use "
+                "`asyneio run` for it"
+            )
+        usable_span(recording)
+        calibration = calibration_of(recording)
+        self._recording = recording
+        return Sensor(recording.name, recording.width, recording.height, calibration, recording.notes)
+
+    def chunks(self, stop: threading.Event) -> Iterator[Chunk | None]:
+        """See `Source`."""
+        assert self._recording is not None
+        recording, shift_ns = self._recording, calibration_of(self._recording).timeshift_ns
+        streams = (recording.events, recording.gyroscope, recording.accelerometer)
+        shifts = (shift_ns, 0, 0)
+        first_ns = min(int(rows["t_ns"][0]) + shift for rows, shift in zip(streams, shifts, strict=True))
+        last_ns = max(int(rows["t_ns"][-1]) + shift for rows, shift in zip(streams, shifts, strict=True))
+        places = [0, 0, 0]
+        started_s, step_ns = time.perf_counter(), _LARGE_CHUNK_NS if self.can_wait else _CHUNK_NS
+        for end_ns in range(first_ns + step_ns, last_ns + step_ns + 1, step_ns):
+            parts = []
+            for k, (rows, shift) in enumerate(zip(streams, shifts, strict=True)):
+                # A memory map is searched by a few probes; a copy is read before it is needed.
+                end = int(np.searchsorted(rows["t_ns"], end_ns - shift))
+                parts.append(np.array(rows[places[k] : end]))
+                places[k] = end
+            if self._wait(started_s, end_ns - first_ns, stop):
+                return
+            yield _chunk(parts)
+
+    def notes(self) -> tuple[str, ...]:
+        """See `Source`."""
+        return ()
+
+    def close(self) -> None:
+        """See `Source`."""
+        self._recording = None
+
+    def _wait(self, started_s: float, elapsed_ns: int, stop: threading.Event) -> bool:
+        """Wait until so much of the recording is due; whether to stop."""
+        if self.can_wait:
+            return stop.is_set()
+        due_s = started_s + elapsed_ns / NS_PER_S / self._speed
+        return stop.wait(max(due_s - time.perf_counter(), 0.0))
+
+
+def _chunk(parts: list[RecordArray]) -> Chunk:
+    events, gyroscope, accelerometer = parts
+    return Chunk(time.perf_counter(), events, gyroscope, accelerometer)

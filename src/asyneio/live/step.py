@@ -1,0 +1,56 @@
+"""What one packet led to, and the counters of a live run, for all who show or keep them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from asyneio.live.chunks import Sensor
+from asyneio.live.tracking import Shed, Tracked
+from asyneio.types import Estimate, FloatArray, Health, StepReport
+
+
+@dataclass(frozen=True)
+class LiveStep:
+    """Estimates of one packet, with segments counted over the whole run.
+
+    `latency_s`: from the arrival of the first datum as new as the packet's end to the estimate; it contains
+    `frontend.max_delay_s`. `processing_s`: from the arrival of the last datum that the packet needed.
+    `tracked` is None for a state that no packet led to (a silent source, the end of a stretch). `landmarks`
+    (N,3): in the world, where somebody asked for them.
+    """
+
+    report: StepReport
+    estimates: tuple[Estimate, ...] = ()
+    latency_s: float = 0.0
+    processing_s: float = 0.0
+    backlog_s: float = 0.0
+    shed: Shed = field(default_factory=Shed)
+    tracked: Tracked | None = None
+    landmarks: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Transition:
+    """A change of health or segment; `t_ns` on the sensors' clock."""
+
+    t_ns: int
+    health: Health
+    segment: int
+    reason: str
+
+
+class Output(Protocol):
+    """Who is given every step."""
+
+    def begin(self, sensor: Sensor) -> None:
+        """The source is open."""
+        ...
+
+    def step(self, step: LiveStep) -> None:
+        """Take a step; it must return at once."""
+        ...
+
+    def end(self) -> None:
+        """Write what is held back, and close."""
+        ...
