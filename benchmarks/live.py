@@ -27,11 +27,11 @@ import numpy as np
 
 from asyneio.config import Config
 from asyneio.io.calibration.kalibr_writer import camchain_text, imu_noise_text
-from asyneio.io.recording.source import SAMPLE_DTYPE
+from asyneio.io.recording.event_source import SAMPLE_DTYPE
 from asyneio.live.chunks import Sensor
 from asyneio.live.engine import LiveOptions, run_live
 from asyneio.live.protocol import HEADER, MAGIC, frame
-from asyneio.live.sources import RigOptions
+from asyneio.live.sources import CalibrationOptions
 from asyneio.live.sources.socket import SocketSource
 from asyneio.live.step import LiveStep
 from asyneio.live.summary import LiveSummary
@@ -115,7 +115,7 @@ def live(sending: Sending, recording: EventRecording, backlog_s: float) -> tuple
     assert recording.calibration is not None
     collect, lag_s = Collect(), multiprocessing.get_context("spawn").Value("d", 0.0)
     with tempfile.TemporaryDirectory() as folder:
-        rig = RigOptions(Path(folder) / "camera.yaml", Path(folder) / "imu.yaml")
+        rig = CalibrationOptions(Path(folder) / "camera.yaml", Path(folder) / "imu.yaml")
         (Path(folder) / "camera.yaml").write_text(camchain_text(recording.calibration))
         (Path(folder) / "imu.yaml").write_text(imu_noise_text(recording.calibration.noise))
         source = SocketSource("127.0.0.1", 0, rig)

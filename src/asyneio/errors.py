@@ -46,3 +46,7 @@ class SimulationError(AsyneioError):
 
 class StudyError(AsyneioError):
     """A study or benchmark is incomplete, or its folder cannot be used."""
+
+
+class LiveError(AsyneioError):
+    """A live source cannot be opened, or sends data that cannot be used."""

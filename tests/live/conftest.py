@@ -9,7 +9,7 @@ import pytest
 
 from asyneio.config import Config
 from asyneio.io.calibration.kalibr_writer import camchain_text, imu_noise_text
-from asyneio.live.sources import RigOptions
+from asyneio.live.sources import CalibrationOptions
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.types import EventRecording
@@ -30,10 +30,10 @@ def wanted(recording: EventRecording) -> RunResult:
 
 
 @pytest.fixture(scope="session")
-def rig(recording: EventRecording, tmp_path_factory: pytest.TempPathFactory) -> RigOptions:
+def rig(recording: EventRecording, tmp_path_factory: pytest.TempPathFactory) -> CalibrationOptions:
     """Its calibration in files."""
     folder: Path = tmp_path_factory.mktemp("rig")
     assert recording.calibration is not None
     (folder / "camchain-imucam.yaml").write_text(camchain_text(recording.calibration))
     (folder / "imu.yaml").write_text(imu_noise_text(recording.calibration.noise))
-    return RigOptions(folder / "camchain-imucam.yaml", folder / "imu.yaml")
+    return CalibrationOptions(folder / "camchain-imucam.yaml", folder / "imu.yaml")

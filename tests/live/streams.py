@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from asyneio.io.recording.source import SAMPLE_DTYPE
+from asyneio.io.recording.event_source import SAMPLE_DTYPE
 from asyneio.live.chunks import Sensor
 from asyneio.live.protocol import frame
 from asyneio.live.step import LiveStep

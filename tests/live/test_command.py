@@ -15,9 +15,9 @@ import pytest
 
 from asyneio.config import Config
 from asyneio.io import open_recording, read_estimates
-from asyneio.io.hdf5.writer import write_events_hdf5
-from asyneio.io.recording.source import SAMPLE_DTYPE
-from asyneio.live.sources import RigOptions
+from asyneio.io.hdf5.asyneio_writer import write_events_hdf5
+from asyneio.io.recording.event_source import SAMPLE_DTYPE
+from asyneio.live.sources import CalibrationOptions
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.types import EventRecording
 from tests.live.streams import assert_same_estimates
@@ -75,7 +75,7 @@ def test_ctrl_c_writes_everything(file: Path, tmp_path: Path) -> None:
 
 
 def test_the_example_client(
-    recording: EventRecording, wanted: RunResult, rig: RigOptions, tmp_path: Path
+    recording: EventRecording, wanted: RunResult, rig: CalibrationOptions, tmp_path: Path
 ) -> None:
     samples = np.zeros(recording.gyroscope.size, dtype=SAMPLE_DTYPE)
     samples["t_ns"] = recording.gyroscope["t_ns"]

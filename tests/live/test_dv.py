@@ -22,7 +22,7 @@ from asyneio.io import ReadOptions, open_recording
 from asyneio.io.calibration.kalibr_writer import camchain_text, imu_noise_text
 from asyneio.live.chunks import Chunk, Source
 from asyneio.live.engine import LiveOptions, run_live
-from asyneio.live.sources import RigOptions, open_source
+from asyneio.live.sources import CalibrationOptions, open_source
 from asyneio.live.sources import dv as dv_module
 from asyneio.live.spool import Spool
 from asyneio.pipeline import run_recording
@@ -104,7 +104,7 @@ def writer(kind: str, path: Path, ports: tuple[int, int]) -> Iterator[subprocess
         process.wait()
 
 
-def source_of(ports: tuple[int, int], rig: RigOptions) -> Source:
+def source_of(ports: tuple[int, int], rig: CalibrationOptions) -> Source:
     return open_source(f"dv:127.0.0.1:{ports[0]},{ports[1]}", rig)
 
 
@@ -124,7 +124,9 @@ _STREAMS = ("events", "gyroscope", "accelerometer")
 
 
 @pytest.mark.parametrize("name", ["davis346_static", "dvxplorer_static"])
-def test_a_real_recording_arrives_whole(data_dir: Path, rig: RigOptions, name: str, tmp_path: Path) -> None:
+def test_a_real_recording_arrives_whole(
+    data_dir: Path, rig: CalibrationOptions, name: str, tmp_path: Path
+) -> None:
     path = data_dir / "formats" / f"{name}.aedat4"
     wanted = open_recording(path, ReadOptions())
     assert isinstance(wanted, EventRecording)
@@ -134,7 +136,7 @@ def test_a_real_recording_arrives_whole(data_dir: Path, rig: RigOptions, name: s
     (tmp_path / "imu.yaml").write_text(imu_noise_text(calibration.noise))
     ports = free_ports()
     with writer("file", path, ports):
-        source = source_of(ports, RigOptions(tmp_path / "camera.yaml", tmp_path / "imu.yaml"))
+        source = source_of(ports, CalibrationOptions(tmp_path / "camera.yaml", tmp_path / "imu.yaml"))
         sensor = source.open(threading.Event())
         found = collected(source, wanted.events.size, wanted.gyroscope.size)
         source.close()
@@ -154,7 +156,7 @@ def save(recording: EventRecording, path: Path) -> None:
 
 
 def test_a_simulated_recording_is_tracked_and_replayed(
-    recording: EventRecording, rig: RigOptions, tmp_path: Path
+    recording: EventRecording, rig: CalibrationOptions, tmp_path: Path
 ) -> None:
     save(recording, tmp_path / "data.npz")
     ports, seen = free_ports(), Remember()
@@ -171,7 +173,7 @@ def test_a_simulated_recording_is_tracked_and_replayed(
 
 
 def test_a_writer_that_dies_and_comes_back(
-    recording: EventRecording, rig: RigOptions, tmp_path: Path
+    recording: EventRecording, rig: CalibrationOptions, tmp_path: Path
 ) -> None:
     few = replace(recording, events=recording.events[:1000], gyroscope=recording.gyroscope[:50])
     few = replace(few, accelerometer=recording.accelerometer[:50])
@@ -187,13 +189,13 @@ def test_a_writer_that_dies_and_comes_back(
     source.close()
 
 
-def test_nothing_answers(monkeypatch: pytest.MonkeyPatch, rig: RigOptions) -> None:
+def test_nothing_answers(monkeypatch: pytest.MonkeyPatch, rig: CalibrationOptions) -> None:
     monkeypatch.setattr(dv_module, "_PATIENCE_S", 0.2)
     with pytest.raises(LiveError, match="nothing answers at"):
         source_of(free_ports(), rig).open(threading.Event())
 
 
-def test_a_missing_port_is_said(recording: EventRecording, rig: RigOptions, tmp_path: Path) -> None:
+def test_a_missing_port_is_said(recording: EventRecording, rig: CalibrationOptions, tmp_path: Path) -> None:
     save(replace(recording, events=recording.events[:1000]), tmp_path / "data.npz")
     ports = free_ports()
     with writer("arrays", tmp_path / "data.npz", ports):

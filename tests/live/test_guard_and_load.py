@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from asyneio.io.recording.source import pack_events
+from asyneio.io.recording.event_source import pack_events
 from asyneio.live import inbox as inbox_module
 from asyneio.live.chunks import Break, Chunk
 from asyneio.live.gravity import GravityCheck

@@ -13,11 +13,11 @@ import pytest
 from asyneio.config import Config
 from asyneio.errors import CalibrationError, LiveError
 from asyneio.io import open_recording, read_estimates, read_trajectory
-from asyneio.io.hdf5.writer import write_events_hdf5
+from asyneio.io.hdf5.asyneio_writer import write_events_hdf5
 from asyneio.live import intake
 from asyneio.live.engine import LiveOptions, run_live
 from asyneio.live.protocol import MAGIC, frame
-from asyneio.live.sources import RigOptions, open_source
+from asyneio.live.sources import CalibrationOptions, open_source
 from asyneio.live.sources.socket import SocketSource
 from asyneio.live.spool import Spool
 from asyneio.live.summary import LiveSummary
@@ -30,7 +30,7 @@ PATIENT = LiveOptions(max_backlog_s=1e6)
 
 
 @pytest.fixture
-def source(rig: RigOptions) -> SocketSource:
+def source(rig: CalibrationOptions) -> SocketSource:
     return SocketSource("127.0.0.1", 0, rig)
 
 
@@ -51,7 +51,7 @@ def all_of(recording: EventRecording, *streams: bytes) -> bytes:
 def test_a_file_gives_the_poses_of_run(recording: EventRecording, wanted: RunResult, tmp_path: Path) -> None:
     write_events_hdf5(recording, tmp_path / "recording.h5")
     seen = Remember()
-    source = open_source(f"file:{tmp_path / 'recording.h5'}", RigOptions(), speed=0.0)
+    source = open_source(f"file:{tmp_path / 'recording.h5'}", CalibrationOptions(), speed=0.0)
     summary = run_live(source, Config(), [seen])
     assert_same_estimates(seen.estimates, wanted.run.estimates)
     assert summary.shed.nothing()
@@ -196,7 +196,7 @@ def test_nonsense_does_not_end_the_run(
 def test_a_duration_ends_the_run(recording: EventRecording, wanted: RunResult, tmp_path: Path) -> None:
     write_events_hdf5(recording, tmp_path / "recording.h5")
     seen = Remember()
-    source = open_source(f"file:{tmp_path / 'recording.h5'}", RigOptions(), speed=0.0)
+    source = open_source(f"file:{tmp_path / 'recording.h5'}", CalibrationOptions(), speed=0.0)
     run_live(source, Config(), [seen], None, LiveOptions(duration_s=2.0))
     assert 0 < len(seen.estimates) < len(wanted.run.estimates)
     assert_same_estimates(seen.estimates, wanted.run.estimates[: len(seen.estimates)])
@@ -204,14 +204,14 @@ def test_a_duration_ends_the_run(recording: EventRecording, wanted: RunResult, t
 
 def test_a_file_at_its_own_pace_takes_as_long(recording: EventRecording, tmp_path: Path) -> None:
     write_events_hdf5(recording, tmp_path / "recording.h5")
-    source = open_source(f"file:{tmp_path / 'recording.h5'}", RigOptions(), speed=2.0)
+    source = open_source(f"file:{tmp_path / 'recording.h5'}", CalibrationOptions(), speed=2.0)
     assert not source.can_wait
     summary = run_live(source, Config(), [Remember()], None, LiveOptions(max_backlog_s=1e6, duration_s=2.0))
     assert summary.wall_s > 0.75
 
 
 def test_no_calibration_is_said(recording: EventRecording) -> None:
-    source = SocketSource("127.0.0.1", 0, RigOptions())
+    source = SocketSource("127.0.0.1", 0, CalibrationOptions())
     with (
         sending(lambda: stream(source, hello(recording))),
         pytest.raises(CalibrationError, match="--calibration"),
@@ -232,9 +232,9 @@ def test_no_calibration_is_said(recording: EventRecording) -> None:
 def test_sources_that_do_not_exist(text: str, said: str) -> None:
     pytest.importorskip("dv_processing")
     with pytest.raises(LiveError, match=said):
-        open_source(text, RigOptions())
+        open_source(text, CalibrationOptions())
 
 
-def test_a_port_in_use_is_said(source: SocketSource, rig: RigOptions) -> None:
+def test_a_port_in_use_is_said(source: SocketSource, rig: CalibrationOptions) -> None:
     with pytest.raises(LiveError, match="cannot listen"):
         SocketSource("127.0.0.1", source.port, rig)

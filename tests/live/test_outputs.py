@@ -22,7 +22,7 @@ from asyneio.errors import LiveError
 from asyneio.live.chunks import Sensor
 from asyneio.live.lines import step_lines
 from asyneio.live.publisher import LineOutput, SocketOutput
-from asyneio.live.sources import RigOptions, open_source
+from asyneio.live.sources import CalibrationOptions, open_source
 from asyneio.live.sources import usb as usb_module
 from asyneio.live.step import LiveStep
 from asyneio.live.tracking import Shed
@@ -121,7 +121,7 @@ def test_a_missing_package_is_named(
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(LiveError) as raised:
-        open_source(text, RigOptions())
+        open_source(text, CalibrationOptions())
     assert extra in str(raised.value)
 
 
@@ -131,7 +131,7 @@ def test_no_camera_is_said() -> None:
         drivers.open()
     except Exception:
         with pytest.raises(LiveError, match="connect a DAVIS346 or a DVXplorer"):
-            open_source("usb:", RigOptions()).open(threading.Event())
+            open_source("usb:", CalibrationOptions()).open(threading.Event())
     else:
         pytest.skip("a camera is connected")
 
@@ -146,7 +146,7 @@ def test_advice_on_cameras(monkeypatch: pytest.MonkeyPatch, trouble: str, said: 
 
     monkeypatch.setattr(usb_module, "_neuromorphic_drivers", lambda: SimpleNamespace(open=refuse))
     with pytest.raises(LiveError, match=said):
-        open_source("usb:", RigOptions()).open(threading.Event())
+        open_source("usb:", CalibrationOptions()).open(threading.Event())
 
 
 class FakeCamera:
@@ -194,7 +194,7 @@ class FakeCamera:
 
 
 def test_packets_of_a_camera(
-    monkeypatch: pytest.MonkeyPatch, recording: EventRecording, rig: RigOptions
+    monkeypatch: pytest.MonkeyPatch, recording: EventRecording, rig: CalibrationOptions
 ) -> None:
     cameras = [FakeCamera(recording), FakeCamera(recording)]
     opened: list[FakeCamera] = []

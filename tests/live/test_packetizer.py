@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from asyneio.frontend import gyroscope_in_camera
-from asyneio.io.recording.source import pack_events
+from asyneio.io.recording.event_source import pack_events
 from asyneio.live.chunks import Chunk
 from asyneio.live.packetizer import Packetizer, RawPacket
 from asyneio.pipeline.packets import event_counts, packets, usable_span

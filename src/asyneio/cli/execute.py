@@ -29,7 +29,8 @@ class Job:
     """What to run, and where to write the results.
 
     `description`: where the data come from, for the report; `known`: true velocity and biases at given times,
-    from a simulation; `png`: also write each figure as a file; `as_json`: print JSON instead of a table.
+    from a simulation; `png`: also write each figure as a file; `as_json`: print JSON, not a table; `view`:
+    show the run in the viewer.
     """
 
     recording: Recording | EventRecording
@@ -70,8 +71,8 @@ def _run(job: Job) -> RunResult:
     """Run with a progress bar; on Ctrl-C, write what was estimated until then and raise again."""
     make_folder(job.folder)
     try:
-        with console.run_progress() as progress:
-            return run_recording(job.recording, job.config, progress)
+        with console.run_progress() as progress, recording_view(job.recording, job.view) as watch:
+            return run_recording(job.recording, job.config, progress, watch=watch)
     except RunInterrupted as interrupted:
         _write_interrupted(job, interrupted.result)
         raise

@@ -74,7 +74,7 @@ def live(
     from asyneio.io import ReadOptions
     from asyneio.live.engine import LiveInterrupted, LiveOptions, run_live
     from asyneio.live.publisher import LineOutput
-    from asyneio.live.sources import RigOptions, open_source
+    from asyneio.live.sources import CalibrationOptions, open_source
     from asyneio.live.spool import Spool, check_folder
 
     if not 0.0 < max_backlog < float("inf"):
@@ -86,7 +86,7 @@ def live(
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if record is not None:
         check_folder(record)
-    rig = RigOptions(calibration, imu, camera, preset)
+    rig = CalibrationOptions(calibration, imu, camera, preset)
     read = ReadOptions(calibration, imu, events, samples, camera, preset)
     chosen = open_source(source, rig, speed, read)
     status = StatusLine()

@@ -63,10 +63,10 @@ class StatusLine:
         self._console.print(escape(text), highlight=False, soft_wrap=True)
 
     def compiling(self, share: float) -> None:
-        """See `Progress`."""
+        """See `RunProgress`."""
 
     def advance(self, done_s: float, total_s: float, health: Health) -> None:
-        """See `Progress`."""
+        """See `RunProgress`."""
 
     def finish(self, summary: LiveSummary, spool: Spool | None) -> None:
         """The figures of the whole run, and the files written."""

@@ -51,6 +51,7 @@ def run(
     max_track_seconds: _MaxTrackSeconds = None,
     png: _Png = False,
     as_json: JsonOption = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the run in the viewer (rerun).")] = False,
 ) -> None:
     """Estimate the trajectory of a recording.
 
@@ -73,4 +74,4 @@ def run(
     for note in loaded.notes:
         console.say(f"note: {note}")
     folder = output or Path("results") / loaded.name
-    execute(Job(loaded, settings, folder, png=png, as_json=as_json))
+    execute(Job(loaded, settings, folder, png=png, as_json=as_json, view=view))

@@ -7,7 +7,7 @@ from collections import deque
 import numba as nb
 import numpy as np
 
-from asyneio.io.recording.source import join_events
+from asyneio.io.recording.event_source import join_events
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 

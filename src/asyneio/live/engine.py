@@ -28,7 +28,7 @@ from asyneio.pipeline.kernels import (
     compile_start,
     compile_visual,
 )
-from asyneio.pipeline.progress import SILENT, Progress
+from asyneio.progress import SILENT, RunProgress
 from asyneio.types import Estimate, Health, Packet, StepReport
 
 #: A source that is silent for so long is reported as DEGRADED, and again at this interval.
@@ -62,7 +62,7 @@ def run_live(
     outputs: Sequence[Output] = (),
     spool: Spool | None = None,
     options: LiveOptions | None = None,
-    progress: Progress = SILENT,
+    progress: RunProgress = SILENT,
 ) -> LiveSummary:
     """Estimate poses from a source until it ends.
 
@@ -111,7 +111,7 @@ class _Engine:
         outputs: Sequence[Output],
         spool: Spool | None,
         options: LiveOptions,
-        progress: Progress,
+        progress: RunProgress,
     ) -> None:
         self._config, self._sensor, self._options, self._progress = config, sensor, options, progress
         self._outputs: list[Output] = [*outputs, *([spool] if spool else [])]
@@ -177,7 +177,7 @@ class _Engine:
 
     def _step(self, tracked: Tracked) -> None:
         estimates, report = self._process(tracked.packet)
-        tracked.tell(report.refused)
+        tracked.set_outlier_share(report.outlier_share)
         if self._gravity.add(tracked.packet):
             self._progress.message(f"warning: {self._gravity.complaint}; the poses are wrong by metres")
         now_s = time.perf_counter()

@@ -47,7 +47,7 @@ def _state(step: LiveStep) -> dict[str, Any]:
         "health": str(report.health),
         "reason": report.reason,
         "segment": report.segment,
-        "stationary": report.still,
+        "stationary": report.stationary,
         "latency_s": step.latency_s,
         "processing_s": step.processing_s,
         "backlog_s": step.backlog_s,

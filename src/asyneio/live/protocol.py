@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from asyneio.errors import LiveError
-from asyneio.io.recording.source import SAMPLE_DTYPE
+from asyneio.io.recording.event_source import SAMPLE_DTYPE
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE
 
 MAGIC = b"AIO1"

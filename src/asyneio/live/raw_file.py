@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from asyneio.io.hdf5.writer import start_hdf5
-from asyneio.io.parsing.steady_file import new_hdf5
+from asyneio.io.hdf5.asyneio_writer import start_hdf5
+from asyneio.io.parsing.hdf5_output import new_hdf5
 from asyneio.live.chunks import Sensor, no_events, no_samples
 from asyneio.live.packetizer import Rows
 from asyneio.types import EventRecording, RecordArray

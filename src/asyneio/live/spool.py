@@ -28,7 +28,7 @@ import numpy as np
 from asyneio.config import Config, dump_config
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_file, make_folder, write_text
-from asyneio.io.parsing.seconds_table import format_seconds
+from asyneio.io.parsing.decimal_seconds import format_seconds
 from asyneio.io.recording.tum import HEADER
 from asyneio.io.results.health import HEALTH_COLUMNS
 from asyneio.live.chunks import Sensor
@@ -37,7 +37,8 @@ from asyneio.live.packetizer import Rows
 from asyneio.live.raw_file import RawFile
 from asyneio.live.step import LiveStep
 from asyneio.live.summary import LiveSummary
-from asyneio.types import STATE_BLOCKS, STATE_DOF, Estimate
+from asyneio.state import DOF
+from asyneio.types import STATE_BLOCKS, Estimate
 
 RECORDING, RESULTS = "recording", "live"
 #: So many batches of raw rows wait for the disk; further ones are lost, and the recording says so.
@@ -53,7 +54,7 @@ _STATE_DTYPE = np.dtype(
         ("generalized_acceleration", "<f8", (6,)),
         ("bias_gyroscope", "<f8", (3,)),
         ("bias_accelerometer", "<f8", (3,)),
-        ("covariance", "<f8", (STATE_DOF, STATE_DOF)),
+        ("covariance", "<f8", (DOF, DOF)),
     ]
 )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from asyneio.config import Config
 from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.solver.covariance import joint_covariance
@@ -14,7 +16,7 @@ from asyneio.odometry.initializer.initialize import RETRY_NS, initialize
 from asyneio.odometry.initializer.known_state import checked
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.memory import keep_freed_memory
-from asyneio.odometry.outputs import camera_of, estimate_of, newest_estimate, trajectory_of
+from asyneio.odometry.outputs import camera_of, estimate_of, landmarks_of, newest_estimate, trajectory_of
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.segment import Segment, Tracking
@@ -216,6 +218,11 @@ class Odometry:
                 "the odometry is not initialized; process packets until a report shows TRACKING"
             )
         return trajectory_of(tracking.window, tracking.solution, self._settings)
+
+    def landmarks(self) -> FloatArray:
+        """Positions (N,3) [m] of the window's landmarks in the world frame; none before initialization."""
+        tracking = self._segment.tracking
+        return np.empty((0, 3)) if tracking is None else landmarks_of(tracking.window)
 
     def calibration(self) -> CalibrationEstimate | None:
         """The present estimate of the calibration; None before the present segment is initialized."""

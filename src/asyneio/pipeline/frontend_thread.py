@@ -17,11 +17,12 @@ import numpy as np
 
 from asyneio.config import FrontendConfig
 from asyneio.frontend import Frontend, gyroscope_in_camera
+from asyneio.pipeline.delayed import DelayedObservations
 from asyneio.pipeline.packets import batches
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: Batches that the front end runs ahead; feedback on one batch applies to the batch this many later.
-_AHEAD = 5
+AHEAD = 5
 
 
 class TrackSource(Protocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -90,6 +91,7 @@ def run_recording(
     observations: RecordArray | None = None,
     initial_state: InitialState | None = None,
     estimator: Estimator | None = None,
+    watch: Watch | None = None,
 ) -> RunResult:
     """Run the estimator over a whole recording; for events, the front end runs in parallel.
 
@@ -101,6 +103,7 @@ def run_recording(
             without tracking again. Ignored for a tracks recording.
         initial_state: state at which the first segment begins, if it is known.
         estimator: used instead of `Odometry(config, calibration, initial_state)`.
+        watch: called after each packet.
 
     An error of the estimator ends the run: the estimates until then are kept, and `summary.failure` states
     the cause.
@@ -116,7 +119,7 @@ def run_recording(
         compile_ahead(compilation, progress)
         used: Estimator = estimator or Odometry(config, calibration_of(recording), initial_state)
         source = _track_source(recording, config, grid, observations)
-        loop = _Loop(used, source, compilation, progress, grid)
+        loop = _Loop(used, source, compilation, progress, grid, watch)
         loop.run(recording)
     outcome = Outcome(loop.done, used.calibration(), source.observations(), source.notes(), loop.error)
     costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
@@ -172,6 +175,7 @@ class _Loop:
     compilation: Compilation
     progress: RunProgress
     grid: Grid
+    watch: Watch | None = None
     done: Run = field(default_factory=Run)
     origins: dict[int, Estimate] = field(default_factory=dict)
     error: str = ""
@@ -187,6 +191,8 @@ class _Loop:
                 report = self._step(packet)
                 self.source.set_outlier_share(report.outlier_share)
                 self._show(report)
+                if self.watch is not None:
+                    self.watch(packet, self.estimator.landmarks(), self.done)
         except AsyneioError as caught:
             self.error = str(caught)
         except KeyboardInterrupt:

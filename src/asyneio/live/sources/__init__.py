@@ -1,6 +1,6 @@
 """Sources of live data: `file:`, `socket:`, `dv:` and `usb:`."""
 
 from asyneio.live.sources.address import open_source
-from asyneio.live.sources.rig import RigOptions
+from asyneio.live.sources.calibration import CalibrationOptions
 
-__all__ = ["RigOptions", "open_source"]
+__all__ = ["CalibrationOptions", "open_source"]

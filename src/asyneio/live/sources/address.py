@@ -7,9 +7,9 @@ from pathlib import Path
 from asyneio.errors import LiveError
 from asyneio.io import ReadOptions
 from asyneio.live.chunks import Source
+from asyneio.live.sources.calibration import CalibrationOptions
 from asyneio.live.sources.dv import DvSource
 from asyneio.live.sources.file import FileSource
-from asyneio.live.sources.rig import RigOptions
 from asyneio.live.sources.socket import SocketSource
 from asyneio.live.sources.usb import UsbSource
 
@@ -20,7 +20,9 @@ _EXPECTED = (
 )
 
 
-def open_source(text: str, rig: RigOptions, speed: float = 1.0, read: ReadOptions | None = None) -> Source:
+def open_source(
+    text: str, rig: CalibrationOptions, speed: float = 1.0, read: ReadOptions | None = None
+) -> Source:
     """The source that a text names; it is not connected yet.
 
     Args:

@@ -12,7 +12,7 @@ import numpy as np
 from asyneio.errors import LiveError
 from asyneio.io.recording.inertial_units import STANDARD_GRAVITY
 from asyneio.live.chunks import Chunk, Sensor, no_events, no_samples
-from asyneio.live.sources.rig import RigOptions, sensor_of
+from asyneio.live.sources.calibration import CalibrationOptions, sensor_of
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray
 
 #: Between two looks for data [s], between two attempts to connect, and how long the first attempts last.
@@ -37,7 +37,7 @@ class DvSource:
     can_wait = False
     starts_when_read = False
 
-    def __init__(self, host: str, ports: tuple[int, ...], rig: RigOptions) -> None:
+    def __init__(self, host: str, ports: tuple[int, ...], rig: CalibrationOptions) -> None:
         self._dv = _dv_processing()
         self._host, self._ports, self._rig = host, ports, rig
         self._readers: dict[int, Any] = {}

@@ -15,7 +15,7 @@ from asyneio.io.recording.contents import split_samples
 from asyneio.live.chunks import Chunk, Sensor
 from asyneio.live.protocol import END, HEADER, HELLO, ROWS, parse_header, parse_hello
 from asyneio.live.publisher import listening_socket
-from asyneio.live.sources.rig import RigOptions, sensor_of
+from asyneio.live.sources.calibration import CalibrationOptions, sensor_of
 from asyneio.types import RecordArray
 
 #: How long [s] a wait for data lasts before the loop looks around.
@@ -39,7 +39,7 @@ class SocketSource:
     can_wait = False
     starts_when_read = False
 
-    def __init__(self, host: str, port: int, rig: RigOptions) -> None:
+    def __init__(self, host: str, port: int, rig: CalibrationOptions) -> None:
         self._rig = rig
         self._server = listening_socket(host, port)
         self._server.settimeout(_LOOK_S)

@@ -11,7 +11,7 @@ import numpy as np
 
 from asyneio.errors import LiveError
 from asyneio.live.chunks import Chunk, Sensor, no_events, no_samples
-from asyneio.live.sources.rig import RigOptions, sensor_of
+from asyneio.live.sources.calibration import CalibrationOptions, sensor_of
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray
 
 #: The iterator of the driver returns at least this often [s].
@@ -34,7 +34,7 @@ class UsbSource:
     can_wait = False
     starts_when_read = False
 
-    def __init__(self, serial: str | None, rig: RigOptions) -> None:
+    def __init__(self, serial: str | None, rig: CalibrationOptions) -> None:
         self._drivers = _neuromorphic_drivers()
         self._serial, self._rig = serial, rig
         self._device: Any = None
