@@ -311,7 +311,9 @@ class StepReport:
 
     `attitude` is given while there is no pose to give; `still`: the sensor was taken to be at rest;
     `refused`: share of the packet's tracks that were found to be no points of the static scene. `noise` is
-    what the inertial samples of this step count with.
+    what the inertial samples of this step count with. `inertial_rejected`: inertial samples of the packet that
+    cannot be right (spikes, readings at the end of the range, values that are not finite, stamps that do not
+    ascend).
     """
 
     t_ns: int
@@ -329,6 +331,7 @@ class StepReport:
     attitude: Attitude | None = None
     refused: float = 0.0
     noise: NoiseEstimate | None = None
+    inertial_rejected: int = 0
 
 
 @dataclass

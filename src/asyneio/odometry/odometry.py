@@ -70,6 +70,7 @@ class Odometry:
         self._config = config
         self._calibration = calibration
         self._segment = 0
+        self._inertial_rejected = 0
         self._packet_ns: int | None = None
         self._noise = LearnedNoise(config.inertial, calibration.noise, config.window.knot_interval_s)
         self._renewed = RenewedPackets()
@@ -118,6 +119,7 @@ class Odometry:
             attitude=None if posed else self._upright,
             refused=self._intake.refused_share(packet.observations["id"]),
             noise=self._noise.estimate(),
+            inertial_rejected=self._inertial_rejected,
         )
 
     def _step(self, packet: Packet, before_ns: int | None) -> tuple[list[Estimate], StepReport]:
@@ -136,6 +138,8 @@ class Odometry:
     def _take(self, packet: Packet) -> None:
         self._noise.append(*self._intake.append(packet, self._renewed.rates_hz))
         samples = len(packet.gyroscope) + len(packet.accelerometer)
+        # Kept apart from the buffer, which a lost segment discards.
+        self._inertial_rejected = self._intake.gated
         self._gated = self._intake.gated / max(samples, 1)
         self._rest.append(packet)
         streams = packet.gyroscope, packet.accelerometer

@@ -28,6 +28,7 @@ from asyneio.pipeline.summary import (
     camera_summary,
     imu_noise_summary,
     imu_scale_summary,
+    rejected_notes,
     summarize,
 )
 from asyneio.types import (
@@ -143,7 +144,7 @@ def run_recording(
         wall_s = max(time.perf_counter() - started - (compilation.seconds - compiled_s), 0.0)
     given = tracked.observations() if tracked else observations_of(recording)
     costs = Costs(wall_s, compilation.seconds, tracked.busy_s if tracked else 0.0)
-    notes = (*recording.notes, *(tracked.notes() if tracked else ()))
+    notes = (*recording.notes, *(tracked.notes() if tracked else ()), *rejected_notes(run.reports))
     grid = Grid(start_ns, interval_ns, total)
     summary = summarize(recording, given, run, grid, costs, error)
     summary = replace(

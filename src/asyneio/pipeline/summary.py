@@ -177,6 +177,17 @@ def imu_scale_summary(found: CalibrationEstimate | None) -> ImuScaleSummary | No
     return ImuScaleSummary(diagonals[0], diagonals[2], diagonals[1], diagonals[3], float(max(aside)))
 
 
+def rejected_notes(reports: Sequence[StepReport]) -> tuple[str, ...]:
+    """A sentence on inertial samples that were not used, where there are any."""
+    rejected = sum(report.inertial_rejected for report in reports)
+    if not rejected:
+        return ()
+    return (
+        f"{rejected} inertial sample(s) were rejected: spikes, readings at the end of the range, values that "
+        "are not finite, or stamps that do not ascend",
+    )
+
+
 def imu_noise_summary(declared: ImuNoise, reports: Sequence[StepReport]) -> ImuNoiseSummary | None:
     """How noisy the inertial sensors were beside what the calibration declares."""
     known = [report.noise for report in reports if report.noise is not None]
