@@ -1,7 +1,7 @@
 """What happens to the sensors in a soak run: faults of a moment and errors of a whole piece, at random.
 
-A `Piece` is one simulated sequence as its sensors deliver it: records in order of arrival. `MOMENTS` strike in
-an interval of it, `LASTING` for the whole of it.
+A `Piece` is one simulated sequence as its sensors deliver it: records in order of arrival. `MOMENTS` strike
+in an interval of it, `LASTING_*` for the whole of it.
 """
 
 from __future__ import annotations
