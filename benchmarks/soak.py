@@ -127,7 +127,9 @@ class Stream:
         self.odometry = Odometry(config, calibration)
         self.estimates: list[Estimate] = []
         self.origins: dict[int, Estimate] = {}
+        #: Pieces in whose time the estimates of a segment lie, and how many lie in a jump between two.
         self.pieces_of: dict[int, set[int]] = {}
+        self.within_jumps = 0
         self.clock_resets = 0
         self.sensor_restarts = 0
         self._rejected = 0
@@ -165,13 +167,22 @@ class Stream:
             estimates, report = self.odometry.process(packet)
             self._frontend.set_outlier_share(report.refused)
             self._rejected += report.inertial_rejected
-            self.estimates.extend(estimates)
             origin = self.odometry.origin
             if origin is not None:
                 self.origins.setdefault(origin.segment, origin)
             for estimate in estimates:
-                self.pieces_of.setdefault(estimate.segment, set()).add(number)
+                self._place(estimate, number, shift_ns, ends_ns)
             played.steps.append(Step(number, int(ends_ns[k + 1]), report, self._counters()))
+
+    def _place(self, estimate: Estimate, number: int, shift_ns: int, ends_ns: IntArray) -> None:
+        """Note the piece of an estimate; before it learns of a jump the odometry predicts a little way into
+        it, of which there is no truth."""
+        t_ns = estimate.t_ns - shift_ns
+        if int(ends_ns[0]) <= t_ns <= int(ends_ns[-1]):
+            self.pieces_of.setdefault(estimate.segment, set()).add(number)
+            self.estimates.append(estimate)
+        else:
+            self.within_jumps += 1
 
     def _observations(self, piece: Piece, shift_ns: int, ends_ns: IntArray) -> Iterator[RecordArray]:
         """Observations of each packet, in the clock of the stream (IMU)."""
@@ -381,6 +392,7 @@ def report(options: argparse.Namespace, stream: Stream, played: list[Played], fo
         ["counted", ", ".join(f"{name} {value}" for name, value in asdict(total).items())],
         ["clock set back", f"{stream.clock_resets} new front ends"],
         ["faults not reported", ", ".join(f"{f.kind} (piece {f.piece})" for f in silent) or "none"],
+        ["estimates within a jump", str(stream.within_jumps)],
         ["segments over a jump", ", ".join(map(str, spanning)) or "none"],
         ["seconds of TRACKING", str(found.seconds)],
         ["of these beyond five sigma", str(found.wrong_seconds)],

@@ -10,6 +10,7 @@ import pytest
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.consensus import contradicting_tracks
 from asyneio.odometry.outliers import optimize_without_outliers
+from asyneio.pipeline.summary import rejected_notes
 from asyneio.simulation.contamination import swaying_object, with_object, with_wrong_tracks
 from asyneio.simulation.faults import spikes
 from asyneio.types import Health, Packet
@@ -95,6 +96,11 @@ def test_spikes_of_the_imu_cost_nothing() -> None:
     clean, spoilt = errors(simulation, plain_run().estimates), errors(simulation, outcome.estimates)
     assert spoilt.position < 1.5 * clean.position
     assert spoilt.tilt < 1.5 * clean.tilt
+    # About a hundredth of 1560 samples was struck, and the reports and the run's notes say how many.
+    rejected = sum(report.inertial_rejected for report in outcome.reports)
+    assert 10 <= rejected <= 30
+    assert rejected_notes(outcome.reports)[0].startswith(f"{rejected} inertial sample(s) were rejected")
+    assert rejected_notes(plain_run().reports) == ()
 
 
 def test_intake_counts_what_it_gates() -> None:
