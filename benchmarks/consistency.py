@@ -3,6 +3,7 @@
 Evidence: simulation (feature tracks and IMU with exact truth). Each variant changes the configuration:
 
 * `default`: as installed; the noise of the IMU is learned on line over the inflated declared densities;
+* `imu_scale`: as installed, with scale factors and misalignment of the IMU as unknowns;
 * `true`: the simulator's noise densities and bias spreads, without inflation;
 * `not_frozen`, `paper_landmarks`, `least_squares`, `converged`: `true` with linearization at the newest
   estimate, with landmarks of one degree of freedom, without the robust cost, with every window optimized
@@ -49,9 +50,12 @@ BLOCKS = (
     NeesBlock.BIAS_GYROSCOPE,
     NeesBlock.BIAS_ACCELEROMETER,
 )
-#: What each variant changes on top of the true noise; the default changes nothing at all.
+#: Variants that change the configuration as installed, and not the one with the true noise.
+AS_INSTALLED = ("default", "imu_scale")
+#: What each variant changes.
 VARIANTS: dict[str, Mapping[str, Mapping[str, Any]]] = {
     "default": {},
+    "imu_scale": {"calibration": {"estimate_imu_scale": True}},
     "true": {},
     "not_frozen": {"window": {"frozen_linearization": False}},
     "paper_landmarks": {"visual": {"estimate_bearing": False}},
@@ -77,8 +81,8 @@ def scenario(motion: str, imu: str, seconds: float, seed: int) -> Scenario:
 
 def configuration(variant: str, scene: Scenario) -> Config:
     """The configuration of a variant for a scene."""
-    if variant == "default":
-        return Config()
+    if variant in AS_INSTALLED:
+        return Config.model_validate({name: dict(values) for name, values in VARIANTS[variant].items()})
     settings: dict[str, dict[str, Any]] = {
         "visual": {"pixel_sigma": scene.tracks.pixel_sigma},
         "inertial": {

@@ -18,9 +18,10 @@ Checked:
   the first knot of the segment.
 
     python benchmarks/soak.py [--seed 0] [--minutes 10] [--scenes event_slow event_slow+rest ...]
-        [--piece 12] [--cache DIR] [--results FILE]
+        [--piece 12] [--cache DIR] [--results FILE] [--only NUMBER ...] [--leave-out NAME ...]
 
-A scene with `+rest` stands still for some seconds.
+A scene with `+rest` stands still for some seconds. To find a cause: `--only` plays single pieces, and
+`--leave-out` plays them without some of the errors; all else is drawn as before.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ from asyneio.types import (
     StepReport,
 )
 from common import table
-from nuisance_kinds import BASE_IMU
+from nuisance_kinds import BASE_IMU, Nuisance
 from sequences import DEFAULT_CACHE, sequence
 from soak_faults import MOMENTS, Fault, Piece, disturbed, draw_lasting, draw_moments
 
@@ -70,6 +71,8 @@ _LATEST_START_S = 1.5
 RESTING, REST_S = "+rest", (5.0, 8.0)
 #: A fault must be reported by then [s].
 _REPORTED_S = 1.0
+#: Packets by which the events that are checked are ahead of those whose observations are given.
+_AHEAD = 3
 #: Squared Mahalanobis distance of five standard deviations.
 WRONG = 25.0
 #: Slow enough for two cores; a rest, a person in the way, bright light and dark.
@@ -239,6 +242,10 @@ def _shifted(records: RecordArray, shift_ns: int) -> RecordArray:
     return moved
 
 
+def _names(*lasting: Nuisance | None) -> tuple[str, ...]:
+    return tuple(kind.name for kind in lasting if kind is not None)
+
+
 def pieces(options: argparse.Namespace) -> Iterator[tuple[Piece, Played]]:
     """The pieces of a soak run, drawn from the seed."""
     rng = np.random.default_rng([options.seed, 18])
@@ -255,21 +262,27 @@ def pieces(options: argparse.Namespace) -> Iterator[tuple[Piece, Played]]:
             # Every kind once before any comes again.
             bag = bag or list(rng.permutation(list(MOMENTS)))
             kinds.append(str(bag.pop()))
+        start_s = float(rng.uniform(0.0, _LATEST_START_S))
+        drawn = draw_moments(rng, slots_s, kinds)
+        # A jump of half a minute either way, from where the piece before ended.
+        jump_s = float(rng.uniform(0.3, 30.0)) * (1 if rng.random() < 0.6 else -1)
+        if options.only and number not in options.only:
+            continue
+        imu, pixels = (
+            kind if kind and kind.name not in options.leave_out else None for kind in (imu, pixels)
+        )
         rest_s = REST_S if scene.endswith(RESTING) else None
         base = sequence(scene.removesuffix(RESTING), options.scene_seed, options.piece, options.cache, rest_s)
         scenario = with_imu(base.scenario, BASE_IMU)
         if imu is not None and imu.scenario is not None:
             scenario = imu.scenario(scenario)
         simulation = simulate_events(scenario, base.recording.events)
-        start_ns = simulation.scenario.start_ns + round(rng.uniform(0.0, _LATEST_START_S) * NS_PER_S)
-        moments = draw_moments(rng, start_ns, slots_s, kinds)
+        start_ns = simulation.scenario.start_ns + round(start_s * NS_PER_S)
+        moments = [fault.after(start_ns) for fault in drawn if fault.kind not in options.leave_out]
         piece = disturbed(simulation, start_ns, pixels, moments, options.seed * 1000 + number)
-        # A jump of half a minute either way, from where the piece before ended.
-        jump_ns = round(float(rng.uniform(0.3, 30.0)) * NS_PER_S) * (1 if rng.random() < 0.6 else -1)
-        begin_ns = clock_ns + (jump_ns if number else start_ns)
+        begin_ns = clock_ns + round(jump_s * NS_PER_S) if clock_ns else start_ns
         clock_ns = begin_ns + round(options.piece * NS_PER_S)
-        lasting = tuple(kind.name for kind in (imu, pixels) if kind is not None)
-        yield piece, Played(scene, lasting, moments, begin_ns - start_ns)
+        yield piece, Played(scene, _names(imu, pixels), moments, begin_ns - start_ns)
 
 
 @dataclass(frozen=True)
@@ -292,7 +305,7 @@ def unreported(number: int, played: Played) -> list[Unreported]:
         ]
         if not inside:
             continue
-        before = played.steps[max(inside[0] - 1, 0)].counters
+        before = played.steps[max(inside[0] - _AHEAD, 0)].counters
         after = played.steps[inside[-1]].counters
         risen = {name for name, value in asdict(after).items() if value > getattr(before, name)}
         if any(played.steps[k].report.health is not Health.TRACKING for k in inside):
@@ -418,6 +431,8 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", default=SCENES, choices=scenes, metavar="SCENE")
     parser.add_argument("--scene-seed", type=int, default=0, help="added to the scenes' own")
     parser.add_argument("--piece", type=float, default=12.0, help="length of a piece [s]")
+    parser.add_argument("--only", nargs="+", type=int, help="play these pieces alone")
+    parser.add_argument("--leave-out", nargs="+", default=(), help="faults and errors to leave out, by name")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     parser.add_argument("--results", type=Path, help="also write the tables here")
     options = parser.parse_args()

@@ -53,6 +53,10 @@ class Fault:
     start_ns: int
     end_ns: int
 
+    def after(self, t_ns: int) -> Fault:
+        """The fault later by a time."""
+        return replace(self, start_ns=self.start_ns + t_ns, end_ns=self.end_ns + t_ns)
+
 
 Change = Callable[[Piece, int, int, np.random.Generator], Piece]
 
@@ -179,13 +183,11 @@ def disturbed(
     return piece
 
 
-def draw_moments(
-    rng: np.random.Generator, start_ns: int, slots_s: tuple[float, ...], kinds: list[str]
-) -> list[Fault]:
-    """One fault of the given kinds at each of the times `slots_s` after the start, jittered."""
+def draw_moments(rng: np.random.Generator, slots_s: tuple[float, ...], kinds: list[str]) -> list[Fault]:
+    """One fault of the given kinds at each of the times `slots_s` after the start (zero), jittered."""
     drawn = []
     for slot_s, kind in zip(slots_s, kinds, strict=True):
-        begin_ns = start_ns + round((slot_s + rng.uniform(0.0, 0.5)) * NS_PER_S)
+        begin_ns = round((slot_s + rng.uniform(0.0, 0.5)) * NS_PER_S)
         length_ns = round(rng.uniform(*MOMENTS[kind].length_s) * NS_PER_S)
         drawn.append(Fault(kind, begin_ns, begin_ns + length_ns))
     return drawn
