@@ -19,6 +19,7 @@ Checked:
 
     python benchmarks/soak.py [--seed 0] [--minutes 10] [--scenes event_slow event_slow+rest ...]
         [--piece 12] [--cache DIR] [--results FILE] [--only NUMBER ...] [--leave-out NAME ...]
+        [--estimate-imu-scale]
 
 A scene with `+rest` stands still for some seconds. To find a cause: `--only` plays single pieces, and
 `--leave-out` plays them without some of the errors; all else is drawn as before.
@@ -433,9 +434,13 @@ def main() -> None:
     parser.add_argument("--piece", type=float, default=12.0, help="length of a piece [s]")
     parser.add_argument("--only", nargs="+", type=int, help="play these pieces alone")
     parser.add_argument("--leave-out", nargs="+", default=(), help="faults and errors to leave out, by name")
+    parser.add_argument(
+        "--estimate-imu-scale", action="store_true", help="with calibration.estimate_imu_scale"
+    )
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     parser.add_argument("--results", type=Path, help="also write the tables here")
     options = parser.parse_args()
+    config = Config.model_validate({"calibration": {"estimate_imu_scale": options.estimate_imu_scale}})
     stream: Stream | None = None
     played: list[Played] = []
     kept: list[Piece] = []
@@ -444,7 +449,7 @@ def main() -> None:
     for number, (piece, one) in enumerate(pieces(options)):
         calibration = piece.simulation.recording.calibration
         assert calibration is not None
-        stream = stream or Stream(Config(), calibration)
+        stream = stream or Stream(config, calibration)
         stream.play(number, piece, one)
         played.append(one)
         # Only the truth is needed later.

@@ -192,6 +192,19 @@ def test_a_burst_adds_its_rate_inside_the_sensor(rng: np.random.Generator) -> No
     assert burst["y"].max() < 10
 
 
+def test_events_keep_their_layout(rng: np.random.Generator) -> None:
+    # As memory-mapped events are: the same layout, but not marked as a compiler's.
+    plain = np.lib.format.descr_to_dtype(np.lib.format.dtype_to_descr(EVENT_DTYPE))
+    events = some_events().view(plain)
+    changed = (
+        faults.without(events, 20_000_000, 30_000_000),
+        faults.skipped(events, 20_000_000, 30_000_000),
+        faults.with_burst(events, 20_000_000, 30_000_000, 1e4, (20, 10), rng),
+        faults.darkened(events, 20_000_000, 60_000_000, (20, 10), rng),
+    )
+    assert {records.dtype.itemsize for records in changed} == {EVENT_DTYPE.itemsize}
+
+
 def test_darkness_begins_with_off_and_ends_with_on_of_every_pixel(rng: np.random.Generator) -> None:
     events = some_events()
     a, b = 20_000_000, 60_000_000

@@ -173,7 +173,7 @@ def without(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
         SimulationError: the interval ends before it starts.
     """
     begin, end = _cut(records, start_ns, end_ns)
-    return np.concatenate([records[:begin], records[end:]])
+    return _joined(records[:begin], records[end:])
 
 
 def skipped(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
@@ -188,7 +188,7 @@ def skipped(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
     begin, end = _cut(records, start_ns, end_ns)
     later = records[end:].copy()
     later["t_ns"] -= end_ns - start_ns
-    return np.concatenate([records[:begin], later])
+    return _joined(records[:begin], later)
 
 
 @overload
@@ -243,8 +243,15 @@ def _merged(events: RecordArray, t_ns: IntArray, pixel: IntArray, p: IntArray, w
     more = np.zeros(t_ns.size, dtype=EVENT_DTYPE)
     more["t_ns"], more["p"] = t_ns, p
     more["y"], more["x"] = np.divmod(pixel, width)
-    merged = np.concatenate([events, more])
+    merged = _joined(events, more)
     return merged[np.argsort(merged["t_ns"], kind="stable")]
+
+
+def _joined(first: RecordArray, second: RecordArray) -> RecordArray:
+    """Both in one array of the layout of the first: `np.concatenate` leaves out the padding of records."""
+    out = np.empty(first.size + second.size, dtype=first.dtype)
+    out[: first.size], out[first.size :] = first, second
+    return out
 
 
 def _with_readings(records: RecordArray, xyz: FloatArray) -> RecordArray:
