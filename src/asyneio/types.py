@@ -311,9 +311,9 @@ class StepReport:
 
     `attitude` is given while there is no pose to give; `still`: the sensor was taken to be at rest;
     `refused`: share of the packet's tracks that were found to be no points of the static scene. `noise` is
-    what the inertial samples of this step count with. `inertial_rejected`: inertial samples of the packet that
-    cannot be right (spikes, readings at the end of the range, values that are not finite, stamps that do not
-    ascend).
+    what the inertial samples of this step count with. `inertial_rejected`: number of inertial samples of the
+    packet that cannot be right (spikes, readings at the end of the range, values that are not finite, stamps
+    that do not ascend).
     """
 
     t_ns: int
