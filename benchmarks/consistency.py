@@ -1,6 +1,6 @@
 """Does the covariance agree with the errors? NEES over seeds, for several configurations.
 
-Evidence: simulation (feature tracks and IMU with exact truth). Each variant changes the configuration:
+Kind of figures: simulation (feature tracks and IMU with exact truth). Each variant changes the configuration:
 
 * `default`: as installed; the noise of the IMU is learned on line over the inflated declared densities;
 * `imu_scale`: as installed, with scale factors and misalignment of the IMU as unknowns;

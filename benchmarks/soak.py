@@ -1,7 +1,7 @@
 """Soak: a long stream of events and inertial samples with faults drawn at random, through one front end and
 one odometry.
 
-Evidence: simulation. The stream is made of pieces, each a simulated sequence (`--scenes`, `--piece` seconds)
+Kind of figures: simulation. The stream is made of pieces, each a simulated sequence (`--scenes`, `--piece` seconds)
 with errors of the IMU and of the pixels that last for the whole piece, and with faults of a moment
 (`soak_faults.py`), everything drawn from the seed. Between two pieces the clock jumps, forward or back, and
 the sensors are somewhere else. A front end rejects a clock that was set back, as documented; a new one is
@@ -21,7 +21,7 @@ Checked:
         [--piece 12] [--cache DIR] [--results FILE] [--only NUMBER ...] [--leave-out NAME ...]
         [--estimate-imu-scale]
 
-A scene with `+rest` stands still for some seconds. To find a cause: `--only` plays single pieces, and
+A scene with `+rest` is stationary for some seconds. To find a cause: `--only` plays single pieces, and
 `--leave-out` plays them without some of the errors; all else is drawn as before.
 """
 
@@ -68,7 +68,7 @@ from soak_faults import MOMENTS, Fault, Piece, disturbed, draw_lasting, draw_mom
 _FIRST_FAULT_S, _FAULT_EVERY_S = 4.0, 3.0
 #: A piece begins up to this late in its sequence [s]: no two starts are alike.
 _LATEST_START_S = 1.5
-#: Scenes with this suffix stand still meanwhile [s].
+#: Scenes with this suffix are stationary in this interval [s].
 RESTING, REST_S = "+rest", (5.0, 8.0)
 #: A fault must be reported by then [s].
 _REPORTED_S = 1.0
@@ -76,7 +76,7 @@ _REPORTED_S = 1.0
 _AHEAD = 3
 #: Squared Mahalanobis distance of five standard deviations.
 WRONG = 25.0
-#: Slow enough for two cores; a rest, a person in the way, bright light and dark.
+#: Slow enough for two cores; a stationary phase, a person in the way, bright light and dark.
 SCENES = (
     "event_slow",
     "suite_poster_translation",
@@ -296,7 +296,7 @@ class Unreported:
 
 
 def unreported(number: int, played: Played) -> list[Unreported]:
-    """Faults of a piece that no counter and no state told of."""
+    """Faults of a piece that no counter and no state reported."""
     found = []
     for fault in played.faults:
         inside = [

@@ -71,7 +71,7 @@ def quantised(records: RecordArray, step: float) -> RecordArray:
 
 
 def held(records: RecordArray, readings: float) -> RecordArray:
-    """Inertial samples (INERTIAL_DTYPE) of a sensor whose value is renewed every so many readings.
+    """Inertial samples (INERTIAL_DTYPE) of a sensor whose value is renewed after a number of readings.
 
     With 7/3, say, a value lasts two or three readings.
 
@@ -179,8 +179,8 @@ def without(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
 def skipped(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
     """Records without those of an interval, and what follows stamped earlier by its length.
 
-    Of all sensors of a recording together, this is a kidnapping: nobody sees the way from one place to the
-    other, and no gap in the stamps tells of it.
+    Of all sensors of a recording together, this is a kidnapping: no sensor sees the way from one place to
+    the other, and the stamps have no gap.
 
     Raises:
         SimulationError: the interval ends before it starts.
@@ -204,7 +204,7 @@ def kidnapped(
 ) -> Recording | EventRecording:
     """A recording from which an interval (IMU clock) is skipped in all sensors; ground truth likewise.
 
-    Tracks do not survive it: what follows bears new ids, as a tracker would begin anew.
+    Tracks do not survive it: what follows bears new ids, as those of a tracker that starts again.
 
     Raises:
         SimulationError: the interval ends before it starts.
