@@ -1,8 +1,8 @@
 """Soak: a long stream of events and inertial samples with faults drawn at random, through one front end and
 one odometry.
 
-Kind of figures: simulation. The stream is made of pieces, each a simulated sequence (`--scenes`, `--piece` seconds)
-with errors of the IMU and of the pixels that last for the whole piece, and with faults of a moment
+Kind of figures: simulation. The stream is made of pieces, each a simulated sequence (`--scenes`, `--piece`
+seconds) with errors of the IMU and of the pixels that last for the whole piece, and with faults of a moment
 (`soak_faults.py`), everything drawn from the seed. Between two pieces the clock jumps, forward or back, and
 the sensors are somewhere else. A front end rejects a clock that was set back, as documented; a new one is
 made there. The odometry is one over the whole.
