@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from asyneio.config import Config
+from asyneio.estimation.solver.covariance import relative_scale_sigma
 from asyneio.io.parsing.atomic import write_text
 from asyneio.odometry import Odometry
 from asyneio.pipeline.packets import packets
@@ -60,6 +61,7 @@ class Outcome:
     started: bool
     after_s: float
     scale_error: float
+    scale_sigma: float
     gravity_deg: float
     path_error: float
     detected: bool
@@ -110,11 +112,11 @@ def errors(odometry: Odometry, case: Case) -> tuple[float, float, float]:
     found, true = trajectory.pose(t_ns), case.truth.at(t_ns).T_w_b
     gravity = float(np.degrees(np.arccos(np.clip(found[-1, 2, :3] @ true[-1, 2, :3], -1.0, 1.0))))
     if case.speed == 0.0:
-        return float("nan"), gravity, float("nan")
+        return float("nan"), sigma, gravity, float("nan")
     displacement = [(T[:, :3, 3] - T[0, :3, 3]) @ T[0, :3, :3] for T in (true, found)]
     scale = float(np.sum(displacement[0] * displacement[1]) / np.sum(displacement[0] ** 2))
     miss = np.linalg.norm(displacement[1] - displacement[0]) / np.linalg.norm(displacement[0])
-    return scale - 1.0, gravity, float(miss)
+    return scale - 1.0, sigma, gravity, float(miss)
 
 
 def run_case(condition: str, number: int, cache: str) -> Outcome:
@@ -152,6 +154,7 @@ def row(name: str, outcomes: Sequence[Outcome]) -> list[str]:
     soon = sum(o.after_s <= WITHIN_S for o in started)
     low, high = wilson(soon, len(outcomes))
     scale = np.abs([o.scale_error for o in started])
+    ratio = np.array([(o.scale_error / o.scale_sigma) ** 2 for o in started if np.isfinite(o.scale_error)])
     wrong = [o for o in started if o.condition == ROTATION or abs(o.scale_error) > WRONG_SCALE]
     rejections = [s for o in outcomes for s in o.rejection_seconds if s > 1e-3]
     return [
@@ -161,6 +164,8 @@ def row(name: str, outcomes: Sequence[Outcome]) -> list[str]:
         f"{100 * low:.0f}-{100 * high:.0f}",
         _percentiles([o.after_s for o in started], (50, 90), 1),
         _percentiles(100 * scale, (50, 90, 100), 1),
+        f"{np.mean(ratio):.2f}, {np.median(ratio):.2f}" if len(ratio) else "-",
+        f"{100 * np.mean(ratio > 4.0):.0f} %" if len(ratio) else "-",
         _percentiles([o.gravity_deg for o in started], (50, 90), 2),
         str(len(wrong)),
         str(sum(not o.detected for o in wrong)),

@@ -95,6 +95,11 @@ def test_spikes_of_the_imu_cost_nothing() -> None:
     clean, spoilt = errors(simulation, plain_run().estimates), errors(simulation, outcome.estimates)
     assert spoilt.position < 1.5 * clean.position
     assert spoilt.tilt < 1.5 * clean.tilt
+    # About a hundredth of 1560 samples was struck, and the reports and the run's notes say how many.
+    rejected = sum(report.inertial_rejected for report in outcome.reports)
+    assert 10 <= rejected <= 30
+    assert rejected_notes(outcome.reports)[0].startswith(f"{rejected} inertial sample(s) were rejected")
+    assert rejected_notes(plain_run().reports) == ()
 
 
 def test_the_buffer_counts_rejected_samples() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from asyneio.errors import SimulationError
 from asyneio.simulation import SCENARIOS, Simulation, faults, simulate, simulate_events
-from asyneio.types import INERTIAL_DTYPE, RecordArray
+from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray
 from tests.simulation.event_worlds import small_scenario
 
 
@@ -142,3 +142,77 @@ def test_impossible_faults_are_refused(rng: np.random.Generator) -> None:
         faults.held(readings(), 0.5)
     with pytest.raises(SimulationError, match="an interval from 5 to 4"):
         faults.without(readings(), 5, 4)
+
+
+def some_events(count: int = 2000, period_ns: int = 50_000) -> RecordArray:
+    events = np.zeros(count, dtype=EVENT_DTYPE)
+    events["t_ns"] = period_ns * np.arange(count)
+    events["x"] = np.arange(count) % 20
+    return events
+
+
+def test_a_repeated_record_arrives_twice_with_one_stamp(rng: np.random.Generator) -> None:
+    clean = readings()
+    twice = faults.repeated(clean, 0.3, rng)
+    added = twice.size - clean.size
+    assert 200 < added < 400
+    assert np.count_nonzero(np.diff(twice["t_ns"]) == 0) == added
+    np.testing.assert_array_equal(np.unique(twice["t_ns"]), clean["t_ns"])
+    with pytest.raises(SimulationError, match="share of 2"):
+        faults.repeated(clean, 2, rng)
+
+
+def test_stamps_set_back_are_those_of_the_interval() -> None:
+    clean = readings()
+    wrong = faults.set_back(clean, 2000, 3000, 500)
+    np.testing.assert_array_equal(
+        clean["t_ns"] - wrong["t_ns"], 500 * ((clean["t_ns"] >= 2000) & (clean["t_ns"] < 3000))
+    )
+    np.testing.assert_array_equal(wrong["xyz"], clean["xyz"])
+
+
+def test_disordered_records_are_the_same_in_another_order(rng: np.random.Generator) -> None:
+    clean = readings()
+    mixed = faults.disordered(clean, 2000, 6000, 300, rng)
+    latest = np.maximum.accumulate(mixed["t_ns"])
+    assert 0 < (latest - mixed["t_ns"]).max() <= 300
+    np.testing.assert_array_equal(mixed[np.argsort(mixed["t_ns"])], clean)
+    np.testing.assert_array_equal(mixed[clean["t_ns"] < 2000], clean[clean["t_ns"] < 2000])
+
+
+def test_a_burst_adds_its_rate_inside_the_sensor(rng: np.random.Generator) -> None:
+    events = some_events()
+    a, b = 30_000_000, 40_000_000
+    burst = faults.with_burst(events, a, b, 1e6, (20, 10), rng)
+    assert burst.size == events.size + 10_000
+    assert (np.diff(burst["t_ns"]) >= 0).all()
+    outside = (burst["t_ns"] < a) | (burst["t_ns"] >= b)
+    np.testing.assert_array_equal(burst[outside], events[(events["t_ns"] < a) | (events["t_ns"] >= b)])
+    assert burst["x"].max() < 20
+    assert burst["y"].max() < 10
+
+
+def test_events_keep_their_layout(rng: np.random.Generator) -> None:
+    # As memory-mapped events are: the same layout, but not marked as a compiler's.
+    plain = np.lib.format.descr_to_dtype(np.lib.format.dtype_to_descr(EVENT_DTYPE))
+    events = some_events().view(plain)
+    changed = (
+        faults.without(events, 20_000_000, 30_000_000),
+        faults.skipped(events, 20_000_000, 30_000_000),
+        faults.with_burst(events, 20_000_000, 30_000_000, 1e4, (20, 10), rng),
+        faults.darkened(events, 20_000_000, 60_000_000, (20, 10), rng),
+    )
+    assert {records.dtype.itemsize for records in changed} == {EVENT_DTYPE.itemsize}
+
+
+def test_darkness_begins_with_off_and_ends_with_on_of_every_pixel(rng: np.random.Generator) -> None:
+    events = some_events()
+    a, b = 20_000_000, 60_000_000
+    dark = faults.darkened(events, a, b, (20, 10), rng)
+    inside = dark[(dark["t_ns"] >= a) & (dark["t_ns"] < b)]
+    assert inside.size == 200
+    assert not inside["p"].any()
+    assert np.unique(inside["y"] * 20 + inside["x"]).size == 200
+    assert inside["t_ns"].max() < a + 20_000_000
+    assert np.count_nonzero(dark["p"]) == 200
+    assert (dark["t_ns"][dark["p"] == 1] >= b).all()

@@ -13,7 +13,19 @@ from typing import overload
 import numpy as np
 
 from asyneio.errors import SimulationError
-from asyneio.types import EventRecording, FloatArray, PoseTrajectory, RecordArray, Recording
+from asyneio.types import (
+    EVENT_DTYPE,
+    NS_PER_S,
+    EventRecording,
+    FloatArray,
+    IntArray,
+    PoseTrajectory,
+    RecordArray,
+    Recording,
+)
+
+#: How long all pixels take to fire once when the light goes off or on [ns].
+_LIGHT_CHANGE_NS = 20_000_000
 
 
 def spikes(records: RecordArray, share: float, magnitude: float, rng: np.random.Generator) -> RecordArray:
@@ -74,6 +86,86 @@ def held(records: RecordArray, readings: float) -> RecordArray:
     return _with_readings(records, records["xyz"][np.minimum(renewed, index)])
 
 
+def repeated(records: RecordArray, share: float, rng: np.random.Generator) -> RecordArray:
+    """Records of which a share (0 to 1) arrives twice, with the same stamp and the same values.
+
+    Raises:
+        SimulationError: the share is none.
+    """
+    if not 0.0 <= share <= 1.0:
+        raise SimulationError(f"a share of {share} of the records; expected 0 to 1")
+    return np.repeat(records, 1 + (rng.random(records.size) < share))
+
+
+def set_back(records: RecordArray, start_ns: int, end_ns: int, by_ns: int) -> RecordArray:
+    """Records in order of arrival whose stamps in an interval are too early by `by_ns`.
+
+    Raises:
+        SimulationError: the interval ends before it starts.
+    """
+    begin, end = _cut(records, start_ns, end_ns)
+    changed = records.copy()
+    changed["t_ns"][begin:end] -= by_ns
+    return changed
+
+
+def disordered(
+    records: RecordArray, start_ns: int, end_ns: int, delay_ns: int, rng: np.random.Generator
+) -> RecordArray:
+    """Records in order of arrival where those of an interval arrive up to `delay_ns` late; stamps are right.
+
+    Raises:
+        SimulationError: the interval ends before it starts.
+    """
+    begin, end = _cut(records, start_ns, end_ns)
+    arrival = records["t_ns"].copy()
+    arrival[begin:end] += rng.integers(0, delay_ns + 1, end - begin)
+    return records[np.argsort(arrival, kind="stable")]
+
+
+def with_burst(
+    events: RecordArray,
+    start_ns: int,
+    end_ns: int,
+    rate_hz: float,
+    size: tuple[int, int],
+    rng: np.random.Generator,
+) -> RecordArray:
+    """Events (EVENT_DTYPE) with a burst of `rate_hz` events a second at random pixels in an interval.
+
+    Args:
+        events: of a sensor of `size`, width and height [px].
+        start_ns, end_ns: of the burst.
+        rate_hz: of the added events.
+        size: of the sensor.
+        rng: source of randomness.
+
+    Raises:
+        SimulationError: the interval ends before it starts.
+    """
+    _cut(events, start_ns, end_ns)
+    count = round(rate_hz * (end_ns - start_ns) / NS_PER_S)
+    pixel = rng.integers(0, size[0] * size[1], count)
+    return _merged(events, rng.integers(start_ns, end_ns, count), pixel, rng.integers(0, 2, count), size[0])
+
+
+def darkened(
+    events: RecordArray, start_ns: int, end_ns: int, size: tuple[int, int], rng: np.random.Generator
+) -> RecordArray:
+    """Events (EVENT_DTYPE) where the light is off in an interval: every pixel of a sensor of `size` (width,
+    height) fires OFF once, nothing follows, and every pixel fires ON once when the light is back.
+
+    Raises:
+        SimulationError: the interval ends before it starts.
+    """
+    dark = without(events, start_ns, end_ns)
+    pixel = np.arange(size[0] * size[1])
+    for at_ns, p in ((start_ns, 0), (end_ns, 1)):
+        t_ns = rng.integers(at_ns, at_ns + _LIGHT_CHANGE_NS, pixel.size)
+        dark = _merged(dark, t_ns, pixel, np.full(pixel.size, p), size[0])
+    return dark
+
+
 def without(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
     """Records without those of an interval, as in a dropout.
 
@@ -81,7 +173,7 @@ def without(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
         SimulationError: the interval ends before it starts.
     """
     begin, end = _cut(records, start_ns, end_ns)
-    return np.concatenate([records[:begin], records[end:]])
+    return _joined(records[:begin], records[end:])
 
 
 def skipped(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
@@ -96,7 +188,7 @@ def skipped(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
     begin, end = _cut(records, start_ns, end_ns)
     later = records[end:].copy()
     later["t_ns"] -= end_ns - start_ns
-    return np.concatenate([records[:begin], later])
+    return _joined(records[:begin], later)
 
 
 @overload
@@ -144,6 +236,22 @@ def kidnapped(
 def without_bias(records: RecordArray, bias: FloatArray) -> RecordArray:
     """Inertial samples (N,) minus biases (N,3), as of a sensor without bias."""
     return _with_readings(records, records["xyz"] - bias)
+
+
+def _merged(events: RecordArray, t_ns: IntArray, pixel: IntArray, p: IntArray, width: int) -> RecordArray:
+    """Events with others, given by their pixel `y * width + x`, ascending in time."""
+    more = np.zeros(t_ns.size, dtype=EVENT_DTYPE)
+    more["t_ns"], more["p"] = t_ns, p
+    more["y"], more["x"] = np.divmod(pixel, width)
+    merged = _joined(events, more)
+    return merged[np.argsort(merged["t_ns"], kind="stable")]
+
+
+def _joined(first: RecordArray, second: RecordArray) -> RecordArray:
+    """Both in one array of the layout of the first: `np.concatenate` leaves out the padding of records."""
+    out = np.empty(first.size + second.size, dtype=first.dtype)
+    out[: first.size], out[first.size :] = first, second
+    return out
 
 
 def _with_readings(records: RecordArray, xyz: FloatArray) -> RecordArray:

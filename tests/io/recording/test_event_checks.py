@@ -104,3 +104,12 @@ def test_impossible_stamps(rng: np.random.Generator, t_ns: int) -> None:
 def test_a_year_of_events_is_a_wrong_unit() -> None:
     with pytest.raises(RecordingError, match="likely factor 1000000"):
         check_span(0, 365 * 86_400 * NS_PER_S, "file")
+
+
+def test_events_of_another_layout_are_joined_field_by_field() -> None:
+    packed = np.dtype([(name, EVENT_DTYPE[name]) for name in EVENT_DTYPE.names or ()])
+    events = np.zeros(32, dtype=EVENT_DTYPE)
+    events["t_ns"], events["x"], events["y"] = np.arange(32), 5, 7
+    # 16 packed records have as many bytes as 13 of the usual layout.
+    joined = join_events([events[:16].astype(packed), events[16:]])
+    np.testing.assert_array_equal(joined, events)
