@@ -1,7 +1,6 @@
-"""Consistency of the covariance: NEES over seeds, with and without frozen linearisation points.
+"""Does the covariance agree with the errors? NEES over seeds, for several configurations.
 
-Evidence: simulation (feature tracks and IMU with exact ground truth). The estimator uses the true noise
-densities, so the results do not depend on an assumed noise.
+Kind of figures: simulation (feature tracks and IMU with exact truth). Each variant changes the configuration:
 
 * `default`: as installed; the noise of the IMU is learned on line over the inflated declared densities;
 * `imu_scale`: as installed, with scale factors and misalignment of the IMU as unknowns;
@@ -51,10 +50,27 @@ BLOCKS = (
     NeesBlock.BIAS_GYROSCOPE,
     NeesBlock.BIAS_ACCELEROMETER,
 )
+#: Variants that change the configuration as installed, and not the one with the true noise.
+AS_INSTALLED = ("default", "imu_scale")
+#: What each variant changes.
+VARIANTS: dict[str, Mapping[str, Mapping[str, Any]]] = {
+    "default": {},
+    "imu_scale": {"calibration": {"estimate_imu_scale": True}},
+    "true": {},
+    "not_frozen": {"window": {"frozen_linearization": False}},
+    "paper_landmarks": {"visual": {"estimate_bearing": False}},
+    "least_squares": {"visual": {"robust_scale": 1000.0}},
+    "converged": {"optimizer": {"relative_decrease": 1e-6, "max_iterations": 15}},
+}
+#: Values are compared at times this far apart [s].
+STEP_S = 0.1
+
+#: Of one run: `nees` by block at every `STEP_S`, and `ate_m`.
+Row = dict[str, Any]
 
 
-def scenario(motion: str, seconds: float, seed: int) -> Scenario:
-    """A run with half the observations of the default, which suffice for NEES and take less time."""
+def scenario(motion: str, imu: str, seconds: float, seed: int) -> Scenario:
+    """A run with half as many observations as the default: NEES does not need more."""
     base = SCENARIOS[motion]
     if imu == "ideal":
         # Noise and initial biases stay those of the sensor.
@@ -63,34 +79,103 @@ def scenario(motion: str, seconds: float, seed: int) -> Scenario:
     return replace(base, duration_s=seconds, seed=seed, tracks=tracks)
 
 
-def true_noise(scene: Scenario, frozen: bool, bearing: bool = True) -> Config:
-    """The configuration with the simulator's noise."""
-    return Config.model_validate(
-        {
-            "window": {"frozen_linearization": frozen},
-            "visual": {"pixel_sigma": scene.tracks.pixel_sigma, "estimate_bearing": bearing},
-            "inertial": {
-                "noise_inflation": 1.0,
-                "walk_inflation": 1.0,
-                "initial_gyroscope_bias_sigma": scene.initial_gyroscope_bias_sigma,
-                "initial_accelerometer_bias_sigma": scene.initial_accelerometer_bias_sigma,
-            },
-        }
-    )
+def configuration(variant: str, scene: Scenario) -> Config:
+    """The configuration of a variant for a scene."""
+    if variant in AS_INSTALLED:
+        return Config.model_validate({name: dict(values) for name, values in VARIANTS[variant].items()})
+    settings: dict[str, dict[str, Any]] = {
+        "visual": {"pixel_sigma": scene.tracks.pixel_sigma},
+        "inertial": {
+            "noise_inflation": 1.0,
+            "walk_inflation": 1.0,
+            "initial_gyroscope_bias_sigma": scene.initial_gyroscope_bias_sigma,
+            "initial_accelerometer_bias_sigma": scene.initial_accelerometer_bias_sigma,
+        },
+    }
+    for section, values in VARIANTS[variant].items():
+        settings.setdefault(section, {}).update(values)
+    return Config.model_validate(settings)
 
 
-def one_run(seed: int, motion: str, seconds: float, frozen: bool, bearing: bool) -> tuple[Nees, float]:
+def one_run(variant: str, motion: str, imu: str, seconds: float, seed: int) -> Row:
     """NEES of one seed, and its ATE [m]."""
     scene = scenario(motion, imu, seconds, seed)
     simulation = simulate(scene)
-    result = run(simulation.recording, true_noise(scene, frozen, bearing))
-    # The origin defines the world; estimates up to the last knot of the initialization depend on it.
-    estimates = [*result.origins, *result.run.estimates]
-    return nees(estimates, simulation.truth.at), score(simulation.recording, result).position_m.rmse
+    result = run(simulation.recording, configuration(variant, scene))
+    # The origin defines the frame; estimates at and before the last knot of the start follow it.
+    found = nees([*result.origins, *result.run.estimates], simulation.truth.at)
+    elapsed = (found.t_ns - found.t_ns[0]) / NS_PER_S
+    wanted = np.arange(STEP_S, elapsed[-1] + 1e-9, STEP_S)
+    at = np.clip(np.searchsorted(elapsed, wanted), 0, elapsed.size - 1)
+    values = {block.value: found.values[block][at].round(4).tolist() for block in BLOCKS}
+    return {"nees": values, "ate_m": score(simulation.recording, result).position_m.rmse}
+
+
+def summary(rows: Sequence[Row], block: NeesBlock, parts: int) -> tuple[list[str], list[str]]:
+    """Cells of both tables for one block."""
+    runs = [np.array(row["nees"][block.value]) for row in rows]
+    common = min(len(values) for values in runs)
+    sampled = np.array([values[:common] for values in runs])
+    count, dof = len(runs), NEES_DOF[block]
+    over_time = sampled.mean(axis=1)
+    mean = float(over_time.mean())
+    half = float("nan")
+    if count > 1:
+        half = float(student.ppf(0.975, count - 1) * over_time.std(ddof=1) / np.sqrt(count))
+    lower, upper = (float(chi2.ppf(p, count * dof)) / count for p in (0.025, 0.975))
+    at_times = sampled.mean(axis=0)
+    inside = float(np.mean((at_times >= lower) & (at_times <= upper)))
+    above = float(np.mean(at_times > upper))
+    first = [
+        f"{mean:.2f}",
+        f"{mean - half:.2f} .. {mean + half:.2f}",
+        f"{lower:.2f} .. {upper:.2f}",
+        f"{100 * inside:.0f} %",
+        f"{100 * above:.0f} %",
+    ]
+    return first, [f"{part.mean():.2f}" for part in np.array_split(at_times, parts)]
+
+
+def load(path: Path | None) -> dict[str, Row]:
+    """Rows of earlier runs, by their key."""
+    if path is None or not path.is_file():
+        return {}
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {line["key"]: line["row"] for line in lines}
+
+
+def key_of(options: argparse.Namespace, variant: str, seed: int) -> str:
+    """What identifies a run among the results."""
+    return f"{variant} {options.imu} {options.motion} {options.seconds:g} {seed}"
+
+
+def measure(options: argparse.Namespace) -> dict[str, list[Row]]:
+    """Rows of every variant, run where they are not known yet."""
+    known = load(options.results)
+    seeds = range(options.first, options.first + options.seeds)
+    rows: dict[str, list[Row]] = {}
+    with ProcessPoolExecutor(options.jobs) as pool:
+        jobs = {}
+        for variant in options.variants:
+            for seed in seeds:
+                key = key_of(options, variant, seed)
+                if key not in known:
+                    jobs[key] = pool.submit(
+                        one_run, variant, options.motion, options.imu, options.seconds, seed
+                    )
+        for key, job in jobs.items():
+            known[key] = job.result()
+            print(f"{key}: ATE {100 * known[key]['ate_m']:.2f} cm", flush=True)
+            if options.results:
+                with options.results.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps({"key": key, "row": known[key]}) + "\n")
+    for variant in options.variants:
+        rows[variant] = [known[key_of(options, variant, seed)] for seed in seeds]
+    return rows
 
 
 def main() -> None:
-    """Print one row for each part of the state and each option."""
+    """Print a row for each part of the state and each variant."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -16,7 +16,7 @@ from asyneio.config import Config, MotionPriorConfig
 from asyneio.evaluation import NeesBlock, anees, nees
 from asyneio.simulation import simulate
 from common import parallel, run, score, table
-from consistency import scenario, true_noise
+from consistency import configuration, scenario
 
 _PRIORS, _SPACES = ("wnoj", "wnoa"), ("se3", "so3xr3")
 _MOTIONS = ("moderate", "aggressive")
@@ -25,9 +25,9 @@ _BLOCKS = (NeesBlock.ORIENTATION, NeesBlock.POSITION, NeesBlock.VELOCITY)
 
 def one_run(seed: int, motion: str, seconds: float, prior: dict[str, Any]) -> tuple[list[float], Any]:
     """ATE [cm], orientation error [deg], real-time factor, and NEES of a seed."""
-    scene = scenario(motion, seconds, seed)
+    scene = scenario(motion, "sensor", seconds, seed)
     simulation = simulate(scene)
-    plain = true_noise(scene, frozen=False, bearing=True).model_dump()
+    plain = configuration("not_frozen", scene).model_dump()
     plain["motion_prior"].update(prior)
     result = run(simulation.recording, Config.model_validate(plain))
     scored = score(simulation.recording, result)

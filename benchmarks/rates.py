@@ -17,7 +17,7 @@ import numpy as np
 
 from asyneio.simulation import simulate
 from common import parallel, run, score, table
-from consistency import scenario, true_noise
+from consistency import configuration, scenario
 
 _RATES = {
     "both 1000 Hz": (1000.0, 1000.0, 0.0),
@@ -30,13 +30,13 @@ def ate_cm(seed: int, rates: tuple[float, float, float], seconds: float) -> floa
     """ATE of one seed."""
     gyroscope_hz, accelerometer_hz, offset_s = rates
     scene = replace(
-        scenario("moderate", seconds, seed),
+        scenario("moderate", "sensor", seconds, seed),
         gyroscope_rate_hz=gyroscope_hz,
         accelerometer_rate_hz=accelerometer_hz,
         accelerometer_offset_s=offset_s,
     )
     recording = simulate(scene).recording
-    return 100.0 * score(recording, run(recording, true_noise(scene, frozen=True))).position_m.rmse
+    return 100.0 * score(recording, run(recording, configuration("true", scene))).position_m.rmse
 
 
 def main() -> None:

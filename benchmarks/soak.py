@@ -44,7 +44,7 @@ from asyneio.errors import RecordingError
 from asyneio.evaluation import Nees, NeesBlock, nees
 from asyneio.frontend import Frontend, gyroscope_in_camera
 from asyneio.io.parsing.atomic import write_text
-from asyneio.io.recording.checks import EventChecker
+from asyneio.io.recording.event_checks import EventChecker
 from asyneio.odometry import Odometry
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events, with_imu
 from asyneio.simulation.truth import StateTruth
@@ -169,11 +169,10 @@ class Stream:
             gyroscope, accelerometer = (_shifted(stream[k], shift_ns) for stream in streams)
             packet = Packet(int(ends_ns[k + 1]) + shift_ns, observations, gyroscope, accelerometer)
             estimates, report = self.odometry.process(packet)
-            self._frontend.set_outlier_share(report.refused)
+            self._frontend.set_outlier_share(report.outlier_share)
             self._rejected += report.inertial_rejected
-            origin = self.odometry.origin
-            if origin is not None:
-                self.origins.setdefault(origin.segment, origin)
+            if report.origin is not None:
+                self.origins[report.origin.segment] = report.origin
             for estimate in estimates:
                 self._place(estimate, number, shift_ns, ends_ns)
             played.steps.append(Step(number, int(ends_ns[k + 1]), report, self._counters()))
@@ -358,7 +357,7 @@ def judge(stream: Stream, played: list[Played], simulations: list[Piece]) -> Con
         truth = simulations[number].simulation.truth
 
         def at(t_ns: IntArray, one: Played = one, truth: object = truth) -> StateTruth:
-            return truth.at(t_ns - one.shift_ns)  # type: ignore[attr-defined, no-any-return]
+            return truth.at(t_ns - one.shift_ns)  # type: ignore[attr-defined]
 
         found = nees([origin, *estimates], at)
         tracking = [health.get(int(t) + (number << 62)) is Health.TRACKING for t in found.t_ns[1:].tolist()]

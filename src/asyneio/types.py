@@ -323,6 +323,8 @@ class StepReport:
         stationary: whether the sensor was detected to be stationary.
         attitude: attitude before the segment is initialized; None where there is a pose.
         outlier_share: share of the packet's tracks that are rejected as outliers.
+        inertial_rejected: number of the packet's inertial samples that were rejected: spikes, saturated or
+            corrupt readings.
         noise: of the inertial samples, as learned so far.
         origin: the knot that defines the segment's world frame, in the report of the step that initialized
             it.
@@ -342,6 +344,7 @@ class StepReport:
     stationary: bool = False
     attitude: Attitude | None = None
     outlier_share: float = 0.0
+    inertial_rejected: int = 0
     noise: NoiseEstimate | None = None
     origin: Estimate | None = None
 

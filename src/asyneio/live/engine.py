@@ -177,7 +177,7 @@ class _Engine:
 
     def _step(self, tracked: Tracked) -> None:
         estimates, report = self._process(tracked.packet)
-        tracked.set_outlier_share(report.outlier_share)
+        tracked.tell(report.outlier_share)
         if self._gravity.add(tracked.packet):
             self._progress.message(f"warning: {self._gravity.complaint}; the poses are wrong by metres")
         now_s = time.perf_counter()

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from asyneio import __version__
 from asyneio.live.step import LiveStep, Transition
 from asyneio.live.tracking import Shed
 from asyneio.types import NS_PER_S, Health
+from asyneio.version import __version__
 
 #: Of longer runs, the figures of so many last packets and changes of health are kept.
 _MOST_LATENCIES, _MOST_TRANSITIONS = 1_000_000, 1000

@@ -72,6 +72,8 @@ class Odometry:
         self._attitude: Attitude | None = None
         self._segment = Segment(0, config, calibration)
         self._log = TransitionLog()
+        #: Of the newest packet; the buffer that counts them does not outlive a loss.
+        self._rejected_samples = 0
 
     @with_one_blas_thread
     def process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
@@ -116,6 +118,7 @@ class Odometry:
         if before_ns is not None and packet.t_end_ns < before_ns:
             return f"timestamps jump back by {(before_ns - packet.t_end_ns) / NS_PER_S:.3f} s"
         gated = self._segment.append(packet, self._renewed.rates_hz)
+        self._rejected_samples = self._segment.buffer.rejected_samples
         interruption = self._interruption(before_ns, packet.t_end_ns)
         if not interruption:
             self._learn(packet, gated)
@@ -197,6 +200,7 @@ class Odometry:
             stationary=segment.stationary.stationary,
             attitude=None if has_pose else self._attitude,
             outlier_share=segment.buffer.outlier_share(packet.observations["id"]),
+            inertial_rejected=self._rejected_samples,
             noise=self._noise.estimate(),
             origin=origin,
             **({} if segment.tracking is None else segment.tracking.figures()),

@@ -108,7 +108,7 @@ def summarize(recording: Recording | EventRecording, outcome: Outcome, grid: Gri
         segments=tuple(_segments(run, grid)),
         transitions=tuple(_transitions(run, grid)),
         failure=_failure(run, grid, outcome.error),
-        notes=(*recording.notes, *outcome.notes),
+        notes=(*recording.notes, *outcome.notes, *rejected_notes(outcome.run.reports)),
         camera=_camera_summary(outcome.calibration),
         imu_noise=_imu_noise_summary(calibration_of(recording).noise, run.reports),
         imu_scale=_imu_scale_summary(outcome.calibration),
@@ -209,3 +209,14 @@ def _track_life(observations: RecordArray) -> tuple[int, float]:
     starts = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]])
     ends = np.r_[starts[1:], ids.size] - 1
     return starts.size, float(np.mean(t_ns[ends] - t_ns[starts])) / NS_PER_S
+
+
+def rejected_notes(reports: Sequence[StepReport]) -> tuple[str, ...]:
+    """A note on inertial samples that were not used, if there are any."""
+    rejected = sum(report.inertial_rejected for report in reports)
+    if not rejected:
+        return ()
+    return (
+        f"{rejected} inertial sample(s) were rejected: spikes, saturated readings, values that are not "
+        "finite, or timestamps that do not ascend",
+    )

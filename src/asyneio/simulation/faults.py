@@ -1,8 +1,8 @@
-"""Sensor faults, as pure functions of records: spikes, saturation, quantisation, held samples, gaps, jumps.
+"""Faults of sensors, as pure functions of records: spikes, saturation, steps, held samples, gaps, jumps,
+wrong stamps and order, bursts of events, darkness.
 
-Tests and benchmarks use this module to inject faults into simulated and real recordings; no command does. All
-functions take records with an ascending field `t_ns` (EVENT_DTYPE, INERTIAL_DTYPE, OBSERVATION_DTYPE) and
-return new ones; the input is not changed. Intervals are half open, [start, end).
+All take records with a field `t_ns`, ascending (EVENT_DTYPE, INERTIAL_DTYPE, OBSERVATION_DTYPE), and return
+new ones; the input stays as it is. Intervals are half open, [start, end).
 """
 
 from __future__ import annotations
@@ -29,59 +29,59 @@ _LIGHT_CHANGE_NS = 20_000_000
 
 
 def spikes(records: RecordArray, share: float, magnitude: float, rng: np.random.Generator) -> RecordArray:
-    """Inertial samples with spikes of length `magnitude` [unit of the samples] in random directions.
+    """Inertial samples of which some are off by `magnitude` [unit of the samples], in random directions.
 
     Args:
-        records: samples (INERTIAL_DTYPE).
-        share: probability of a spike for each sample, 0 to 1.
-        magnitude: length of the added vector.
+        records: INERTIAL_DTYPE.
+        share: how many of the samples, 0 to 1; drawn for each sample by itself.
+        magnitude: length of what is added.
         rng: source of randomness.
 
     Raises:
-        SimulationError: the share is not within 0 to 1.
+        SimulationError: the share is none.
     """
     if not 0.0 <= share <= 1.0:
-        raise SimulationError(f"share = {share}; expected 0 to 1")
-    spiked = rng.random(records.size) < share
+        raise SimulationError(f"a share of {share} of the samples; expected 0 to 1")
+    struck = rng.random(records.size) < share
     direction = rng.normal(size=(records.size, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return _with_readings(records, records["xyz"] + magnitude * spiked[:, None] * direction)
+    return _with_readings(records, records["xyz"] + magnitude * struck[:, None] * direction)
 
 
 def saturated(records: RecordArray, limit: float) -> RecordArray:
-    """Inertial samples (INERTIAL_DTYPE) of a sensor with a full-scale range of `limit` on each axis.
+    """Inertial samples (INERTIAL_DTYPE) of a sensor that cannot read more than `limit` on an axis.
 
     Raises:
         SimulationError: the limit is not positive.
     """
     if not limit > 0.0:
-        raise SimulationError(f"limit = {limit}; expected a positive value")
+        raise SimulationError(f"a limit of {limit}; expected a positive one")
     return _with_readings(records, np.clip(records["xyz"], -limit, limit))
 
 
 def quantised(records: RecordArray, step: float) -> RecordArray:
-    """Inertial samples (INERTIAL_DTYPE) of a sensor with a resolution of `step` [unit of the samples].
+    """Inertial samples (INERTIAL_DTYPE) of a sensor that reads multiples of `step` [unit of the samples].
 
     Raises:
         SimulationError: the step is not positive.
     """
     if not step > 0.0:
-        raise SimulationError(f"step = {step}; expected a positive value")
+        raise SimulationError(f"a step of {step}; expected a positive one")
     return _with_readings(records, np.rint(records["xyz"] / step) * step)
 
 
 def held(records: RecordArray, readings: float) -> RecordArray:
-    """Inertial samples (INERTIAL_DTYPE) of a sensor whose value is updated every `readings` readings.
+    """Inertial samples (INERTIAL_DTYPE) of a sensor whose value is renewed after a number of readings.
 
-    With 7/3, for example, a value lasts two or three readings.
+    With 7/3, say, a value lasts two or three readings.
 
     Raises:
-        SimulationError: `readings` is less than 1.
+        SimulationError: renewed more often than read.
     """
     if not readings >= 1.0:
-        raise SimulationError(f"readings = {readings}; expected at least 1")
+        raise SimulationError(f"a value renewed every {readings} readings; expected 1 or more")
     index = np.arange(records.size)
-    # The value at the first reading after each update.
+    # The value at the first reading after each renewal.
     renewed = np.ceil(np.floor((index + 1e-9) / readings) * readings - 1e-9).astype(np.int64)
     return _with_readings(records, records["xyz"][np.minimum(renewed, index)])
 
@@ -167,7 +167,7 @@ def darkened(
 
 
 def without(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
-    """Records without those of an interval, as in a dropout.
+    """Records of a sensor that was silent in an interval: a dropout, a blackout.
 
     Raises:
         SimulationError: the interval ends before it starts.
@@ -177,10 +177,10 @@ def without(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
 
 
 def skipped(records: RecordArray, start_ns: int, end_ns: int) -> RecordArray:
-    """Records without those of an interval, with all later timestamps reduced by its length.
+    """Records without those of an interval, and what follows stamped earlier by its length.
 
-    Applied to all sensors of a recording, this is a kidnapping: the motion during the interval is not
-    measured, and there is no gap in the timestamps.
+    Of all sensors of a recording together, this is a kidnapping: no sensor sees the way from one place to
+    the other, and the stamps have no gap.
 
     Raises:
         SimulationError: the interval ends before it starts.
@@ -202,9 +202,9 @@ def kidnapped(recording: EventRecording, start_ns: int, end_ns: int) -> EventRec
 def kidnapped(
     recording: Recording | EventRecording, start_ns: int, end_ns: int
 ) -> Recording | EventRecording:
-    """A recording from which an interval (IMU clock) is skipped in all sensors and in the ground truth.
+    """A recording from which an interval (IMU clock) is skipped in all sensors; ground truth likewise.
 
-    Tracks end there: later observations get new ids, as from a tracker that starts again.
+    Tracks do not survive it: what follows bears new ids, as those of a tracker that starts again.
 
     Raises:
         SimulationError: the interval ends before it starts.
@@ -234,7 +234,7 @@ def kidnapped(
 
 
 def without_bias(records: RecordArray, bias: FloatArray) -> RecordArray:
-    """Inertial samples (N,) minus biases (N,3), as of a sensor without bias."""
+    """Inertial samples (N,) less their biases (N,3): what a sensor without bias would have read."""
     return _with_readings(records, records["xyz"] - bias)
 
 

@@ -64,8 +64,13 @@ def share_text(count: int, total: int) -> str:
 
 
 def join_events(pieces: Sequence[RecordArray]) -> RecordArray:
-    """Pieces of EVENT_DTYPE as one array. Joined as bytes: numpy copies structured fields far more slowly."""
-    return np.concatenate([np.ascontiguousarray(piece).view(_BYTES) for piece in pieces]).view(EVENT_DTYPE)
+    """Pieces of events as one array, joined as bytes: numpy copies structured fields far more slowly.
+
+    A piece with the fields of EVENT_DTYPE in another layout is converted first: joining memory-mapped events
+    with `np.concatenate` gives records without padding.
+    """
+    bytes_of = [np.ascontiguousarray(piece, dtype=EVENT_DTYPE).view(_BYTES) for piece in pieces]
+    return np.concatenate(bytes_of).view(EVENT_DTYPE)
 
 
 def pack_events(t_ns: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> RecordArray:
