@@ -39,7 +39,7 @@ from start_cases import CASE_S, Case, from_events, simulated
 
 SIMULATED = ("tracks", "bad_tracks", "moving_object", "clock", "rotation", "still")
 SCENES = tuple(scenario.name for scenario in SUITE)
-#: Without translation any start is a failure of judgement; at rest it is right, and says nothing of scale.
+#: Without translation every initialization is wrong; stationary it is right, but has no scale.
 ROTATION, STILL = "rotation", "still"
 UNOBSERVABLE = (ROTATION, STILL)
 #: A start is wanted within [s]; a scale further off is a wrong start.

@@ -56,7 +56,7 @@ def live(
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the run in a viewer (rerun).")] = False,
     duration: Annotated[
-        float | None, typer.Option(help="Stop after so many seconds of sensor time.", show_default="never")
+        float | None, typer.Option(help="Stop after this many seconds of sensor time.", show_default="never")
     ] = None,
     max_backlog: Annotated[
         float, typer.Option(help="Seconds that data may wait; load is shed beforehand.")

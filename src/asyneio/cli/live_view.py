@@ -18,7 +18,7 @@ from asyneio.live.summary import LiveSummary
 from asyneio.live.tracking import Shed
 from asyneio.types import Health
 
-#: The line is written anew at this interval [s].
+#: The line is refreshed at this interval [s].
 _INTERVAL_S = 0.2
 
 
@@ -92,7 +92,7 @@ def status_text(step: LiveStep, poses: int) -> str:
 
 
 def _shed_text(shed: Shed) -> str:
-    """What was left out, in words."""
+    """Description of what was dropped."""
     events = shed.thinned + shed.dropped + shed.events + shed.feature_events
     if shed.nothing():
         return "nothing shed"

@@ -1,4 +1,4 @@
-"""`asyneio run --view`: the run over a recording in rerun's viewer, while it goes on."""
+"""`asyneio run --view`: a run over a recording, shown in the rerun viewer while it proceeds."""
 
 from __future__ import annotations
 

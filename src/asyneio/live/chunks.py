@@ -85,7 +85,7 @@ class Source(Protocol):
         ...
 
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what was lost or rejected on the way in so far."""
+        """Notes on data lost or rejected at the input so far."""
         ...
 
     def close(self) -> None:

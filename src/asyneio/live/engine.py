@@ -75,7 +75,7 @@ def run_live(
         outputs: are given every step.
         spool: keeps the raw stream and the results.
         options: how time is treated.
-        progress: is told of compilation and of changes of health.
+        progress: receives messages on compilation and changes of health.
 
     Raises:
         LiveError, CalibrationError: the source cannot be opened, or its sensor has no calibration.
@@ -205,7 +205,7 @@ class _Engine:
         return [replace(estimate, segment=estimate.segment + first) for estimate in estimates], report
 
     def _end_stretch(self, end: StretchEnd) -> None:
-        """The estimator begins anew; a segment that had begun is lost."""
+        """Restart the estimator; a segment that was initialized is lost."""
         last = self._last
         self._estimator = Odometry(self._config, self._sensor.calibration)
         if last is None:
@@ -240,7 +240,7 @@ class _Engine:
             output.step(step)
 
     def _notes(self) -> tuple[str, ...]:
-        """What was left out on the way in."""
+        """Notes on data dropped at the input."""
         counts = self._intake.guard.counts
         said = {
             "event(s) outside the sensor or without a polarity dropped": counts.rejected_events,

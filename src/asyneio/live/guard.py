@@ -17,7 +17,7 @@ DISORDER_NS = 10_000_000
 FAR_NS = NS_PER_S
 #: A longer gap begins a new stretch; over a shorter one the stretch continues with empty packets.
 LONGEST_GAP_NS = 10 * NS_PER_S
-#: So many suspicious stamps in a row that agree with each other are not isolated errors.
+#: This number of suspicious stamps in a row that agree with each other are not isolated errors.
 _EVENTS_AGREE, _SAMPLES_AGREE = 200, 50
 #: Stamps that cannot be subtracted from each other without overflow.
 _EARLIEST_NS, _LATEST_NS = -(10**18), 3 * 10**18

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 from asyneio.live.chunks import Break, Chunk, no_events
 
-#: At most so many events wait (256 MB); beyond, events are dropped. Inertial samples are few: they are
-#: dropped only where so many chunks wait.
+#: Largest number of waiting events (256 MB); further events are dropped. Inertial samples are few and are
+#: dropped only beyond the largest number of waiting chunks.
 MOST_EVENTS, MOST_CHUNKS = 16_000_000, 50_000
-#: Of a source that can wait, at most so many events and chunks are read ahead.
+#: Largest number of events and of chunks read ahead from a source that can wait.
 _EVENTS_AHEAD, _CHUNKS_AHEAD = 4_000_000, 16
 
 

@@ -21,7 +21,7 @@ class IntakeThread:
         source: an open source.
         sensor: what `source.open` returned.
         inbox: where chunks go.
-        duration_s: stop after so many seconds of sensor time; None: never.
+        duration_s: stop after this many seconds of sensor time; None: never.
     """
 
     def __init__(self, source: Source, sensor: Sensor, inbox: Inbox, duration_s: float | None = None) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from asyneio.types import RecordArray
 
-#: Load is shed while data wait for more than this share of the longest backlog, and taken back step by step
+#: Load is shed while data wait for more than this share of the longest backlog, and less, step by step,
 #: while they wait for less than the second share.
 _HIGH, _LOW = 0.5, 0.15
 #: Factors on a limit for each packet.
@@ -15,7 +15,7 @@ _LESS, _MORE = 0.8, 1.05
 _FIRST, _LEAST, _ENOUGH = 1.0, 0.05, 2.0
 #: The least share of the tracks that the estimator is given.
 _LEAST_TRACKS = 0.3
-#: Thinning keeps one of so many events at most.
+#: Largest stride of thinning.
 _MOST_THINNED = 16
 
 
@@ -29,7 +29,7 @@ class LoadControl:
     Attributes:
         share: the front end's limit, as a share of a processor core; 0: any.
         tracks: share of the tracks that the estimator is given.
-        stride: one of so many events is taken in.
+        stride: every stride-th event is processed.
 
     Args:
         configured: `frontend.max_load`.

@@ -13,7 +13,7 @@ from asyneio.live.chunks import Sensor
 from asyneio.live.lines import step_lines
 from asyneio.live.step import LiveStep
 
-#: So many lines wait for a reader; then it misses the oldest ones.
+#: Largest number of lines that wait for a reader; a slower reader misses the oldest.
 _MOST_LINES = 1000
 #: A reader that takes nothing for so long [s] is disconnected.
 _STALLED_S = 10.0

@@ -20,7 +20,7 @@ class RawFile:
     """Events and samples of one stretch.
 
     Args:
-        path: made anew.
+        path: created; an existing file is replaced.
         sensor: whose stream it is.
 
     Raises:

@@ -41,7 +41,7 @@ from asyneio.state import DOF
 from asyneio.types import STATE_BLOCKS, Estimate
 
 RECORDING, RESULTS = "recording", "live"
-#: So many batches of raw rows wait for the disk; further ones are lost, and the recording says so.
+#: Largest number of batches of raw rows that wait for the disk; further ones are lost, with a note.
 _MOST_BATCHES = 50
 
 _STATE_DTYPE = np.dtype(
@@ -211,7 +211,7 @@ def write_states(path: Path, states: np.ndarray) -> None:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder with a recording that is not ours to replace. Raises RecordingError."""
+    """Reject a folder with a recording that no live run wrote. Raises RecordingError."""
     if (folder / f"{RECORDING}.h5").exists() and not (folder / RESULTS).is_dir():
         raise RecordingError(
             f"{folder} holds a {RECORDING}.h5 that no live run has made; name another folder for --record"

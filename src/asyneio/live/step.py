@@ -17,7 +17,7 @@ class LiveStep:
     `latency_s`: from the arrival of the first datum as new as the packet's end to the estimate; it contains
     `frontend.max_delay_s`. `processing_s`: from the arrival of the last datum that the packet needed.
     `tracked` is None for a state that no packet led to (a silent source, the end of a stretch). `landmarks`
-    (N,3): in the world, where somebody asked for them.
+    (N,3): in the world, if an output requires them.
     """
 
     report: StepReport

@@ -16,7 +16,7 @@ from asyneio.live.tracking import Shed
 from asyneio.types import NS_PER_S, Health
 from asyneio.version import __version__
 
-#: Of longer runs, the figures of so many last packets and changes of health are kept.
+#: Number of latest packets and changes of health whose figures are kept.
 _MOST_LATENCIES, _MOST_TRANSITIONS = 1_000_000, 1000
 
 
@@ -26,7 +26,7 @@ class LiveSummary:
 
     `duration_s`: sensor time of all packets; `wall_s`: on the wall, from the first packet on. Latencies as in
     `LiveStep`: median, 99th percentile and largest. `health_s`: seconds in each state. `failure` says why the
-    output is missing or incomplete; empty when it is whole.
+    output is missing or incomplete; empty when it is complete.
     """
 
     source: str
@@ -129,7 +129,7 @@ class Tally:
             return f"the run stopped after {self._knots} estimates: {error}"
         last = self._last.report if self._last else None
         if last is None:
-            return "the source sent no packet that was whole: no events, or no inertial samples"
+            return "the source sent no complete packet: no events, or no inertial samples"
         because = f": {last.reason}" if last.reason else ""
         if not self._knots:
             return f"the estimator never started, so there is no trajectory{because}"

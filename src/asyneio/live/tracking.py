@@ -18,9 +18,9 @@ from asyneio.pipeline.delayed import DelayedObservations
 from asyneio.pipeline.frontend_thread import AHEAD
 from asyneio.types import NS_PER_S, Packet
 
-#: Where data wait for so many times the longest backlog, they are given up and a new stretch begins.
+#: Data that wait for more than this multiple of the longest backlog are dropped, and a new stretch begins.
 _HOPELESS = 4.0
-#: A stream that pauses while the others go on is waited for so long, by the time of the sensors.
+#: How long to wait for a stream that pauses while the others continue, in sensor time.
 PATIENCE_NS = 200_000_000
 
 
@@ -52,7 +52,7 @@ class Shed:
 class Tracked:
     """A packet for the estimator, with the raw one behind it.
 
-    `tell` takes the share of its tracks that are of no use. `stretch` counts the stretches of the stream.
+    `tell` takes the share of its tracks that are outliers. `stretch` counts the stretches of the stream.
     `backlog_s`, `shed`, `load_limit`: how the front end keeps up.
     """
 
@@ -83,7 +83,7 @@ class TrackingThread:
 
     The share of useless tracks that the estimator reports of a packet takes effect a fixed number of packets
     later, for which the front end waits: results do not depend on how the threads are scheduled, and at most
-    so many packets wait for the estimator.
+    largest number of packets that wait for the estimator.
 
     Args:
         inbox: where chunks come from.
@@ -152,7 +152,7 @@ class TrackingThread:
             self.queue.put(error)
 
     def _give_up_backlog(self) -> None:
-        """Throw away what waits where the machine cannot keep up: old poses are of no use."""
+        """Drop the waiting data if the machine cannot keep up: old poses help no one."""
         if self._max_backlog_s is None:
             return
         backlog_s = self._inbox.backlog_s()

@@ -27,11 +27,11 @@ from asyneio.viz.rerun_shapes import ellipses, near, newest_of_tracks, strips
 
 #: The viewer forgets the oldest data beyond this.
 MEMORY_LIMIT = "1GB"
-#: The picture of events holds those of the last so many nanoseconds of a packet; tracks are drawn for longer.
+#: The event image shows the last events of a packet, over this time [ns]; tracks are drawn for longer.
 _PICTURE_NS, _TRAIL_NS = 10_000_000, 300_000_000
-#: Samples of the IMU that are plotted, at most so many a second.
+#: Largest rate of plotted IMU samples.
 _PLOTTED_HZ = 100
-#: The trajectory is drawn in pieces of so many poses: each pose draws its own piece anew.
+#: Poses per piece of the drawn trajectory: a new pose redraws its piece only.
 _PIECE_POSES = 50
 _BACKGROUND, _BRIGHTER, _DARKER = 32, 255, 128
 #: Bounds of biases.

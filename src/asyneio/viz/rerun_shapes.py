@@ -6,7 +6,7 @@ import numpy as np
 
 from asyneio.types import FloatArray, RecordArray
 
-#: Landmarks further from their middle than so many times the median are not drawn.
+#: Landmarks further from their middle than this multiple of the median are not drawn.
 _FARTHEST = 10.0
 #: A covariance is drawn as an ellipse of three sigma; where it is not known, as one of this size [px].
 _SIGMAS, _UNKNOWN_PX = 3.0, 1.0

@@ -29,7 +29,7 @@ def open_source(
         text: `file:PATH`, `dv:[HOST:]PORT[,PORT]`, `socket:[HOST:]PORT` or `usb:[SERIAL]`.
         rig: calibration of a source that brings none.
         speed: of a file: times faster than it was recorded; 0: as fast as possible.
-        read: of a file: how it is read.
+        read: options of reading, for a file.
 
     Raises:
         LiveError: no such kind of source, or no address; a package is missing.

@@ -25,7 +25,7 @@ class FileSource:
     Args:
         path: of any kind that `asyneio run` reads.
         speed: times faster than it was recorded; 0: as fast as possible, and then nothing is shed.
-        options: how it is read.
+        options: of reading.
 
     Raises:
         LiveError: the speed is negative or not finite.

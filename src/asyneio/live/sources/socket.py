@@ -20,7 +20,7 @@ from asyneio.types import RecordArray
 
 #: How long [s] a wait for data lasts before the loop looks around.
 _LOOK_S = 0.1
-#: A sender must say hello within so many seconds.
+#: A sender must send its greeting within this time [s].
 _HELLO_S = 5.0
 _BUFFER_BYTES = 8 * 2**20
 
