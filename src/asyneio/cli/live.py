@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 def live(
     source: Annotated[
         str,
-        typer.Argument(help="file:PATH, socket:[HOST:]PORT, dv:[HOST:]PORT[,PORT] or usb:[SERIAL]."),
+        typer.Argument(help="file:PATH, socket:PORT, dv:PORT or usb:; HOST:PORT names another address."),
     ],
     calibration: CalibrationOption = None,
     imu: ImuOption = None,
@@ -48,7 +48,7 @@ def live(
     ] = 1.0,
     listen: Annotated[
         str | None,
-        typer.Option(help="Also send the lines to programs that connect to this [HOST:]PORT."),
+        typer.Option(help="Also send the lines to programs that connect to this PORT or HOST:PORT."),
     ] = None,
     record: Annotated[
         Path | None,

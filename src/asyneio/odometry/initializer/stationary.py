@@ -120,9 +120,9 @@ def _prior(states: States, knots_ns: IntArray, settings: Settings) -> Prior:
     """
     mean = States(*(a[: len(knots_ns)].copy() for a in states))
     first = first_prior(States(*(a[:1] for a in mean)), settings.initialization.bias_sigma)
-    size = 24 * len(knots_ns)
-    rows = [np.pad(first.R, [(0, 0), (0, size - 24)]), np.zeros((6, size))]
-    rows[1][:, 6:12] = np.diag(1.0 / np.repeat(_COMMON_SIGMA, 3))
+    size = DOF * len(knots_ns)
+    rows = [np.pad(first.R, [(0, 0), (0, size - DOF)]), np.zeros((6, size))]
+    rows[1][:, VARPI:VARPI_DOT] = np.diag(1.0 / np.repeat(_COMMON_SIGMA, 3))
     for k, dt in enumerate(np.diff(knots_ns) * 1e-9):
         change = np.zeros((12, size))
         begin = DOF * k
