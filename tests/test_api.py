@@ -87,6 +87,7 @@ def test_simulate_by_name_and_by_scenario() -> None:
         asyneio.simulate("moderat")
 
 
+@pytest.mark.slow
 def test_changes_of_health_are_logged(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -187,6 +187,7 @@ def test_every_tag_in_the_source_is_mapped(path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_source_carries_tags() -> None:
     """The search finds what it is meant to find: most equations are tagged where they are computed."""
     found = frozenset().union(*(tags(text) for path in modules() for text in prose(path.read_text())))

@@ -77,6 +77,7 @@ def test_benchmarks_and_examples_do_not_import_the_command_line() -> None:
         assert not [name for name in imported(path) if name.startswith("asyneio.cli")], path.name
 
 
+@pytest.mark.slow
 def test_the_library_does_not_print() -> None:
     """Only the command line does, and the child processes that count compiled kernels."""
     for path in (_REPOSITORY / "src/asyneio").rglob("*.py"):

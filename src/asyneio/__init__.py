@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """asyneio: asynchronous event-inertial odometry with Gaussian-process regression.
 
 The names below are loaded on first use, so that `import asyneio` takes milliseconds. The library logs to the

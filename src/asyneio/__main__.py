@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`python -m asyneio`: the command line."""
 
 from asyneio.cli.main import main

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run, evaluate and simulate in one call each; `import asyneio` offers them by these names."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Camera models by name, with published values and their sources.
 
 A preset provides values that no file contains: sensor size, noise of the built-in IMU and, for the one camera

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Typed, frozen settings with defaults. A file overrides defaults; an unknown key is an error.
 
 Each run saves the resolved settings. Components receive the section they need, not the whole tree. Settings

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The exceptions of asyneio: one root, one subclass per subject.
 
 A message states what was found, what was expected and what to do.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long work reports progress: a callback for one task, one for many tasks, a protocol for runs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Columns of a knot's error state and of an interval's local coordinates, in one place.
 
 Every covariance, Jacobian and normal equation uses these columns: a block of three (or six) begins at the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records and small frozen dataclasses that the packages exchange.
 
 Conventions (docs/conventions.md): time is int64 nanoseconds; `T_w_b` maps body to world coordinates;

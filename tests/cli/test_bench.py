@@ -118,6 +118,7 @@ def test_estimates_are_moved_into_the_camera() -> None:
     assert found.t_ns[0] == START_NS - calibration.timeshift_ns
 
 
+@pytest.mark.slow
 def test_it_goes_on_where_it_stopped(
     asyneio: Asyneio, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -279,6 +280,7 @@ def _here(workload: Workload, **_: str) -> Iterator[speed.Measure]:
     yield lambda name, *arguments: getattr(run, name)(*arguments)
 
 
+@pytest.mark.slow
 def test_speed(
     asyneio: Asyneio, recording: EventRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -310,6 +312,7 @@ def test_speed(
     assert "the gate needs a baseline of the same workload" in err
 
 
+@pytest.mark.slow
 def test_the_gate_of_speed(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(speed, "_process", _here)
     write_events_hdf5(make_event_recording(np.random.default_rng(7)), tmp_path / "own.h5")

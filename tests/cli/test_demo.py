@@ -15,6 +15,8 @@ from asyneio.io import open_recording, read_estimates, to_trajectory
 from asyneio.types import EventRecording
 from tests.viz.chromium import Browser, browser
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:

@@ -81,6 +81,7 @@ def test_a_calibration_in_another_folder(asyneio: Asyneio, folder: Path, tmp_pat
     assert results["calibration"] == "OK"
 
 
+@pytest.mark.slow
 @settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.sampled_from(
@@ -110,6 +111,7 @@ def test_arbitrary_bytes_do_not_crash_it(tmp_path: Path, head: bytes, rest: byte
         json.dumps(report.to_dict(), allow_nan=False)
 
 
+@pytest.mark.slow
 @settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_damage_anywhere_in_a_recording_does_not_crash_it(
@@ -132,6 +134,7 @@ def test_damage_anywhere_in_a_recording_does_not_crash_it(
         file.write_bytes(whole)
 
 
+@pytest.mark.slow
 def test_impossible_readings_do_not_crash_it(tmp_path: Path, rng: np.random.Generator) -> None:
     recording = make_event_recording(rng, 5000)
     for row, (stamp, reading) in enumerate([(0, 1e300), (0, np.inf), (2**62, 1.0), (0, np.nan)]):

@@ -38,6 +38,7 @@ def command(*arguments: str | Path, **variables: str) -> subprocess.Popen[bytes]
     )
 
 
+@pytest.mark.slow
 def test_who_stops_reading_does_not_change_the_exit_status(folder: Path) -> None:
     """As `asyneio doctor RECORDING | head -1`."""
     process = command("doctor", folder)
@@ -49,11 +50,13 @@ def test_who_stops_reading_does_not_change_the_exit_status(folder: Path) -> None
     assert "defect" not in said
 
 
+@pytest.mark.slow
 def test_settings_that_cannot_be_obeyed_are_said(tmp_path: Path) -> None:
     _, said = command("doctor", tmp_path / "absent", NUMBA_DISABLE_JIT="1").communicate()
     assert b"NUMBA_DISABLE_JIT is ignored" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["nonsense", "module://nowhere.backend_inline"])
 def test_figures_need_no_backend(backend: str) -> None:
     pytest.importorskip("matplotlib")

@@ -73,6 +73,7 @@ def _reports(asyneio: Asyneio, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("asyneio.cli.execute.available", lambda: True)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_reports")
 def test_run_writes_everything_and_shows_a_table(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
     status, out, err = asyneio("run", folder, "-o", tmp_path / "out", "--max-track-seconds", "1")
@@ -103,6 +104,7 @@ def test_run_without_matplotlib_names_the_extra(asyneio: Asyneio, folder: Path, 
     assert not (tmp_path / "out" / "report.html").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_reports")
 def test_run_without_truth_has_a_report_but_no_errors(asyneio: Asyneio, folder: Path, tmp_path: Path) -> None:
     (folder / "groundtruth.tum").unlink()
@@ -146,6 +148,7 @@ def test_a_run_that_never_initializes_has_a_report_with_the_reason(
     assert not (tmp_path / "out" / "overview.png").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_reports")
 def test_json_and_figures(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -186,6 +189,7 @@ def test_a_run_that_loses_track_fails_but_keeps_what_it_has(
     assert (tmp_path / "out" / "trajectory.tum").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_reports")
 def test_a_run_in_segments_fails_and_is_evaluated_by_segment(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -366,6 +370,7 @@ def test_simulate_is_reproducible_and_readable(asyneio: Asyneio, tmp_path: Path)
     assert recording.gyroscope.size == pytest.approx(1000, abs=2)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_reports")
 def test_demo_names_the_report(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("asyneio.pipeline.report.render_report", lambda *_: "page")

@@ -18,6 +18,8 @@ from asyneio.simulation import EVENT_SCENARIOS, EventScenario, scenarios, simula
 from asyneio.types import EventRecording
 from tests.cli.fakes import FakeOdometry
 
+pytestmark = pytest.mark.slow
+
 _REPOSITORY = Path(__file__).resolve().parents[2]
 _README = (_REPOSITORY / "README.md").read_text()
 _SECONDS = 0.8

@@ -57,6 +57,7 @@ def write(file: Path, names: str, t_ns: np.ndarray, values: np.ndarray) -> None:
     file.write_text("\n".join([names, *lines]) + "\n")
 
 
+@pytest.mark.slow
 def test_real_samples_are_kept_as_they_are(asyneio: Asyneio, files: Path) -> None:
     status, out, err = asyneio(
         *("simulate", "event_slow", "--poses", "poses.csv", "--samples", "imu.csv", "--imu", "noise.yaml"),
@@ -122,6 +123,7 @@ def test_a_scenario_of_tracks_is_rejected(asyneio: Asyneio, files: Path) -> None
     assert "--poses requires a scenario of events" in err
 
 
+@pytest.mark.slow
 def test_degrees_are_converted_and_said(asyneio: Asyneio, files: Path) -> None:
     status, _, err = asyneio(
         *("simulate", "event_slow", "--poses", "poses.csv", "--samples", "degrees.csv", "--duration", "0.1"),

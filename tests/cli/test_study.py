@@ -30,6 +30,7 @@ def test_names_are_those_of_the_studies() -> None:
     assert [name.value for name in StudyName] == list(STUDIES)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_stub")
 def test_everything_is_written_and_a_second_run_measures_nothing(asyneio: Asyneio, tmp_path: Path) -> None:
     arguments = ("study", "schemes", "-o", tmp_path / "out", "--seeds", "4", "--jobs", "1")

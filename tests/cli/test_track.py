@@ -35,6 +35,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_simulated_events_are_a_recording(simulated: Path) -> None:
     recording = open_recording(simulated)
     assert isinstance(recording, EventRecording)
@@ -44,6 +45,7 @@ def test_simulated_events_are_a_recording(simulated: Path) -> None:
     assert recording.gyroscope.size == pytest.approx(600, abs=2)
 
 
+@pytest.mark.slow
 def test_simulated_events_in_hdf5(asyneio: Asyneio, tmp_path: Path) -> None:
     arguments = ("--duration", "0.1", "--seed", "3", "--format", "hdf5")
     status, out, err = asyneio("simulate", "event_fast", "-o", tmp_path / "room", *arguments)
@@ -92,6 +94,7 @@ def test_json_and_no_gyroscope(asyneio: Asyneio, simulated: Path, tmp_path: Path
     assert printed["life_s"]["quartile"] <= printed["life_s"]["median"] <= printed["life_s"]["longest"]
 
 
+@pytest.mark.slow
 def test_the_other_tracker(asyneio: Asyneio, simulated: Path, tmp_path: Path) -> None:
     for name in ("gradient", "haste"):
         status, out, err = asyneio("track", simulated, "-o", tmp_path / name, "--tracker", name)

@@ -181,6 +181,7 @@ def mirrored(T: np.ndarray) -> np.ndarray:
     return T
 
 
+@pytest.mark.slow
 def test_the_clean_recording_passes(clean: Path) -> None:
     report = examine(clean)
     assert [v for v in report.results if v.severity > Severity.OK] == []

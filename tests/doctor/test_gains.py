@@ -78,6 +78,7 @@ def test_tracks_give_both_while_the_camera_moves_around_the_scene(
     assert gains_of_tracks(pairs.of(times.start_ns < 1e9), body[times.start_ns < 1e9], np.eye(3), 1.0) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset_s", [-3.0, 0.25, 6.0])
 def test_an_offset_of_seconds_is_found(offset_s: float, rng: np.random.Generator) -> None:
     t = np.arange(0.0, 30.0, 0.002)

@@ -101,6 +101,7 @@ ROWS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.path)
 def test_result(data_dir: Path, row: Row) -> None:
     report = examine(data_dir / row.path)
@@ -134,6 +135,7 @@ def test_a_wrong_mounting_of_a_real_camera_fails(data_dir: Path, tmp_path: Path)
     assert "mirrored" in result.fix
 
 
+@pytest.mark.slow
 def test_clipped_readings_of_a_real_gyroscope_are_found(data_dir: Path, tmp_path: Path) -> None:
     """Quantised, unsaturated readings of a DAVIS240, clipped like those of a sensor with a range of 500
     deg/s."""

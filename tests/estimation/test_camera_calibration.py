@@ -130,6 +130,7 @@ def of_knots_and_camera(problem: Problem) -> NDArray[np.int64]:
     return free[free < 24 * KNOTS + len(problem.camera.columns)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frozen", [0, 2])
 @every_case
 def test_normal_equations(case: Case, frozen: int) -> None:
@@ -143,6 +144,7 @@ def test_normal_equations(case: Case, frozen: int) -> None:
     assert evaluate_cost(problem) == pytest.approx(linearize(problem).cost, rel=1e-12)
 
 
+@pytest.mark.slow
 @every_case
 def test_same_minimum_as_dense_gauss_newton(case: Case) -> None:
     problem, prior = drawn(case)

@@ -36,6 +36,7 @@ def nearest_px(tracker: GradientTracker) -> float:
     return float(np.quantile(distance.min(axis=1), 0.1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [1, 2, 4])
 def test_features_spread_as_far_on_more_pixels(simulation: EventSimulation, times: int) -> None:
     """With a spacing in pixels all of them fit into a corner of a large sensor."""

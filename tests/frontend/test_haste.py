@@ -79,6 +79,7 @@ class Oracle:
         self.template = self.template + LEARNING_RATE * self.weights(self.places(self.pose, middle)[0])
 
 
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(seed=st.integers(0, 2**32 - 1), drift=st.floats(-0.05, 0.05), spin=st.floats(-0.004, 0.004))
 def test_scores_and_decisions_equal_brute_force(seed: int, drift: float, spin: float) -> None:

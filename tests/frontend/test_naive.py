@@ -101,6 +101,7 @@ def compare(events: RecordArray, oracle: NaiveFrontend) -> GradientTracker:
     return tracker
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["scene cut", "gaps and hot pixels"])
 def test_the_loop_decides_as_algorithm_1(simulation: EventSimulation, name: str) -> None:
     oracle = NaiveFrontend(CONFIG, WIDTH, HEIGHT)
@@ -114,6 +115,7 @@ def test_the_loop_decides_as_algorithm_1(simulation: EventSimulation, name: str)
         assert min(oracle.ended["silent"], oracle.ended["abandoned"], oracle.hot_events) > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rule", "broken"),
     [

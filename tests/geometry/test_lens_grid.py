@@ -55,6 +55,7 @@ def smallest_eigenvalue(jacobian: tuple[float, ...]) -> float:
     return 0.5 * (a + d) - math.hypot(0.5 * (a - d), 0.5 * (b + c))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "count"), COUNTS)
 def test_each_lens_is_inverted_in_its_valid_disc(model: Distortion, count: int) -> None:
     wrong = []
@@ -71,6 +72,7 @@ def test_each_lens_is_inverted_in_its_valid_disc(model: Distortion, count: int) 
     assert wrong == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "count"), COUNTS)
 def test_the_disc_ends_at_the_fold_and_only_there(model: Distortion, count: int) -> None:
     for coefficients in single(count) + drawn(count):

@@ -135,6 +135,7 @@ def test_logarithms(angle: float) -> None:
         assert block_error(oracle.to_array(oracle.se3_log(T)), sample.xi) < 1e-15
 
 
+@pytest.mark.slow
 @each_angle
 def test_right_jacobian_and_inverse(angle: float) -> None:
     out = np.empty((6, 6))

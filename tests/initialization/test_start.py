@@ -101,6 +101,7 @@ def test_too_little_is_said_to_be_too_little() -> None:
     assert "waiting for" in str(initialize_in_motion(buffer, settings))
 
 
+@pytest.mark.slow
 def test_wrong_calibration_is_noticed() -> None:
     """With the camera rotated by 90 degrees about its axis, no motion of the body explains the tracks."""
     turned = T_B_C.copy()

@@ -13,6 +13,7 @@ import pytest
 _CONFTEST = Path(__file__).resolve().parent.parent / "conftest.py"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("required", "present", "outcome"),
     [("", False, "1 skipped"), ("1", False, "1 error"), ("1", True, "1 passed")],
@@ -35,6 +36,7 @@ def test_outcome(tmp_path: Path, required: str, present: bool, outcome: str) -> 
     assert done.returncode == (outcome == "1 error")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("required", "outcome"), [("", "1 skipped"), ("1", "1 error")])
 def test_browser(tmp_path: Path, required: str, outcome: str) -> None:
     shutil.copy(_CONFTEST, tmp_path)

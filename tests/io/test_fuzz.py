@@ -133,6 +133,7 @@ FILES: dict[str, tuple[Callable[[Path], Path], int]] = {
 _FUNCTION_FIXTURES = [HealthCheck.function_scoped_fixture]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("head", HEADS.values(), ids=HEADS.keys())
 @given(data=st.binary(max_size=400))
 @settings(max_examples=40, suppress_health_check=_FUNCTION_FIXTURES)
@@ -202,6 +203,7 @@ _LINES = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(lines=st.lists(_LINES, max_size=30), name=st.sampled_from(["tracks.csv", "imu.csv"]), data=st.data())
 def test_tracks_folders(
     tmp_path_factory: pytest.TempPathFactory, lines: list[str], name: str, data: st.DataObject

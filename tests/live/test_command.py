@@ -22,6 +22,8 @@ from asyneio.pipeline import RunResult, run_recording
 from asyneio.types import EventRecording
 from tests.live.streams import assert_same_estimates
 
+pytestmark = pytest.mark.slow
+
 _COMMAND = [sys.executable, "-c", "from asyneio.cli.main import main; main()", "live"]
 _EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "live_client.py"
 

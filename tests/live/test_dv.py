@@ -37,6 +37,8 @@ import sys, time
 import numpy as np
 import dv_processing as dv
 
+pytestmark = pytest.mark.slow
+
 kind, path, events_port, imu_port = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
 
 def batches_of_file():

@@ -25,6 +25,8 @@ from asyneio.pipeline import RunResult, run_recording
 from asyneio.types import NS_PER_S, EventRecording, Health
 from tests.live.streams import Remember, assert_same_estimates, connected, data, hello, sending
 
+pytestmark = pytest.mark.slow
+
 #: Tests send faster than a camera: nothing may be shed for that.
 PATIENT = LiveOptions(max_backlog_s=1e6)
 

@@ -84,6 +84,7 @@ def test_lines_reach_programs_that_connect(step: LiveStep, sensor: Sensor) -> No
         output.end()
 
 
+@pytest.mark.slow
 def test_a_reader_that_does_not_read_holds_up_nothing(step: LiveStep, sensor: Sensor) -> None:
     output = SocketOutput("127.0.0.1", 0)
     output.begin(sensor)
@@ -228,6 +229,7 @@ def test_packets_of_a_camera(
     source.close()
 
 
+@pytest.mark.slow
 def test_the_viewer_writes_a_file(
     step: LiveStep, sensor: Sensor, recording: EventRecording, tmp_path: Path
 ) -> None:

@@ -54,6 +54,7 @@ def turning(seed: int, seconds: float, motion_scale: float = 0.0) -> InertialRun
     return simulate_inertial(scenario, motion, streams[0], streams[1])
 
 
+@pytest.mark.slow
 def test_under_pure_rotation_it_says_so_and_gives_the_attitude() -> None:
     T_b_c = SCENARIO.T_b_c.copy()
     # The IMU sits in the camera: a lever arm moves the camera, and that is parallax of known length.
@@ -72,6 +73,7 @@ def test_under_pure_rotation_it_says_so_and_gives_the_attitude() -> None:
     assert np.degrees(errors).max() < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion_scale", [0.0, 1.0])
 def test_errors_are_what_is_claimed(motion_scale: float) -> None:
     """Over seeds and time, in sigmas of one axis; two axes together. With translation, which it takes for

@@ -44,6 +44,7 @@ def turning(seed: int) -> Simulation:
     return simulate(varied(seed, motion=MotionStyle.ROTATION, duration_s=3.0, T_b_c=T_b_c, motion_scale=0.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_does_not_initialize_from_rotation_alone(seed: int) -> None:
     assert_not_initialized(run(turning(seed).recording))

@@ -60,6 +60,7 @@ def test_initializes_at_once_in_the_world_of_the_state(scheme: str) -> None:
     assert np.degrees(Rotation.from_matrix(turn).magnitude()).max() < 1.0
 
 
+@pytest.mark.slow
 def test_a_wrong_velocity_is_corrected_as_far_as_its_sigma_allows() -> None:
     uncertain = CERTAIN.copy()
     uncertain[6:9] = 0.3

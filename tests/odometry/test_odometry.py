@@ -43,6 +43,7 @@ def assert_same(a: Outcome, b: Outcome) -> None:
     assert not differ, f"estimates {differ} of {len(a.estimates)} differ"
 
 
+@pytest.mark.slow
 def test_biases_as_after_power_on_are_borne() -> None:
     """Of 0.1 rad/s and 0.5 m/s^2, as data sheets of consumer sensors allow, without a rest to tell them."""
     simulation = simulated()
@@ -253,6 +254,7 @@ def test_silence_of_the_camera_is_bridged() -> None:
     assert e.tilt < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "rates",
     [
@@ -289,6 +291,7 @@ def test_frozen_linearization() -> None:
     assert e.tilt < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "space", "knot_interval_s"),
     [("wnoj", "so3xr3", 0.1), ("wnoa", "so3xr3", 0.1), ("wnoa", "se3", 0.05)],
@@ -313,6 +316,7 @@ def test_other_motion_models_stay_near_the_truth(kind: str, space: str, knot_int
     assert (newest.covariance[12:18].any() or newest.covariance[:, 12:18].any()) == (kind == "wnoj")
 
 
+@pytest.mark.slow
 def test_trajectory_passes_through_the_newest_estimate() -> None:
     odometry, newest = plain_run().odometry, plain_run().estimates[-1]
     trajectory = odometry.trajectory()

@@ -35,6 +35,7 @@ def held(packet: Packet, seed: int = 0) -> MeasurementBuffer:
     return buffer
 
 
+@pytest.mark.slow
 def test_an_object_with_a_third_of_the_tracks_costs_little() -> None:
     simulation = simulated()
     moving = swaying_object(simulation, 1.5, np.array([0.3, 1.0, 0.2]), 2.5)

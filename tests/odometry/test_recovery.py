@@ -55,6 +55,7 @@ def error_of(simulation: Simulation, estimates: list[Estimate], index: int) -> E
     return errors(simulation, [estimates[0], estimates[index]])
 
 
+@pytest.mark.slow
 def test_five_seconds_without_events() -> None:
     simulation = simulated(0, duration_s=9.6)
     result = run_recording(blacked_out(simulation, 2.5, 7.5), configured())
@@ -82,6 +83,7 @@ def test_five_seconds_without_events() -> None:
     assert sigma[after[0].t_ns] < 0.5 * seconds[-1]
 
 
+@pytest.mark.slow
 def test_a_fifth_of_a_second_without_inertial_samples() -> None:
     simulation = simulated(1, duration_s=4.0)
     recording = simulation.recording
@@ -104,6 +106,7 @@ def test_a_fifth_of_a_second_without_inertial_samples() -> None:
     assert e.tilt < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stamped_anew", [True, False])
 def test_kidnapping(stamped_anew: bool) -> None:
     """The way from one place to the other is not in the data; stamps tell of it, or do not."""
@@ -135,6 +138,7 @@ def test_kidnapping(stamped_anew: bool) -> None:
     assert [s.ended for s in result.summary.segments] == [lost[0].reason, "end of the recording"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_heavy_noise_never_jumps_silently(seed: int) -> None:
     """Tracks become useless: DEGRADED at once, LOST after a second, never TRACKING with a wrong state."""
@@ -156,6 +160,7 @@ def test_heavy_noise_never_jumps_silently(seed: int) -> None:
     assert errors(simulation, trusted).position < 0.08
 
 
+@pytest.mark.slow
 def test_time_that_jumps_back_begins_a_segment() -> None:
     """A recording played twice, as a looped bag is."""
     simulation = simulated(0)
@@ -218,6 +223,7 @@ def test_an_accelerometer_that_fails_is_not_believed() -> None:
     assert reported[0].t_ns < at(simulation, 2.9)
 
 
+@pytest.mark.slow
 def test_a_saturated_gyroscope_is_reported() -> None:
     simulation = simulated()
     recording = simulation.recording

@@ -49,6 +49,7 @@ def test_covariance_is_honest(scheme: str) -> None:
             assert 0.01 < values.mean() / NEES_DOF[block] < 5.0, block
 
 
+@pytest.mark.slow
 @every_other
 def test_schemes_differ_and_each_repeats_itself(scheme: str) -> None:
     again = run(simulated().recording, under(scheme))
@@ -82,6 +83,7 @@ def lossy(recording: Recording) -> Recording:
     return replace(recording, gyroscope=kept[0], accelerometer=kept[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_lost_samples_are_bridged(scheme: str) -> None:
     outcome = run(lossy(simulated().recording), under(scheme))
@@ -93,6 +95,7 @@ def test_lost_samples_are_bridged(scheme: str) -> None:
     assert e.velocity < 0.2
 
 
+@pytest.mark.slow
 @every_other
 def test_a_silent_gyroscope_is_bridged(scheme: str) -> None:
     """0.2 s, two whole intervals: less sure of the attitude, but not lost."""

@@ -48,6 +48,7 @@ def assert_tracks_at_rest_and_afterwards(reports: list[StepReport]) -> None:
     assert len(blind) <= 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [False, True], ids=["events", "frames"])
 def test_initializes_stationary_without_parallax(frames: bool) -> None:
     _, outcome = held(0, frames=frames)
@@ -65,6 +66,7 @@ def test_initializes_stationary_without_parallax(frames: bool) -> None:
         assert np.linalg.norm(estimate.T_w_b[:3, 3]) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_scale_is_right_once_it_moves(seed: int) -> None:
     simulation, outcome = held(seed)
@@ -102,6 +104,7 @@ def test_covariance_of_the_biases_after_a_stationary_phase() -> None:
     assert np.all(np.abs(first.bias_gyroscope - truth.bias_gyroscope[0]) < 3.0 * sigma)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["preint", "gpp"])
 def test_other_schemes_start_at_rest_too(scheme: str) -> None:
     simulation, outcome = held(0, scheme)
@@ -112,6 +115,7 @@ def test_other_schemes_start_at_rest_too(scheme: str) -> None:
     assert e.tilt < 1.0
 
 
+@pytest.mark.slow
 def test_standing_still_from_the_start_does_not_drift() -> None:
     """Eleven seconds with walking biases: nothing but drift could move it."""
     simulation = simulate(varied(2, motion=MotionStyle.MODERATE, duration_s=12.5, pause_s=(0.0, 11.0)))
@@ -165,6 +169,7 @@ def test_prior_of_a_short_phase_allows_slow_uniform_motion() -> None:
     assert prior_cost(prior, difference(gliding._replace(varpi=varpi), prior)) > 100.0 * cost
 
 
+@pytest.mark.slow
 def test_a_rest_on_the_way() -> None:
     """Ten seconds after four of motion: the biases are learned, and it goes on. What is learned corrects the
     pose that was reached with them, and an estimate that knows what it knows moves by no more than its

@@ -40,6 +40,7 @@ def ends_of(recording: EventRecording) -> IntArray:
     return start_ns + INTERVAL_NS * np.arange((end_ns - start_ns) // INTERVAL_NS + 1)
 
 
+@pytest.mark.slow
 def test_batches_are_in_order_within_their_time(recording: EventRecording) -> None:
     ends_ns = ends_of(recording)
     stream = ObservationStream(recording, FrontendConfig(), ends_ns)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from asyneio.config import Config
 from asyneio.evaluation import evaluate, pose_trajectory, protocol_named
@@ -30,6 +31,7 @@ def _first_seconds(recording: Recording, seconds: float) -> Recording:
     return replace(recording, **streams)
 
 
+@pytest.mark.slow
 def test_tumvi_calibration_recording(data_dir: Path) -> None:
     """Tracks cut to a second, default settings: errors below half a centimetre and 0.6 degrees."""
     recording = read_tracks_folder(data_dir / "tumvi_calib", max_track_seconds=1.0)

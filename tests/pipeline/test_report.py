@@ -244,6 +244,7 @@ def test_scene_keeps_what_is_shown(rng: np.random.Generator) -> None:
     assert track_scene(recording, observations[:0]) is None
 
 
+@pytest.mark.slow
 def test_a_report_is_written_from_python(
     recording: Recording, covariance: np.ndarray, tmp_path: Path
 ) -> None:

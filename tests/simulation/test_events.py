@@ -63,6 +63,7 @@ def intervals_ns(events: RecordArray) -> np.ndarray:
     return np.diff(events["t_ns"][order])[same]
 
 
+@pytest.mark.slow
 def test_the_recording_is_what_a_reader_delivers(run: EventSimulation) -> None:
     recording = run.recording
     events, start = recording.events, SCENARIO.start_ns
@@ -81,6 +82,7 @@ def test_the_recording_is_what_a_reader_delivers(run: EventSimulation) -> None:
     assert recording.ground_truth is not None
 
 
+@pytest.mark.slow
 def test_the_same_scenario_gives_the_same_events_also_in_pieces(run: EventSimulation) -> None:
     streamed = np.concatenate(list(stream_events(SCENARIO)))
     np.testing.assert_array_equal(streamed, run.recording.events)
@@ -177,6 +179,7 @@ def test_a_world_keeps_its_free_space_free(kind: WorldKind, monkeypatch: pytest.
             assert not np.any(np.all((point > world.free_low) & (point < world.free_high), axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EVENT_SCENARIOS)
 def test_no_ready_scenario_leaves_the_free_space(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # Plain surfaces: textures take long to draw and do not matter here.
@@ -198,6 +201,7 @@ def test_the_suite_shares_rig_and_length_but_no_motion() -> None:
     assert [scenario.person for scenario in SUITE].count("walking") == 2
 
 
+@pytest.mark.slow
 def test_what_is_impossible_is_refused() -> None:
     with pytest.raises(SimulationError, match="leaves the free space of world 'near'"):
         next(stream_events(small_scenario(motion=MotionStyle.MODERATE, motion_scale=2.0, duration_s=20.0)))
@@ -215,6 +219,7 @@ def test_what_is_impossible_is_refused() -> None:
         small_scenario(illumination=0.0)
 
 
+@pytest.mark.slow
 def test_photographs_are_rendered(monkeypatch: pytest.MonkeyPatch, data_dir: Path) -> None:
     monkeypatch.setenv("ASYNEIO_DATA", str(data_dir))
     drawn, photographed = (

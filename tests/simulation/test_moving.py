@@ -23,6 +23,7 @@ def run() -> Simulation:
     return with_share(SHARE)
 
 
+@pytest.mark.slow
 def test_observations_on_the_object_are_the_projections_of_its_moving_points(run: Simulation) -> None:
     assert run.moving_object is not None
     observations = run.recording.observations[run.on_object]

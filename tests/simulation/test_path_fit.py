@@ -239,6 +239,7 @@ def turned(gyroscope: RecordArray, angle_deg: float) -> RecordArray:
     return records
 
 
+@pytest.mark.slow
 def test_what_does_not_agree_is_refused(run: Run) -> None:
     poses, gyroscope, accelerometer = run
     apart = dataclasses.replace(poses, t_ns=poses.t_ns - START_NS)
@@ -280,6 +281,7 @@ def excerpt(data_dir: Path, folder: str, files: tuple[str, str], span_s: tuple[f
     return PoseTrajectory(poses.t_ns[use], poses.position[use], poses.quaternion[use]), *streams
 
 
+@pytest.mark.slow
 def test_real_flight_and_its_imu_agree(data_dir: Path) -> None:
     files = "groundtruth_20hz_full_state.csv", "imu0_data.csv"
     noise = ImuNoise(1.6968e-4, 2e-3, 1.9393e-5, 3e-3)

@@ -144,6 +144,7 @@ def test_lamps_make_events_at_their_frequency_where_nothing_moves(rate_hz: float
     assert drive(spec, lambda _: 0.4, np.arange(0.0, 200_001.0, 10_000.0))[1].size == 0
 
 
+@pytest.mark.slow
 def test_a_scenario_has_lamps() -> None:
     seeds = Seeds.of(0)
     stage = dataclasses.replace(
@@ -220,6 +221,7 @@ def test_no_limit_loses_nothing_and_cuts_change_nothing(rng: np.random.Generator
     assert counted.lost_on_bus > 0
 
 
+@pytest.mark.slow
 def test_a_run_reports_what_its_readout_lost() -> None:
     free = simulate_events(small_scenario())
     assert free.readout is not None
@@ -232,6 +234,7 @@ def test_a_run_reports_what_its_readout_lost() -> None:
     assert most_within(bound.recording.events["t_ns"] // 1000, 100_000) <= 2051
 
 
+@pytest.mark.slow
 def test_threads_ranges_and_buffers_do_not_change_the_events(monkeypatch: pytest.MonkeyPatch) -> None:
     seeds = Seeds.of(3)
     stage = set_stage(small_scenario(duration_s=0.1), seeds)
@@ -275,6 +278,7 @@ def unmatched(events: RecordArray, reference: RecordArray) -> tuple[float, Float
     return float(np.mean(error > 1000.0)), error[error <= 1000.0]
 
 
+@pytest.mark.slow
 def test_the_usual_steps_make_the_events_of_steps_of_25_microseconds() -> None:
     step_px = small_scenario().largest_step_px
     assert step_px <= 0.2

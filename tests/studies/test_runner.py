@@ -132,6 +132,7 @@ def test_a_killed_process_is_an_error_in_words(tmp_path: Path) -> None:
         run(stub.stub_study(measure=stub.measure_and_die), tmp_path, jobs=2)
 
 
+@pytest.mark.slow
 def test_an_interrupted_study_resumes(tmp_path: Path) -> None:
     code = (
         "import signal, sys; from pathlib import Path; from tests.studies import stub; "

@@ -58,6 +58,7 @@ def test_the_recording_is_the_same_for_every_scheme_and_interval() -> None:
     assert other.accelerometer_offset_s > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", study.SCHEMES)
 def test_a_real_run_of_every_scheme(scheme: str) -> None:
     task = replace(

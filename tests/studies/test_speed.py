@@ -38,6 +38,7 @@ def _report(t_ms: int, seconds: float, health: Health = Health.TRACKING) -> Step
     return StepReport(t_ms * _MS, health, seconds=seconds)
 
 
+@pytest.mark.slow
 def test_stages_are_counted_and_put_back() -> None:
     recording = simulate(replace(SCENARIOS["moderate"], duration_s=3.5)).recording
     functions = [getattr(stage.owner, stage.attribute) for stage in STAGES]
@@ -214,6 +215,7 @@ def test_figures_tables_and_json() -> None:
     assert plain["times_the_baseline"][FRONT_END] == 1.0
 
 
+@pytest.mark.slow
 def test_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MKL_NUM_THREADS", "3")
     path = tmp_path / "recording.h5"
@@ -228,6 +230,7 @@ def test_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert "OTHER_VARIABLE" not in os.environ
 
 
+@pytest.mark.slow
 def test_the_simulated_stream_is_kept(tmp_path: Path) -> None:
     told: list[float] = []
     workload = simulated_workload(0.2, Config(), tmp_path, told.append)

@@ -178,6 +178,7 @@ def state_on_a_line(T_0: Array, gamma: Array) -> tuple[Array, Array]:
     return T_0 @ T, np.concatenate([omega, nu, rates[6:9], C.T @ gamma[2, 3:] - np.cross(omega, nu)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tau_steps", [20, 70])
 @every_model
 def test_sampled_trajectories_spread_as_predicted(model: MotionModel, tau_steps: int) -> None:

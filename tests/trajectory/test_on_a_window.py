@@ -41,6 +41,7 @@ def through(held: tuple[MeasurementBuffer, Settings], started: FirstWindow) -> G
     )
 
 
+@pytest.mark.slow
 def test_the_newest_knot_has_the_covariance_the_odometry_reports(
     started: FirstWindow, through: GPTrajectory
 ) -> None:

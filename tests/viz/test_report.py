@@ -79,6 +79,7 @@ def page() -> str:
     return render(make_data(), title="<script>desk</script>")
 
 
+@pytest.mark.slow
 def test_page_with_truth_has_every_part(page: str) -> None:
     assert outline(page).headings == [
         "<script>desk</script>",
@@ -159,10 +160,12 @@ def test_colors_are_left_to_the_page(page: str) -> None:
         assert names <= set(re.findall(r"--(\w+):", block))
 
 
+@pytest.mark.slow
 def test_same_data_same_page(page: str) -> None:
     assert render(make_data(), title="<script>desk</script>") == page
 
 
+@pytest.mark.slow
 def test_long_runs_stay_light() -> None:
     """Half an hour at ten knots a second, restless to the last: a page that a phone can load."""
     rng = np.random.default_rng(0)
@@ -178,10 +181,12 @@ def test_long_runs_stay_light() -> None:
     assert "17900 later changes are in health.csv" in page
 
 
+@pytest.mark.slow
 def test_the_shortest_run_has_a_page() -> None:
     assert "Path in space" in outline(render(make_data(1, with_truth=False))).headings
 
 
+@pytest.mark.slow
 def test_what_diverged_can_be_shown() -> None:
     data = make_data(with_truth=False)
     assert data.states is not None

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio bench`: accuracy on whole data sets next to published figures, and speed against a baseline."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio bench speed`: the speed of every stage against a baseline."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio config`: show settings with their meaning, and compare them."""
 
 from __future__ import annotations

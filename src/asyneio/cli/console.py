@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Output of the commands: notes and a progress bar on standard error, tables on standard output."""
 
 from __future__ import annotations

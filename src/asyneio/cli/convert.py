@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio convert`: write a recording of events in another format."""
 
 from __future__ import annotations

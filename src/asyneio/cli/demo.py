@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio demo`: simulate, run, evaluate, report; no data needed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio doctor`: check whether a recording is usable, and report how to fix it if it is not."""
 
 from __future__ import annotations

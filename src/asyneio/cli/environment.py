@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The process environment of a command: environment variables, and output streams that may be closed
 early."""
 

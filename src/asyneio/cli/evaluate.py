@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio evaluate`: compare an estimate with ground truth under a protocol from the literature."""
 
 from __future__ import annotations

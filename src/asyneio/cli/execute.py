@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shared by `run` and `demo`: run a recording, write the results, show the figures, report every failure."""
 
 from __future__ import annotations

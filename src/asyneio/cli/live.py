@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio live`: a camera or a stream in, poses out as they are made."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a live run shows in a terminal, and its viewer."""
 
 from __future__ import annotations

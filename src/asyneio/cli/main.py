@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line: all commands; errors as one line.
 
 Commands import the estimator when they run, so that `asyneio --help` is fast.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Progress bars on standard error: share done, rate, time left."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio run --view`: a run over a recording, shown in the rerun viewer while it proceeds."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio run`: a recording in; trajectory, estimates, summary and report out."""
 
 from __future__ import annotations

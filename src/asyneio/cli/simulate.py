@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio simulate`: a recording of feature tracks, or of events, with exact ground truth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio study`: comparisons over many conditions and seeds, as tables and figures."""
 
 from __future__ import annotations

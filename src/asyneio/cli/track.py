@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`asyneio track`: events in; feature tracks, their summary and pictures out."""
 
 from __future__ import annotations

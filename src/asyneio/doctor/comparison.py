@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compare the camera's angular rates with the gyroscope: rotation, time offset and scale."""
 
 from __future__ import annotations

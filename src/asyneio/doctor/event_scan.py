@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Statistics of an event stream, computed in one pass and in bounded memory for any input.
 
 | symbol     | meaning                                                 | shape  | unit |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read a recording and run all checks on it, in a fixed order."""
 
 from __future__ import annotations

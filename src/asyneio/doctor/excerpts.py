@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Excerpts spread over a whole event stream, kept in bounded memory.
 
 The length of the stream is not known in advance: when the buffer is full, every second excerpt is dropped and

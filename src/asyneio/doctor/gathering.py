@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read a recording of any kind for the checks; what cannot be read becomes a failure."""
 
 from __future__ import annotations

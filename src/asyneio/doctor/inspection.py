@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The input of the checks: a recording as stored in its files, and as a run would use it."""
 
 from __future__ import annotations

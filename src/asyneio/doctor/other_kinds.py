@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inspection of data without events: tracks folders, inertial samples alone, a calibration alone."""
 
 from __future__ import annotations

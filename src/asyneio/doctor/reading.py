@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A single pass over the events of a recording: statistics, excerpts, and the messages of a run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results of the checks, and the report that collects them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Spans of a recording in which the inertial sensors are stationary."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A view of a recording without some of its files, so that a damaged file does not hide the others."""
 
 from __future__ import annotations

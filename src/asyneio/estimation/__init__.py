@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sliding window: problem arrays, linearisation, Levenberg-Marquardt, marginalisation, covariance."""

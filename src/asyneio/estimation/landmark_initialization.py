@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Initialization of landmarks from the observations of their tracks and the current trajectory."""
 
 from __future__ import annotations

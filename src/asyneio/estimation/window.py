@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sliding window: knots, measurements, landmarks and the marginal prior, in absolute knot numbers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compare estimates with ground truth: association, alignment, metrics, protocols, consistency.
 
 The package imports nothing from the estimator, so that it can be used to evaluate it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Alignments of an estimate with the ground truth, in closed form.
 
 An alignment is a similarity `p_w = scale R p_e + t` from the estimator's world `e` to the world `w` of the

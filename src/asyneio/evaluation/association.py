@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Interpolate ground truth at the times of an estimate: linear in position, slerp in attitude."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Consistency of the covariance: normalised estimation error squared (NEES) and its average over runs
 (ANEES).
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Possible causes of a large error: a unit, another body frame, a rotated world.
 
 The hints are messages for errors that a single common mistake would explain.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Error metrics of an aligned estimate. Positions in metres, angles in degrees."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Evaluation protocols by name, and the one function that applies them.
 
 Published errors differ in the fitted alignment and in the part of the run used for it, so an error is only

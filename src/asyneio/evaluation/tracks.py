@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Observations grouped by track: ages and lifetimes."""
 
 from __future__ import annotations

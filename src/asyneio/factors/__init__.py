@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Factors: residual and Jacobian in one kernel each.
 
 Every factor inside an interval is differentiated with respect to the interval's local coordinates

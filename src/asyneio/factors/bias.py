@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random walk of the biases between two knots (24); covariance is its density squared times the interval."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The chi-square gate of a sum of squared whitened residuals."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """GPIF: gyroscope and accelerometer samples as separate factors on the trajectory (21)-(23).
 
 Biases are interpolated linearly between the knots, `alpha` = (tau - t_k) / (t_{k+1} - t_k). A gyroscope

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion prior between two knots (16): linear in the local coordinates, hence exact there.
 
 Under white noise on acceleration the third row, that of xi_ddot, does not exist: it is zero.

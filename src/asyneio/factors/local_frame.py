@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the local coordinates of an interval to its two knots."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Square-root marginal prior: `|| R delta + r_0 ||^2 / 2` over the error states of the first knots.
 
 `delta` is measured from the frozen linearisation point of those knots: poses by `Log(T_lin^{-1} T)`, all

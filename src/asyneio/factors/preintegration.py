@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Preintegrated increments between two knots (30), and the pose to which they propagate one knot (29).
 
 Both correct the increments for a change of bias since they were computed, to first order in the change:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rate of a propagated pose (29) in time, which a camera's clock offset needs."""
 
 from __future__ import annotations

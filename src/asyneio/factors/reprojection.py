@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reprojection with inverse depth at an asynchronous time (34)-(38), (82)-(92).
 
 A landmark is a unit bearing `kappa` and an inverse distance `rho` in the camera frame at its anchor knot:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robust kernel on the norm of a whitened residual: Cauchy, cut off at a gate."""
 
 from __future__ import annotations

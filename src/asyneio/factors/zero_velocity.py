@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Zero-velocity and zero-displacement update between two knots: equal poses, and no velocity at either.
 
 Skog et al., "Zero-velocity detection", IEEE TBME 2010, describe the zero-velocity update. With `C`, `r` the

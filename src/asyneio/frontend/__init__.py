@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Event-driven front end: from events to asynchronous feature trajectories (Algorithm 1 of the paper)."""
 
 from asyneio.frontend.frontend import Frontend as Frontend

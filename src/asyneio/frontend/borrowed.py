@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arrays without reference counts, for the event loops."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """FA-Harris corners on the surface of active events (Li et al., IROS 2019).
 
 An arc test on two circles selects the few events that may be corners. The Harris score of the latest events

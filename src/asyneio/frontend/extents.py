@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lengths of the front end that scale with the sensor.
 
 A patch is matched pixel by pixel, so its size, its steps and its errors are in pixels on every sensor. The

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Feature grid: the features that an event may belong to, found in constant time.
 
 The paper calls it the registration table: a dense array with one entry per pixel, in which a small patch

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The front end: packets of events in, feature observations out."""
 
 from __future__ import annotations

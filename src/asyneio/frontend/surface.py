@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Surface of active events, event filter and hot-pixel mask.
 
 The surface holds the time of the latest event of each pixel and polarity. The filter is that of FA-Harris

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all trackers share: their interface, their statistics, and how their kernels are called."""
 
 from __future__ import annotations

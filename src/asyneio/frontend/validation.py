@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Validation of events before they enter compiled code, which does not check its indices.
 
 One compiled pass, about a nanosecond per event; the trackers need some tens to hundreds.

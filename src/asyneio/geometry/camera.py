@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pinhole camera with lens distortion: pixels to the normalised plane and back.
 
 | symbol  | name                                                   | shape     | unit, frame              |

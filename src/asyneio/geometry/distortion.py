@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lens distortion on the normalised image plane: forward model, exact Jacobian, safeguarded Newton inverse.
 
 Models: radtan is that of Brown and Conrady with OpenCV's extensions, equidistant that of Kannala and Brandt

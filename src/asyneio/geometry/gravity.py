@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Attitude from the direction of gravity: roll and pitch, no yaw."""
 
 from __future__ import annotations

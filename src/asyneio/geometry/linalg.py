@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small dense products for kernels: at these sizes a loop beats a BLAS call several times."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SE(3): poses as a rotation `C` (3,3) and a position `r` (3,), tangent `xi = [phi, rho]`, rotation first.
 
 Perturbation on the right, `T = T_bar Exp(eps)`. `curly(xi) = [[phi^, 0], [rho^, phi^]]` (11) is the adjoint

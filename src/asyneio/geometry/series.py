@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Coefficients of the Jacobians of SO(3) and SE(3) as power series in s = theta^2.
 
 Both the adjoint of so(3) and that of se(3) satisfy a polynomial identity of low degree, so every power

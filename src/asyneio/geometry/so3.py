@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SO(3): rotations. Tangent vectors `phi` (3,) in rad; perturbation on the right, `C = C_bar Exp(phi)`.
 
 Laws (tested): Exp(Log(C)) = C; Exp(phi + d) = Exp(phi) Exp(J_r(phi) d) to first order; J_r J_r^{-1} = 1.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inverse depth of a track from known camera poses: linear, in closed form."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Vectors and matrices as tuples, for the innermost loops: they live in registers, where a row of an array
 costs a view. A vector is (3,), a matrix a tuple of three rows, a twist a pair of vectors (phi, rho)."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dead reckoning by the midpoint rule over two inertial streams of any rates: predicts the next knot."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Discrete preintegration step by step, with the exact derivatives of the rule itself.
 
 A step of `dt` rotates with a constant angular velocity and accelerates with a constant specific force, which

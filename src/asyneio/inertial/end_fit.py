@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rates at the ends of an interval from a local fit of the samples there, which ExtPreint adds to Preint."""
 
 from __future__ import annotations

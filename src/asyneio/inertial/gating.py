@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rejection of inertial samples: not finite, out of order, a spike, or at the end of the sensor's range.
 
 *Spikes.* An IMU low-pass filters its signal below half its rate, so a valid reading lies near at least one of

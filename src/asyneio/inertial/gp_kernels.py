@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Latent states of GP preintegration and their derivatives: a fixed point and its linearisation (26)-(28).
 
 The GP of the rotation vector's rate is to predict the gyroscope, `omega = J_r(phi) phi_dot`, where phi is the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """GP preintegration: increments at any time in closed form, from six Gaussian processes (25)-(29).
 
 The rate of the local rotation vector and the local acceleration are GPs whose latent states predict the raw

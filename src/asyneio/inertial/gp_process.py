@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaussian process of one sensor: its nodes, and the gains that turn samples into states."""
 
 from __future__ import annotations

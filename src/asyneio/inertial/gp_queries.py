@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Queries of GP preintegration: increments at any time (29), and their covariance."""
 
 from __future__ import annotations

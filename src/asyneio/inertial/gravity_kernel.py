@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Specific force rotated by the integrated gyroscope and summed, with derivatives: see `gravity_witness`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scale of both inertial sensors from gravity: from its direction and its magnitude.
 
 Rotated by the integrated gyroscope, the specific force `f` of a body sums to its change of velocity without

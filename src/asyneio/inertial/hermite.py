@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Posterior mean between nodes, and its integrals in closed form (29).
 
 Given the states at two neighbouring nodes, the mean of a doubly integrated Wiener process is the quintic

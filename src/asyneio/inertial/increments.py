@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Input and output of preintegration: samples around an interval, and increments since its start.
 
 Increments are the motion of the body since `t_k` with the velocity at `t_k` and gravity removed (29), in the

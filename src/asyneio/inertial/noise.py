@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Noise of an inertial sensor: white noise, and vibration above the bandwidth of the trajectory.
 
 A data sheet gives white noise. On a vehicle the samples also contain vibration, whose power is ten to a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Online estimate of an inertial sensor's noise, from frequencies above the bandwidth of the trajectory.
 
 The motion of a hand or a vehicle lies below the highest frequency that a trajectory with knots every `T`

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Discrete preintegration on the manifold: the midpoint rule and, as a baseline, the zero-order hold.
 
 Forster et al., *On-Manifold Preintegration for Real-Time Visual-Inertial Odometry* (T-RO 2017), with rates

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Projection of an interval's samples onto the polynomials that a trajectory between two knots can represent.
 
 Between two knots the trajectory's rates are smooth: to far below the noise of any sensor they are polynomials

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Held samples: a sensor that updates its value less often than it is read repeats each reading.
 
 A repeated reading is the same measurement and contains no information. The accelerometer of the DAVIS240, for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Saturation: readings accumulate at one extreme value of an axis, and none lies beyond it.
 
 Readings are quantised. At the top of a smooth swing two to eight of them are equal although the end of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gaussian-process regression in linear time: a doubly integrated Wiener process seen through samples (28).
 
 A scalar p with white noise of density q on its third derivative is a GP whose kernel is that of a quintic

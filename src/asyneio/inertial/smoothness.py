@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Smoothness of the signals: the densities of their processes, by maximum likelihood of the samples."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Test whether an inertial sensor is stationary, from samples over half a second and their expected noise.
 
 Means over short bins are compared with the mean over the whole span, or with readings from a time when the

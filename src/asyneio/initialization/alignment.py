@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linear visual-inertial alignment: velocity, gravity and depths from tracks and IMU, no initial guess.
 
 In the body frame b0 at the first instant the IMU gives rotation R(t) and the double integral s(t) of the

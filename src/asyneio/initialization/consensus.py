@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """IMU-aided MSAC before initialization: which tracks agree on one velocity and one gravity.
 
 As in `alignment`, the camera is at c(t) = F(t) z with z = [v, g, 1] and F = [t, t^2 / 2, offset]: its path is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dead-reckoned adjustment: robust estimate of velocity, gravity, biases, time offset and points, with the
 integrated IMU as the motion.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Normal equations of the dead-reckoned adjustment: residuals and Jacobians of all observations in one pass.
 
 The camera that made observation i sees track j, parametrised in its reference camera r, along

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rays of the dead-reckoned adjustment from increments of the IMU."""
 
 from __future__ import annotations

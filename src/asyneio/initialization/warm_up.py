@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Warm-up (40): generalised velocity and acceleration of the knots from known poses and the motion prior.
 
 Minimises the motion prior over varpi and varpi_dot with poses fixed, plus zero priors on those of the first

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Readers and writers: event recordings, tracks folders, calibrations, trajectories, estimates."""
 
 from asyneio.io.calibration import read_calibration

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events in NumPy files: `.npz` with named arrays, `.npy` with named fields, or an array with four columns.
 
 Names and orders are those of `column_meaning`; EVIMO's arrays are called `events`. Pickled objects, which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Event Stream (`.es`), version 2: events of one byte for the time and four bytes for the pixel.
 
 Layout: github.com/neuromorphic-paris/event_stream. Byte 15 is the type of stream; width and height follow. An

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The formats of event recordings: how each is recognised by its content, and its reader."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Open a recording of any supported format, recognised by its content, not by its name."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories from text files of any tool, `estimates.npz`, results folders and recordings."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of one stream that wait for their packet."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What flows from a source to the front end, and what every source offers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The live run: source, front end and estimator in threads, steps to all outputs."""
 
 from __future__ import annotations

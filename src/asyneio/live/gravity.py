@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether gravity agrees with the scale of the inertial samples, from the first seconds of a live run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks on arriving data: pixels, polarity, isolated wrong stamps, and jumps of the sensor's clock."""
 
 from __future__ import annotations

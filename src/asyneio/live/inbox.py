@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bounded queue between the thread that reads the source and the front end."""
 
 from __future__ import annotations

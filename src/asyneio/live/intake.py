@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The source's thread: reads, checks, and puts chunks into the inbox."""
 
 from __future__ import annotations

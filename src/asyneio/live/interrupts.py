@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ctrl-C that ends a live run at a place where nothing is half done."""
 
 from __future__ import annotations

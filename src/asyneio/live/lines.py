@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Steps as lines of JSON: what programs that follow a live run read."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is left out when the machine is too slow, by what the clock on the wall shows."""
 
 from __future__ import annotations

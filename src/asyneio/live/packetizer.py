@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arriving data cut into packets of one knot interval, exactly as `pipeline.packets` cuts a recording."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The protocol of `socket:`: frames of a header and a payload, little-endian, over one TCP connection.
 
 | bytes | content |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lines of JSON to standard output and to programs that connect over TCP; no reader can hold up the run."""
 
 from __future__ import annotations

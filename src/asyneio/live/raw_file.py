@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A raw stream on disk in our HDF5 layout, row by row."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The folder of a live run: raw stream and results, written as they come, in bounded memory.
 
 | file | content |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What one packet led to, and the counters of a live run, for all who show or keep them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of a live run, added up in bounded memory."""
 
 from __future__ import annotations

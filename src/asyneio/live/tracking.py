@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The front end's thread: chunks in, packets of observations and inertial samples out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The viewer of a live run, in a thread of its own: when it cannot keep up, it misses steps."""
 
 from __future__ import annotations

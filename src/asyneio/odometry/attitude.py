@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Attitude before initialization: roll and pitch from gyroscope and gravity, by a multiplicative Kalman
 filter.
 

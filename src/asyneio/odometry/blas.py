@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One BLAS thread while the estimator works, whatever calls it."""
 
 from __future__ import annotations

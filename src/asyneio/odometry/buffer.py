@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements of a segment on their way into the window: gated, undistorted once, and cut by time."""
 
 from __future__ import annotations

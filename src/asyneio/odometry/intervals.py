@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inertial samples cut by time, and everything that was measured between two knots."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Noise of both inertial sensors: declared at first, then learned from the samples."""
 
 from __future__ import annotations

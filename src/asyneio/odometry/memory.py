@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Memory that the estimator allocates again for every packet."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tracks that are too short for the chi-square test are rejected by their neighbours.
 
 A few observations over a tenth of a second are consistent with some static point, whatever was observed.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Asynchronous event-inertial odometry (Fig. 2): takes packets, returns the estimates that each completes."""
 
 from __future__ import annotations

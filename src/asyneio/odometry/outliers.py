@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Optimising the window without the tracks that contradict the motion."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Outputs of a solved window: estimates, the trajectory, the calibration."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The trajectory of a window without a kinematic prior: every knot propagated by its increments (29)."""
 
 from __future__ import annotations

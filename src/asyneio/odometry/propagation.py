@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dead reckoning over inertial samples: the initial guess of every new knot, and of the first window."""
 
 from __future__ import annotations

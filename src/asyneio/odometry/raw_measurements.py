@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The newest measurements as the sensors delivered them: before samples are rejected and pixels
 undistorted."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A segment: everything that the odometry forgets when it loses track."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From configuration and calibration to the plain values that estimation and initialization take."""
 
 from __future__ import annotations

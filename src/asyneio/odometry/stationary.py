@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Is the sensor stationary? Inertial samples and the image decide together.
 
 Inertial samples alone cannot distinguish a stationary sensor from smooth uniform motion. The image alone

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Log of the odometry: changes of health and segment, on the logger `asyneio.odometry`."""
 
 from __future__ import annotations

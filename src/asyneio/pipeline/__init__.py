@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a recording to results: front end and estimator in parallel, summary, files and report.
 
 The only package in which files, clocks and progress meet the estimator.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compilation of the numerical kernels: before a run, on two cores, with its duration.
 
 Numba caches compiled kernels on disk, so this matters for the first run after installation only. Each group

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Observations, which come in order of emission, handed on in order of time, packet by packet."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The front end in its own thread: events of a whole recording in, batches of observations out.
 
 Its kernels release the GIL, so on two cores tracking and estimation run in parallel. The result does not

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compilation of the kernels that a run with the default configuration needs, by calls with small inputs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The time span that all sensors of a recording share, cut into packets of one knot interval."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Event scenarios along a recorded motion: poses and, optionally, the samples of the same IMU."""
 
 from __future__ import annotations

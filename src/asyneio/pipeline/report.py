@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report of a run: a page and pictures, with an evaluation where there is ground truth."""
 
 from __future__ import annotations

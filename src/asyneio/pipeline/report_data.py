@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From a run to the data of its report: errors with estimated bounds, live tracks, time of each step."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From estimates to errors against the ground truth, with the estimated standard deviations."""
 
 from __future__ import annotations

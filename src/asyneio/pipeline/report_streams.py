@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From measurements to the data of a report: features, event rate, tracks over events, health changes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Summaries and evaluations as table rows: a label, and a value with its unit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The runner: feeds a recording to the estimator packet by packet and measures time."""
 
 from __future__ import annotations

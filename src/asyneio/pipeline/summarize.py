@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From estimates and reports to the summary of a run."""
 
 from __future__ import annotations

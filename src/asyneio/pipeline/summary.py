@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The summary of a run: duration, speed, health, segments, and whether the output is complete."""
 
 from __future__ import annotations

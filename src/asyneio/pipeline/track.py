@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The front end alone over a whole recording, with its summary.
 
 A plain loop rather than an `ObservationStream`: it needs neither IMU nor calibration, no estimator runs in

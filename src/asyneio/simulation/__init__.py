@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Simulators of feature tracks and of events, with separate IMU streams and exact ground truth.
 
 The package imports nothing from the estimator, so that it can be used to evaluate it.

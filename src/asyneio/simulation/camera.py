@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pinhole projection with distortion, independent of the estimator's camera model.
 
 Radial-tangential (Brown-Conrady) and equidistant (Kannala-Brandt) models with Kalibr's coefficient order.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Outlier tracks added to a simulated recording: tracks on a moving object, or tracks that drift.
 
 Tests and `benchmarks/outliers.py` use this module to measure outlier rejection; no command does. The tracks

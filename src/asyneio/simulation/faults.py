@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults of sensors, as pure functions of records: spikes, saturation, steps, held samples, gaps, jumps,
 wrong stamps and order, bursts of events, darkness.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gyroscope and accelerometer as two separate streams with white noise and random-walk biases.
 
 Noise is given as continuous-time densities: a sample at rate `f` has standard deviation `density sqrt(f)`,

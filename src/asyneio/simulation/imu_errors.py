@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors of inertial sensors: the tolerances of a sensor model, and the errors of one unit drawn from them.
 
 The errors of a unit are drawn once and stay constant. Each random part has its own random generator, so that

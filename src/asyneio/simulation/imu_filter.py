@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Low-pass filter and delay of an inertial sensor, applied between the motion and the samples.
 
 Motion and vibration are evaluated on a grid of at least 4 kHz, white noise with the given density is added,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inertial sensors by name, with the errors given by their data sheets and by recordings.
 
 Data sheets give tolerances. A bound (min, max) is interpreted as three standard deviations, a typical value

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Analytic six-degree-of-freedom motion with exact derivatives, as ground truth for an estimator.
 
 Six coordinates (x, y, z in the world; roll, pitch, yaw) are sums of sinusoids plus a linear drift of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion styles by name: amplitudes and frequencies are given, phases are random.
 
 Magnitudes are those of hand-held and small flying cameras. A term is (amplitude, frequency [Hz]). Each

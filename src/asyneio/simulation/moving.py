@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A moving rigid object: a box of a person's size that walks in front of the camera."""
 
 from __future__ import annotations

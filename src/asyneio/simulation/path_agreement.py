@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Check that poses and IMU samples agree in clocks, units and axes, before and after a path is fitted."""
 
 from __future__ import annotations

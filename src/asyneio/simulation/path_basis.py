@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Uniform quintic B-splines: weights of six control points, and sums over the measurements of an interval."""
 
 from __future__ import annotations

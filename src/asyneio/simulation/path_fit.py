@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fit a smooth path to recorded poses and IMU samples by weighted least squares on splines.
 
 Position and quaternion are uniform quintic B-splines. With q(t) and p(t) of a body (the IMU) in the world,

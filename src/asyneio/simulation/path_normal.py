@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Normal equations of a spline with a few additional unknowns: a banded matrix with a border."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Residuals of a spline of position and quaternion for poses and samples, with derivatives.
 
 Quaternions are xyzw. For unit p, vec(p^-1 q) = L(p) q = -L(q) p with L(p) = [p_w I - [p_v]x, -p_v].

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A motion with a stationary phase: its clock slows down, stops, and accelerates again."""
 
 from __future__ import annotations

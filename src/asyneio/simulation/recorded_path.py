@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorded motion for a simulation, with the real IMU samples recorded on it."""
 
 from __future__ import annotations

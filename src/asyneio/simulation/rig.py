@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated rig: its calibration, its IMU samples and their ground truth.
 
 Errors are applied in the order of the signal: motion of the housing, with vibration; scale, misalignment and

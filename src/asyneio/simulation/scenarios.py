@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ready-made scenarios, of tracks and of events, by name."""
 
 from __future__ import annotations

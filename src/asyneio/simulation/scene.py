@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Landmarks of scenes, in the world frame (z up), with the centre of the motion at the origin."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion along splines of position and quaternion, with exact derivatives."""
 
 from __future__ import annotations

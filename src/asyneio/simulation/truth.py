@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exact state of the simulated body at any time."""
 
 from __future__ import annotations

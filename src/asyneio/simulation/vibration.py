@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Vibration of the IMU housing: a rotor's frequency and its harmonics, as true motion of the sensor.
 
 The amplitudes are a few micrometres and tenths of a milliradian (3 m/s^2 and 0.15 rad/s at 87 Hz: 10 um, 0.3

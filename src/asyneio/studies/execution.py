@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run independent tasks in separate processes: results as they finish, immediate stop on Ctrl-C."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Study: accuracy of each prior and space for known motions between knots."""
 
 from __future__ import annotations

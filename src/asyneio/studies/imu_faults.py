@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loss of inertial samples: single samples, or all samples of short gaps."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Levels of inertial noise used by several studies."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random motions with known derivatives, for studies without an estimator."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measure the tasks without a result in a file, and append every result to it."""
 
 from __future__ import annotations

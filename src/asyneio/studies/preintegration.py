@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Study: accuracy and cost of preintegration methods over a window."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Published results on the UZH event camera data set (DAVIS240C): mean position error, % of path length.
 
 Each value is the authors' own, with the alignment that they state, if any.

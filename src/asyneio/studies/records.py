@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """File of results: one line of JSON per finished task, so that a study can resume."""
 
 from __future__ import annotations

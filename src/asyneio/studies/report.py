@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables, figures and index page of a study's folder."""
 
 from __future__ import annotations

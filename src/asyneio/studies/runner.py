@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run the missing tasks of a study, keep every result, and write the report."""
 
 from __future__ import annotations

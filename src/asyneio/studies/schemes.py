@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Study: comparison of the four inertial schemes in the complete estimator."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fingerprints of simulated event sequences, for the names of cached files."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Speed of front end, estimator and pipeline for a fixed workload: stages, latency, memory, start-up.
 
 Each measurement runs alone, in a separate process. Each repeat consists of one run of every measurement, so

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Latency of estimates after their events, beyond `frontend.max_delay_s`.
 
 The packet of a knot is complete when the events of another `max_delay_s` have arrived. The latency is the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reference work that measures the current speed of a machine.
 
 It has two parts that resemble the package's own work: a compiled scalar loop, like the front end, and small

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of speeds, and comparison with an earlier measurement."""
 
 from __future__ import annotations

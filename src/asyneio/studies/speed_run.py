@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The single measurements of `asyneio bench speed`, in the measuring process."""
 
 from __future__ import annotations

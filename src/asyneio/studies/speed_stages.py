@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time of the estimator by stage, measured from outside by temporarily replacing public functions with timed
 ones.
 

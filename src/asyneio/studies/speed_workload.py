@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Workload of speed measurements: a recording and settings."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Medians with bootstrap intervals; values that are not finite count as worse than all others."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Definition of a study: a grid of conditions and seeds, a measurement of each, and views of the results."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of results: complete CSV files, and Markdown for reading."""
 
 from __future__ import annotations

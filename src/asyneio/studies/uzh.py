@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Benchmark on the UZH event camera data set (DAVIS240C): one measurement for each sequence in a folder.
 
 The ground truth is the pose of the camera in the camera clock (Mueggler et al. 2017); the estimate is that of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables of the benchmark on the UZH data set: our results and published ones, each with its protocol."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Results grouped by condition: curves with intervals, and maps of winners."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A continuous-time trajectory from measured poses: batch maximum a posteriori estimate under a motion prior.
 
 Every pose is a knot [T, varpi, varpi_dot]. Gauss-Newton minimizes the squared residuals of the motion prior

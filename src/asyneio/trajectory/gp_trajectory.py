@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Continuous-time trajectory: state and covariance at any instant between its knots.
 
 | symbol    | meaning                                      | shape   | unit, frame            |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Between two knots: local variables of an interval and the state at a query time, with exact Jacobians.
 
 | symbol     | meaning                                                              | size |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SO(3) x R^3: the relations of an interval that differ from SE(3), those of the position.
 
 With C the rotation from the body to the frame of T_k and r the body's position there, the local variables are

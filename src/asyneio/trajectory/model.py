@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Continuous-time model of a trajectory: its motion prior and the space in which it is interpolated.
 
 | prior | white noise on              | state of a knot              | mean between two knots  |

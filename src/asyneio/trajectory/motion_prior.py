@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Motion priors: Phi (14), Q (15), Q^{-1}, Lambda and Psi (20) as scalar 3x3 matrices.
 
 With a constant power spectral density each of these is a 3x3 matrix Kronecker Q_c, or Kronecker 1_6, so that

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The step from knot k to a query time, `T(tau) = T_k step(xi(tau))` (58), and its Jacobian, in tuples, as
 every observation needs them in every iteration.
 

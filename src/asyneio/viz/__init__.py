@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plots and the report page.
 
 `viz.data` is the interface: plain arrays that describe a run (`ReportData` and its parts). All plots take

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparisons: curves with error bands, and maps of winners, from plain data to a PNG file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The interface of this package: the contents of a report as plain arrays.
 
 The caller computes these from a run; the plots need no estimator, no files and no alignment with ground

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The figures of a report, as far as there are data for them, in the order of the page."""
 
 from __future__ import annotations

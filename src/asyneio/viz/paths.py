@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plots of a path in top and side view; to be called inside `style.plotting()`."""
 
 from __future__ import annotations

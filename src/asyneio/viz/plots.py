@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Plots of a report over time, from plain arrays to a figure; to be called inside `style.plotting()`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report: a self-contained HTML file, readable on a phone, printable, without network access."""
 
 from __future__ import annotations

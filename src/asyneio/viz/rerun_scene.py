@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A run in rerun's viewer: events, tracks, landmarks, trajectory, IMU, biases and health over sensor time.
 
 Needs the package rerun-sdk (extra `viz`). What is logged is thinned: an hour takes about 1 GB at 240 x 180

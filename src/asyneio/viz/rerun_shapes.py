@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tracks, covariances and landmarks as lines and points."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A 3-D view of a path: data for the page's interactive script, and the same view as a static image."""
 
 from __future__ import annotations

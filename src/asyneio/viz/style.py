@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Common style of all plots; the only module that imports matplotlib."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reduce the number of points of long runs without losing extreme values."""
 
 from __future__ import annotations

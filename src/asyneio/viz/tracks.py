@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Images of feature tracks: coloured lines over an image of the latest events."""
 
 from __future__ import annotations

@@ -201,6 +201,7 @@ _VALUES = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(
     key=st.sampled_from(
         ["T_cam_imu", "T_imu_cam", "intrinsics", "resolution", "distortion_coeffs", "distortion_model",

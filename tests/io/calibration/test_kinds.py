@@ -338,6 +338,7 @@ _HOSTILE = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(
     kind=st.sampled_from(sorted(set(KINDS) - {"basalt"})),

@@ -109,6 +109,7 @@ def test_search_for_a_high_time_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     assert decoder.feed(words[1000:]).size == high_time.SEARCH_WORDS + 5
 
 
+@pytest.mark.slow
 def test_evt3(tmp_path: Path) -> None:
     """The words of the documentation's own kind: row, vector, time."""
     time_high, time_low, row, column = 8 << 12 | 1, 6 << 12 | 5, 7, 2 << 12 | 1 << 11 | 9

@@ -130,6 +130,7 @@ def test_real_evt3(data_dir: Path) -> None:
     assert "4157 external trigger(s)" in notes
 
 
+@pytest.mark.slow
 def test_real_libcaer_cmp(data_dir: Path) -> None:
     path = data_dir / "formats" / "event_packet_libcaer_cmp_ros2"
     found = open_recording(path)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of event pixels: sensor size, hot pixels, polarity, repeated events."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of event timestamps: rate, pauses, order, unit, flicker."""
 
 from __future__ import annotations

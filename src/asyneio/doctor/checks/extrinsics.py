@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of the extrinsic rotation and the time offset: the camera's angular rates against the gyroscope."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Check of focal length and gyroscope scale from the image motion, with gravity as a second reference."""
 
 from __future__ import annotations

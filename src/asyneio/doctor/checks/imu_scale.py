@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Check of the gyroscope's scale, from the rotation of gravity in the accelerometer readings."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of inertial timestamps: rate, gaps, order, and a common clock with the camera."""
 
 from __future__ import annotations

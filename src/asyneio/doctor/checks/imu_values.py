@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of inertial readings: units, dead axes, saturation, spikes, noise, stationary spans."""
 
 from __future__ import annotations

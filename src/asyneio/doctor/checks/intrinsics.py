@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of the calibration: completeness, invertible distortion, plausible focal length."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Check that messages were stamped while the camera recorded, not while a recording was replayed."""
 
 from __future__ import annotations

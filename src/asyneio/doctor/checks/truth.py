@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Check of the ground truth, if there is any."""
 
 from __future__ import annotations

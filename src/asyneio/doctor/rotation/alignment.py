@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rotation and time offset between the angular rates of a camera and those of a gyroscope.
 
 Model: `omega_c(t) = C_c_b (omega_b(t + offset) - bias) + leak`, over windows of the camera, with the mean of

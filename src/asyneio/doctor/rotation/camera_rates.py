@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Angular velocity of the camera over many short windows, from events or from feature tracks.
 
 The rates are in the camera frame and need neither poses nor extrinsics; they are compared with a gyroscope.

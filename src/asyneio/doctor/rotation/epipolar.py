@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Focal length, gyroscope scale and mounting from tracks, for any translation of the camera.
 
 Two bearings of a static point, the second one rotated into the first camera frame, are coplanar with the

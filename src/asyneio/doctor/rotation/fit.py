@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rotation that maps a gyroscope's rates to a camera's: robust Gauss-Newton on innovations."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ratio of the image rotation to the gyroscope, about the optical axis (roll) and about x and y.
 
 The image roll does not depend on the focal length, and translation of the camera does not affect it: its gain

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Noise model of rates by window: autoregressive of order 1 for each axis, robust to outliers."""
 
 from __future__ import annotations

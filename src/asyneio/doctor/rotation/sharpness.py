@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Angular velocity of the camera from a short window of events: the rotation that gives the sharpest image.
 
 Events of one edge, warped along the true motion to one instant, fall on one line; warped along another motion

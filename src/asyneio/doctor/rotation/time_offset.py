@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time offset between the rotations of camera and gyroscope: the offset with the smallest innovations."""
 
 from __future__ import annotations

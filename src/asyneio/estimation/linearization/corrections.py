@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scale factors and misalignment of the inertial sensors (`inertial_calibration`) in the normal equations:
 sums over the factors (21)."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Couplings of the landmarks with the knots in their observations, stored compactly.
 
 A landmark is coupled with the knots from its anchor to the one after its last observation, a third of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sums over the factors inside each interval, in the interval's local coordinates (48).
 
 Each kernel is a top-level stage of `linear_system.linearize`, because shallow call trees compile in seconds

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Linearisation of the window (39): normal equations of the knots and of the calibration of camera and IMU;
 landmarks are kept separate for their Schur complement (`elimination.py`).
 

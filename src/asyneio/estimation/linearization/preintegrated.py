@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sums over the preintegrated samples (30) of the intervals, in the knots' coordinates."""
 
 from __future__ import annotations

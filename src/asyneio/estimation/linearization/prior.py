@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The marginal prior in the normal equations: its cost and gradient at a distance from its linearisation
 point."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sums over the observations if the pose at an observation is propagated from the knot before (29).
 
 The pose depends on pose, velocity and biases of that one knot (15), so that sums are formed directly in the

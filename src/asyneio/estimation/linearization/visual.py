@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cost and normal equations of the observations (34)-(38) on the trajectory.
 
 For each interval the whitened Jacobians of all observations are written into rows (`visual_rows.py`); the

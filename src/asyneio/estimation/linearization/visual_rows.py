@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of the normal equations for the observations of one interval, (34)-(38) on the trajectory."""
 
 from __future__ import annotations

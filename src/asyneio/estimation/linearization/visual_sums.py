@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Products of the observations' rows: sums over the trajectory, anchors, landmarks, camera and couplings.
 
 Observations are sorted by interval, anchor and landmark, so that each product uses a contiguous block.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sums over the stationary intervals (zero-velocity update), in the knots' coordinates.
 
 Even a tripod or a table yields and vibrates a little. The pose drifts by `CREEP` in a second, as a random

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which coordinates of a knot's error state are unknowns of the window.
 
 The error state always has 24 coordinates [eps, varpi, varpi_dot, b_g, b_a], but not every motion model uses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time offset and rotation of the camera as unknowns of the window, common to all its observations.
 
 *Which times change.* A landmark's bearing is that of the camera at the anchor knot, at the knot's own time,

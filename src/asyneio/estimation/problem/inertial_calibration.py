@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scale factors and misalignment of both inertial sensors as unknowns of the window, common to all samples.
 
 Data sheets allow errors of scale factors and axes of one percent. They are the same in every sample and grow

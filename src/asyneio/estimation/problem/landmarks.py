@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The window's landmarks: initialization from a track and the trajectory, lookup by track, removal."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements of the window: raw records in, arrays sorted by interval out, without loops in Python.
 
 Knots have absolute numbers that do not change while the window slides; an interval has the number of its

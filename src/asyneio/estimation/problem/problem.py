@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The window's optimisation problem as flat arrays, in NamedTuples that kernels read.
 
 K knots, I = K - 1 intervals, L landmarks. Measurements are sorted by interval; those of interval i are

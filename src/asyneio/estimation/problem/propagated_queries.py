@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Increments (29) at the times of observations."""
 
 from __future__ import annotations

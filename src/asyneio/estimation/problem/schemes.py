@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Four ways for inertial samples to enter the window, behind one interface (`measure`).
 
 | scheme    | factors of an interval                                  | pose between two knots      | state |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Observations of tracks as the window takes them."""
 
 from __future__ import annotations

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Levenberg-Marquardt, landmark elimination, chi-square test, marginalization and covariance."""

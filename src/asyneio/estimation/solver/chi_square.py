@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Chi-square test of the observations of each landmark, independent of the robust cost.
 
 The robust cost only reduces the influence of a bad observation. A track of a moving point continues to have

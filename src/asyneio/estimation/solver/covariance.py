@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Covariance of states and of scale from the reduced normal equations of the last solution.
 
 Rows and columns of coordinates that the window does not solve for (`active.py`) are zero.

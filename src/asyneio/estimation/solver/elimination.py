@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Elimination of the landmarks by their Schur complement, and their back-substitution."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Marginalisation of the oldest knot and the landmarks anchored in it, into a square-root prior.
 
 Input: the old prior, the factors of the first interval, and every observation of every landmark whose anchor

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Levenberg-Marquardt on the manifold, landmarks eliminated, knots solved by a dense Cholesky
 factorisation."""
 

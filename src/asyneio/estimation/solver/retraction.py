@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A step of the unknowns on the manifold."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Budgets of the front end: corner tests always, computing time where `frontend.max_load` limits it.
 
 Both budgets run on the time of the events and on nominal costs, not on a wall clock: the result is the same

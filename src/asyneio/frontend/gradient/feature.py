@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One feature of the default tracker: its birth, its update, and when it is no longer trusted.
 
 Windows and steps are tied to displacement: a feature learns how many events one pixel of its motion causes.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """State of all features: one record per feature, with no allocation while events are processed.
 
 Records, not one array per field: Numba counts references to arrays and to their views, which takes longer

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Velocity of a growing feature by contrast maximization: the motion whose patch has the highest contrast."""
 
 from __future__ import annotations

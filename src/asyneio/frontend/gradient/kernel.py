@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The event loop of the default tracker: Algorithm 1 of the paper over one packet of events."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Patches of events: drawn with motion compensation, blurred, shifted."""
 
 from __future__ import annotations

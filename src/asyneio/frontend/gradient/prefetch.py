@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Request memory from the processor ahead of its use."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the event loop of the default tracker reads and writes, in one tuple."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The template of a feature: the gradient of the log brightness around it, learned from its own events.
 
 The events of a patch that moves by `s` sum, to first order, to `W = s . G`, where `G` is the gradient of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Track management of the default tracker: what ends a track, what a track reports, and running balances."""
 
 from __future__ import annotations

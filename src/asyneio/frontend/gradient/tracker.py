@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The default tracker as an object: holds the state and calls the kernel."""
 
 from __future__ import annotations

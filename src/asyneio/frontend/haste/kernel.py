@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The correlation* tracker of HASTE: one record per feature, with no allocation while events are processed.
 
 Alzugaray & Chli, "HASTE: multi-Hypothesis Asynchronous Speeded-up Tracking of Events", BMVC 2020; constants

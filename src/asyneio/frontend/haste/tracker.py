@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """HASTE baseline: the event loop of Algorithm 1 of the paper around correlation* trackers.
 
 Every event is fed to all features in whose disc it lies. The published tracker detects no failures: a feature

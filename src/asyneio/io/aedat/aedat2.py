@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """AEDAT-2.0 of a DAVIS240, as written by jAER: events and inertial samples in one stream of words.
 
 Header lines begin with `#`. Each word is a big-endian address (32 bits) and time (32 bits, us):

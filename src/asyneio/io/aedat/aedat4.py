@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """AEDAT4: the first stream of events, and the first of inertial samples (layout: see `aedat4_packets`).
 
 Inertial samples are in g and degrees per second, times in microseconds since 1970.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The AEDAT4 container: streams described in XML, packets of FlatBuffers, compressed with LZ4 or Zstandard.
 
 | part | layout (little-endian) |

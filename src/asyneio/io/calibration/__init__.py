@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration files: every common format is read, Kalibr's is written."""
 
 from asyneio.io.calibration.files import CAMCHAIN_FILE as CAMCHAIN_FILE

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Basalt's `calibration.json`, used by TUM-VI, TUM-VIE and others: everything below `value0`.
 
 According to Basalt's headers (`calibration.hpp`), `T_imu_cam` maps camera to IMU coordinates. Noise and

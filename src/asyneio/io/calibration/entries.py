@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Content of a calibration file of any format: cameras to select from, and the noise of an IMU."""
 
 from __future__ import annotations

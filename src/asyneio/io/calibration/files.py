@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration files of every supported format, detected by their keys, and the search in a folder."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Keys of calibration files that would change a result but are not applied: each gets a note."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration files of iniVation (dv-processing, DV): JSON with cameras `C0` ... and IMUs `S0` ...
 
 According to the headers of dv-processing (`calibrations/camera_calibration.hpp`, `imu_calibration.hpp`),

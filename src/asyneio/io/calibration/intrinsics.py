@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Camera intrinsics from a calibration file, checked: size, focal lengths, invertible distortion."""
 
 from __future__ import annotations

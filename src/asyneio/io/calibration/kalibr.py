@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of Kalibr, `camchain-imucam.yaml` (cameras, extrinsics, time shift) and `imu.yaml` (noise), and of
 OpenVINS.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write a calibration as the two files of Kalibr; reading them back gives identical values."""
 
 from __future__ import annotations

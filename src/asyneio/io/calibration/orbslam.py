@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings files of ORB-SLAM3 (`File.version: "1.0"`, `Camera1.fx`) and of older versions (`Camera.fx`,
 `Tbc`).
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Camera files without an IMU: `cam_to_cam.yaml` of DSEC, camera files of ROS, `sensor.yaml` of EuRoC.
 
 DSEC (its page on the data format): `intrinsics` of the event cameras cam0 and cam3, of the frame cameras

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files that are often mistaken for calibrations: what they are, and which file to use instead."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Combine what calibration files, the recording itself and a preset say into one calibration.
 
 A reader collects `CalibrationSources`. Which camera of a file applies, and what a preset has to fill in, is

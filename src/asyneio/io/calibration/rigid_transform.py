@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid transforms (4,4) from calibration files, checked: lists of rows, matrices, quaternions."""
 
 from __future__ import annotations

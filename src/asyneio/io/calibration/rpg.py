@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration files of the Robotics and Perception Group (SVO, Ultimate SLAM): `cameras`, `imu_params`.
 
 `T_B_C` maps camera to body coordinates, in row-major order; the body is the IMU. `delay_imu_cam` is the

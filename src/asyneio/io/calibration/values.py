@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checked access to parsed YAML or JSON: finite numbers, of the expected type and count."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The configuration of VINS-Mono and VINS-Fusion (OpenCV YAML); intrinsics are in it or in `cam0_calib`.
 
 `body_T_cam0`, or `extrinsicRotation` and `extrinsicTranslation` (imu^R_cam, imu^T_cam in their comments), map

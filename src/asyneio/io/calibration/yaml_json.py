@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibration files as plain mappings: YAML, OpenCV's dialect of YAML, JSON.
 
 Files are untrusted: the loader executes nothing and limits size, aliases and brackets. OpenCV starts its

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of a recording to another format."""

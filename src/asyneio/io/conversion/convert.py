@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Convert a recording of events to another format, complete or not at all."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Event recordings in asyneio's own HDF5 layout.
 
 | path | content |

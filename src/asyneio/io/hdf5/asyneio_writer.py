@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write an event recording in asyneio's HDF5 layout (see `asyneio_reader`), complete or not at all."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events from HDF5 with one data set per column x, y, t, p, or with these as fields of one table.
 
 Columns are read in blocks, so that memory is bounded for any chunk size.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events in the HDF5 layout of DSEC: `/events/x, y, t, p`, with t in microseconds after `/t_offset`.
 
 | data set | event file | sensor | sidecar files |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events in HDF5 as one data set of four columns, (N,4), such as `events` of v2e.
 
 v2e writes t [us], x, y, p as unsigned 32-bit numbers; a polarity of -1 becomes 4 294 967 295.

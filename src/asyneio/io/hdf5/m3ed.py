@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """M3ED: events of two Prophesee cameras, IMU and calibration in one HDF5 file, poses in another.
 
 | path | content |

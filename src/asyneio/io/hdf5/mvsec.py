@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MVSEC: events of two DAVIS346 in one HDF5 file, ground truth in another.
 
 | path | content |

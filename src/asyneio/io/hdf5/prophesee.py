@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prophesee's HDF5: `/CD/events`, a table with the fields x, y, p and t [us].
 
 Metavision compresses it with its own codec (ECF), which HDF5 loads as a plugin if it is installed.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Atomic writes: a file is written under a temporary name and then renamed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The meaning of four columns of numbers: time, column, row and polarity, in any order and unit.
 
 Columns are identified by name, else by value: a polarity has two values, a pixel is an integer below 65 535,

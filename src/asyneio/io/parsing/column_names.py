@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names of columns in files of any tool: quantity, axis, unit.
 
 `gyro_x [deg/s]`, `field.angular_velocity.x`, `w_RS_S_x [rad s^-1]` and `gyroX` name the x axis of one sensor.

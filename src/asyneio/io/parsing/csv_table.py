@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comma-separated numbers with named columns: fast for clean files, line by line for damaged ones.
 
 Integer columns are never converted to float: nanosecond stamps need 61 bits.

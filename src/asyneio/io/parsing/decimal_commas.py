@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of decimal commas between semicolons, with the command that fixes the file."""
 
 from __future__ import annotations

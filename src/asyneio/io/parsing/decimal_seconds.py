@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Times as decimal text, read and written exactly to the nanosecond."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A file compressed with gzip, read without unpacking to disk."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """HDF5 output to a file that can always be closed, even if the disk is full.
 
 HDF5 retries failed writes when the file is closed and again at exit, where the process then crashes.

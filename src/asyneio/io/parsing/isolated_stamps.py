@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows with a wrong time stamp between rows with right ones: one lost word, a stamp that was never set.
 
 For samples and poses, of which a whole file is in memory. Events, which arrive in pieces, are filtered by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Safe access to untrusted HDF5: only numbers stored in the file itself, with a plausible size."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of time stamps: order, duplicates, rate, and whether two streams share one clock and unit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How lines of numbers are written: separators, decimal commas, headers, columns of text."""
 
 from __future__ import annotations

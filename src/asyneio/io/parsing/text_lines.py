@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lines of a text file with bounded length, and the header before its numbers."""
 
 from __future__ import annotations

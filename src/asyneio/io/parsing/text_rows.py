@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text files of numbers, with or without a header, with times in any unit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Decompression of chunks that may be truncated, damaged or hostile."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files in a zip archive, read without unpacking to disk."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prophesee's DAT, version 2: a header, two bytes (type of event, its size 8), then little-endian records.
 
 A record is a 32-bit time [us] and a 32-bit word: column bits 0-13, row bits 14-27, polarity bits 28-31

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """EVT 2.0 of Prophesee: 32-bit words (docs.prophesee.ai, "EVT 2.0 Format").
 
 | code (bits 28-31) | name | content |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """EVT 2.1 of Prophesee: 64-bit words, each with up to 32 events of one row.
 
 Layout: docs.prophesee.ai, "EVT 2.1 Format".

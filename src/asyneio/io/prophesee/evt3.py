@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """EVT 3.0 of Prophesee: 16-bit words, each of which changes a state (docs.prophesee.ai, "EVT 3.0 Format").
 
 The four high bits are the type of a word, the twelve low ones its content:

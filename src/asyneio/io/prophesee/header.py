@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The header of Prophesee's RAW and DAT files: lines `% keyword value`, ended by `% end` or by the data.
 
 Keywords differ between camera generations (docs.prophesee.ai):

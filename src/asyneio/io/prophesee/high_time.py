@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The high part of the time in EVT 2.0 and EVT 2.1: 28 bits that count 64 us, with wrong bits now and then.
 
 A high time that differs much from the previous one is suspect: it is accepted unless the next one returns to

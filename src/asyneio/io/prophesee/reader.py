@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Prophesee files: RAW in the encodings EVT 2.0, 2.1 and 3.0, and DAT. They contain events only."""
 
 from __future__ import annotations

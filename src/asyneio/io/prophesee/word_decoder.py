@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the decoders of EVT 2.0, 2.1 and 3.0 have in common: words in pieces, a state, counters for the
 notes."""
 

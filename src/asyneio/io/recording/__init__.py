@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of any format: contents, sidecar files, checks, cache, assembly."""

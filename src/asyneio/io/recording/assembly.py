@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Turn the contents that a reader found into a recording: checked events, samples in SI units, one clock."""
 
 from __future__ import annotations

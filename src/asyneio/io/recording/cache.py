@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events of any source as one array: in memory for small sources, as a memory map of a cached file for large
 ones.
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ground truth given as camera poses, as in data sets with lidar or visual ground truth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a reader finds in a recording, before anything is decoded, checked or repaired."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks and repairs of events, piece by piece: order, sensor size, plausible times.
 
 Memory is bounded by one piece and the events of the last MAX_DISORDER_NS, which later ones may still precede.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The interface of event decoders, and helpers for their output."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inertial samples from text files of any tool: columns by their names, else by gravity.
 
 | source | line |

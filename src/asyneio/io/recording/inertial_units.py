@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Units of inertial samples, checked by gravity: by its magnitude and by its rotation in the body frame."""
 
 from __future__ import annotations

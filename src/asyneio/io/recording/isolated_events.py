@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Isolated events with a wrong stamp: a few events jump, and the stream continues where it was.
 
 They may be at the start, in the middle or at the end; they are dropped and counted before all other checks.

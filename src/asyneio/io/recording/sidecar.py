@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sidecar files: inertial samples and ground truth next to a file of events."""
 
 from __future__ import annotations

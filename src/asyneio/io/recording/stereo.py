@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings with a left and a right event camera: selection of one."""
 
 from __future__ import annotations

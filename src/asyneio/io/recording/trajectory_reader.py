@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Trajectories from text files of any tool: ground truth of recordings, and estimates to evaluate.
 
 | source | line |

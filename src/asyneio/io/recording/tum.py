@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The TUM trajectory format: `t[s] px py pz qx qy qz qw`, with stamps exact to the nanosecond."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`estimates.npz`: all estimates without loss: poses, velocity, biases, covariance.
 
 | array | shape | meaning |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`health.csv`: health of the estimator at each step. `attitude.csv`: attitudes while there is no pose."""
 
 from __future__ import annotations

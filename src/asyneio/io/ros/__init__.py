@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags of ROS 1 and ROS 2.
 
 Bags are read by asyneio's own code and written with the library `rosbags`. The own reader recovers everything

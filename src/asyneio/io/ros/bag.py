@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The interface of containers of ROS messages: topics, and messages from front to back."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages with an array of events: dvs_msgs/EventArray, and types with the same fields under other names.
 
 An event consists of column, row, time and polarity. ROS 1 packs it into 13 bytes. CDR aligns every number to

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The encodings of event_camera_msgs/EventPacket (formerly event_array_msgs/EventArray).
 
 | encoding | events | time [ns] |

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """EventSource for one topic of a bag."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Offsets of the fields of a message in the encodings of ROS 1 and of ROS 2 (CDR).
 
 ROS 1 packs values without gaps. CDR aligns each value to a multiple of its size, counted from the end of a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ground truth of a bag: a topic of poses, or the longest message of a path."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inertial samples of a bag: from one topic, or from two with one sensor each."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Message definitions for bags without them (SQLite before ROS 2 Iron, IDL), by type name."""
 
 from __future__ import annotations

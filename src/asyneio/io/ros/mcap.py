@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """MCAP, the container of ROS 2 since Iron, read from front to back without its index (mcap.dev/spec).
 
 Records are `code (1), length (8), content`. A truncated file has neither index nor summary; everything before

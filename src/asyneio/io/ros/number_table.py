@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of many small messages of one topic as a table: inertial samples, poses."""
 
 from __future__ import annotations

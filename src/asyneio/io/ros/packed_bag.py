@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS 2 bags compressed with zstd, file by file or message by message.
 
 `ros2 bag record --compression-mode file` compresses each complete file and adds `.zstd` to its name;

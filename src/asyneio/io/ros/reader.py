@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Contents of ROS 1 and ROS 2 bags: selection of topics, clocks, calibration, ground truth."""
 
 from __future__ import annotations

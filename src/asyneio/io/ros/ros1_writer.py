@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings as ROS 1 bags; topics: see `written_messages`."""
 
 from __future__ import annotations

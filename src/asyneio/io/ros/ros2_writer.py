@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recordings of ROS 2: a folder with an MCAP file; topics: see `written_messages`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The container of ROS 1: `#ROSBAG V2.0`, read from front to back without its index.
 
 A truncated bag has no index, and readers that need one reject it; here everything before the truncation is

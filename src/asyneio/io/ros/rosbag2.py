@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS 2 recordings: SQLite or MCAP files, single or in a folder with `metadata.yaml`."""
 
 from __future__ import annotations

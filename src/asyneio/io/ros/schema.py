@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Definitions of ROS messages, as embedded in bags.
 
 Messages are identified by their definition and not by their type name, as packages rename and copy types.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion from the clock of a camera to the clock of the host that stamped its messages.
 
 A packet arrives some time after its first event. The jitter of this delay is positive, so the clock is fitted

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recording in numbered files of one folder, as written by `rosbag record --split`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One pass over a bag without decoding events: topics, counts, inertial samples, poses, intrinsics, clocks.
 
 Topics are classified by the fields of their messages, not by topic or type names.

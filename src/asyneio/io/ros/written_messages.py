@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recording as messages sorted by time, with the topics of the UZH event camera data set.
 
 | topic | type |

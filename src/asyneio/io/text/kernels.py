@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled loops over lines of events: one for the usual layout, one for any other.
 
 A loop stops at a line that it cannot parse, which is then parsed in Python. The line feed at the end

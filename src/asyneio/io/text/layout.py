@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of the layout of event text from its first lines."""
 
 from __future__ import annotations

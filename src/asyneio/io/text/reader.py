@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Event text, usually `t[s] x y p` per line, decoded exactly: decimal seconds are never converted to float.
 
 A compiled loop parses lines in the usual notation; other lines are parsed in Python.

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Folders of feature tracks and inertial samples."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks and repairs of feature tracks: duplicates, sensor border, cutting into shorter tracks."""
 
 from __future__ import annotations

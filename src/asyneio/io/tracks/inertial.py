@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inertial samples of a tracks folder: one CSV file for both sensors or one for each, checked by gravity."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The tracks folder: feature tracks and inertial samples as CSV, with calibration and ground truth.
 
 | file | content |

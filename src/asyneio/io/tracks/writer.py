@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write a recording as a tracks folder; reading it back gives identical numbers."""
 
 from __future__ import annotations

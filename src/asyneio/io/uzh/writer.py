@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write an event recording as a folder of the UZH event camera data set (layout: see `folder_reader`)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Zipped recordings of the UZH event camera data set, as they are downloaded."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sources of live data: `file:`, `socket:`, `dv:` and `usb:`."""
 
 from asyneio.live.sources.address import open_source

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the text that the user typed to a source."""
 
 from __future__ import annotations

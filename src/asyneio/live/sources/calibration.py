@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The sensor of a source that states only its name and size: the calibration comes from the user."""
 
 from __future__ import annotations

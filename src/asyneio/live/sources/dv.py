@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`dv:`: iniVation's network streams, as DV and dv-processing send them (one stream a port)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`file:`: a recording played as if it were live."""
 
 from __future__ import annotations

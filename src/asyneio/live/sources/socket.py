@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`socket:`: any program that sends frames of `live.protocol` over TCP."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`usb:`: a DAVIS346 or DVXplorer on this machine, through neuromorphic-drivers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Detection of scene changes: a cut in the recording ends all tracks at once, and the inertial samples jump.
 
 Each alone may be harmless: where the image pauses before it moves the other way, a tracker may lose all of

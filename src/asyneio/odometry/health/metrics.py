@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Health metrics of the newest knot, from the solved window."""
 
 from __future__ import annotations

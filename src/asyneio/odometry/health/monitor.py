@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Health of one segment: combines what packets, window and estimate show."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Health of the estimator: a state machine that is updated with the metrics of every knot.
 
 INITIALIZING ends with the first window; from then on each knot brings `HealthMetrics`, judged as follows:

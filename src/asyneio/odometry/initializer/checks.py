@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Checks of an initialization, before and after the joint optimisation; each gives the reason of a
 rejection."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """IMU-aided MSAC pre-filter of the tracks before a segment is initialized."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The first window of a segment, whichever method found its motion."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Initialization in motion: motion of a span, warm-up (40), joint optimisation (39), and checks of the
 result."""
 

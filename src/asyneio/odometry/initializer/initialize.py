@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One attempt to initialize a segment."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Initialization from a known state: requires no parallax, and uses the world frame of the state."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The motion of a span from its measurements alone: linear alignment, then dead-reckoned adjustment."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stationary initialization: a stationary IMU shows the direction of gravity and the gyroscope's bias.
 
 No feature is required: landmarks are initialized when motion causes parallax, and the accelerometer then

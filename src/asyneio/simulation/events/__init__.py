@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Event-level simulator: textured worlds rendered through a lens, pixels that answer with events."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rectangles seen by a camera: for each pose, a rectangle becomes three linear forms of a viewing ray.
 
 Camera poses are given in the frame of each body, so moving bodies need no special treatment.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ground truth for feature tracks: the world point seen by a pixel, its projections, and its visibility."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mip pyramids of all textures of a world in one flat array, for the renderer.
 
 Each level averages 2 x 2 texels of linear intensity. Without levels, a fine texture far away would be sampled

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Viewing rays of pixels: the distortion of `simulation.camera`, inverted by Newton's method."""
 
 from __future__ import annotations

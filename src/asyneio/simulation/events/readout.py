@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Readout of the sensor: events leave in time order, one at a time, over a bus with a limited buffer.
 
 Array: a pixel raises a request and holds it until it is acknowledged. Requests are served one at a time in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Renderer: intensity of every pixel of a distorted image of textured rectangles.
 
 Textures are sampled trilinearly at the level of detail of the pixel's footprint. Borders of rectangles are

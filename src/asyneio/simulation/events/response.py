@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Response of pixels between two renderings: photoreceptor, change detector, latency, refractory time, noise.
 
 A pixel stores a reference level of log intensity and emits an event when the current level differs from it by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Event scenarios: the parameters of a simulated run, and predefined scenarios by name."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Times of rendering, such that the image moves by less than a pixel between two renderings.
 
 Each tile of the image has its own stride, so that near or moving objects do not slow down the rest of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of an event sensor, with the sources of their defaults, and the state of its pixels."""
 
 from __future__ import annotations

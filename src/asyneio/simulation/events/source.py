@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Events of a scenario, in chunks: schedule, render, respond, read out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Textures of rooms: overlapping shapes of all sizes on a noise background, or photographs.
 
 Shapes of random reflectance cover each other ("dead leaves" model), with equal area in every octave of size.

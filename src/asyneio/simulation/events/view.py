@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Viewing rays of a camera's pixels, and the tiles in which the image is rendered."""
 
 from __future__ import annotations

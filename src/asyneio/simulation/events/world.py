@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A world of textured rectangles, some of which may move as rigid bodies of their own."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Worlds of textured rectangles, in the world frame (z up) around the centre of the motion at the origin."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Asynchronous feature tracks: every feature is observed at its own times, as by an event tracker.
 
 Each of a fixed number of slots holds one live track. A track follows one landmark for a random lifetime or

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scenarios: the parameters common to all simulated runs, those of track simulations, and predefined ones."""
 
 from __future__ import annotations

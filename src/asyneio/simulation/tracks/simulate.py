@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run a scenario: a recording as a reader would return it, and its ground truth."""
 
 from __future__ import annotations
