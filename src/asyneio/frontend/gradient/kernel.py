@@ -47,47 +47,29 @@ class Limits(NamedTuple):
 
 
 @nb.njit(cache=True, nogil=True)
-def process_packet(
+def process_events(
     events: RecordArray, start: int, turns: RecordArray, tracker: GradientArrays, observations: RecordArray
 ) -> int:
-    """Process a packet from event `start` on; returns the index of the next event to process.
+    """Algorithm 1 from event `start` on; returns the index of the next event to process.
 
-    Stops early when `observations` may not hold what follows; `state.written` counts what was written.
-    """
-    tracker = borrowed(tracker)
-    state = tracker.state[0]
-    state.written = 0
-    for k in range(turns.size):
-        end = turns[k + 1].first if k + 1 < turns.size else events.size
-        if end <= start:
-            continue
-        if turns[k].first == start:
-            integrate_roll(state, events[start].t_ns, turns[k].rate)
-        start = process_events(events, start, end, tracker, observations)
-        if start < end:
-            break
-    return start
-
-
-@nb.njit(**INLINE)
-def process_events(
-    events: RecordArray, start: int, end: int, tracker: GradientArrays, observations: RecordArray
-) -> int:
-    """Algorithm 1 over events `start` to `end - 1`; returns the index of the next event to process.
-
-    An event that is near no feature and can be no corner takes a few nanoseconds: it is written to the
+    Stops early when `observations` may not hold what follows; `state.written` counts what was written. An
+    event that is near no feature and can be no corner takes a few tens of nanoseconds: it is written to the
     surface, which was fetched ahead of time, and finds an empty bucket.
     """
+    tracker = borrowed(tracker)
     surface, state, loop = tracker.surface, tracker.state[0], tracker.loop[0]
-    limits = Limits(
-        tracker.settings[0].feed_radius_px ** 2, tracker.loop[0].spacing_px ** 2, state.load > 0.0
-    )
-    for i in range(start, end):
+    limits = Limits(tracker.settings[0].feed_radius_px ** 2, loop.spacing_px**2, state.load > 0.0)
+    state.written = 0
+    turn, turn_event = next_turn(turns, 0, start)
+    for i in range(start, events.size):
         event = read_event(events, i)
         if not limits.load or state.credit_ns > 0.0:
             prefetch_surface(tracker, read_event(events, min(i + _FETCHED, events.size - 1)))
         if is_full(state, observations):
             return i
+        if i == turn_event:
+            integrate_roll(state, event.t_ns, turns[turn].rate)
+            turn, turn_event = next_turn(turns, turn + 1, i)
         if event.t_ns - state.checked_ns > CHECK_NS:
             manage_tracks(tracker, event.t_ns)  # Lines 13-15.
         if limits.load and is_shed(state, event.t_ns, count_listed(tracker, event)):
@@ -102,7 +84,15 @@ def process_events(
             continue
         if is_corner(surface.latest_ns, event.p, event.x, event.y, tracker.corner_scratch):  # Line 17.
             begin_feature(tracker, event)  # Lines 18-24.
-    return end
+    return events.size
+
+
+@nb.njit(**INLINE)
+def next_turn(turns: RecordArray, k: int, start: int) -> tuple[int, int]:
+    """The first turn from index `k` on that is at event `start` or later: its index and event, or -1."""
+    while k < turns.size and turns[k].first < start:
+        k += 1
+    return k, turns[k].first if k < turns.size else -1
 
 
 @nb.njit(**INLINE)
