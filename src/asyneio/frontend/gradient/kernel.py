@@ -72,14 +72,16 @@ def process_events(
             turn, turn_event = next_turn(turns, turn + 1, i)
         if event.t_ns - state.checked_ns > CHECK_NS:
             manage_tracks(tracker, event.t_ns)  # Lines 13-15.
-        if limits.load and is_shed(state, event.t_ns, count_listed(tracker, event)):
+        # Read before the surface is written, so that the processor does not wait for it below.
+        listed = count_listed(tracker, event)
+        if limits.load and is_shed(state, event.t_ns, listed):
             continue
         first_of_edge = record_event(surface, event, loop.silence_ns)  # Line 4.
         if is_hot(surface, event):
             state.hot_events += 1
             continue
         state.polarity_counts[np.uint64(event.p)] += 1.0
-        near = feed_neighbours(tracker, event, limits, observations)  # Lines 5-12.
+        near = feed_neighbours(tracker, event, listed, limits, observations)  # Lines 5-12.
         if near or not first_of_edge or not may_begin(tracker, event):  # Line 16.
             continue
         if is_corner(surface.latest_ns, event.p, event.x, event.y, tracker.corner_scratch):  # Line 17.
@@ -132,31 +134,33 @@ def count_listed(tracker: GradientArrays, event: Event) -> int:
 
 
 @nb.njit(**INLINE)
-def feed_neighbours(tracker: GradientArrays, event: Event, limits: Limits, observations: RecordArray) -> bool:
+def feed_neighbours(
+    tracker: GradientArrays, event: Event, listed: int, limits: Limits, observations: RecordArray
+) -> bool:
     """Feed an event to the features in whose disc it lies; True if one is too close for a new corner."""
     state = tracker.state[0]
-    near, fed = find_neighbours(tracker, event, limits)
+    near, fed = find_neighbours(tracker, event, listed, limits)
     for k in range(fed):
         slot = int(tracker.nearby[np.uint64(k)])
         if keep_event(tracker, slot, event):
             act(tracker, slot, event.t_ns, observations)
-    state.fed += fed
-    if limits.load:
-        state.credit_ns -= FED_NS * fed
+    if fed:
+        state.fed += fed
+        if limits.load:
+            state.credit_ns -= FED_NS * fed
     return near
 
 
 @nb.njit(**INLINE)
-def find_neighbours(tracker: GradientArrays, event: Event, limits: Limits) -> tuple[bool, int]:
+def find_neighbours(tracker: GradientArrays, event: Event, listed: int, limits: Limits) -> tuple[bool, int]:
     """Whether a feature is too close for a new corner; how many features the event is fed to, listed in
     `nearby`, the newest entry of the bucket first."""
     records, nearby = tracker.features.records, tracker.nearby
     slots = tracker.grids.feeding.buckets[np.uint64(event.y >> FINE), np.uint64(event.x >> FINE)].slots
-    count = count_listed(tracker, event)
     near, fed = False, 0
     # Without a branch that the processor would have to predict.
-    for k in range(count):
-        slot = np.int64(slots[np.uint64(count - 1 - k)])
+    for k in range(listed):
+        slot = np.int64(slots[np.uint64(listed - 1 - k)])
         distance2 = squared_distance(records[np.uint64(slot)], event)
         near |= distance2 < limits.spacing2
         nearby[np.uint64(fed)] = slot
