@@ -28,7 +28,7 @@ from asyneio.estimation.problem.problem import (
 from asyneio.estimation.solver.elimination import eliminate_landmarks
 from asyneio.estimation.solver.retraction import retract
 from asyneio.frontend import Frontend
-from asyneio.frontend.gradient.kernel import process_packet
+from asyneio.frontend.gradient.kernel import process_events
 from asyneio.geometry.camera import CameraModel
 from asyneio.inertial.increments import ImuWindow, SampleNoise
 from asyneio.initialization.dead_reckoned import BiasPrior, FirstMotion, adjust
@@ -44,7 +44,7 @@ def are_compiled() -> bool:
     kernels = (
         visual_terms.visual_terms,
         interval_terms.accelerometer_terms,
-        process_packet,
+        process_events,
     )
     return all(
         any(Path(kernel.stats.cache_path).glob(f"*{kernel.py_func.__name__}*.nbi")) for kernel in kernels

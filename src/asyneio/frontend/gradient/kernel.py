@@ -48,62 +48,54 @@ class Limits(NamedTuple):
 
 
 @nb.njit(cache=True, nogil=True)
-def process_packet(
+def process_events(
     events: RecordArray, start: int, turns: RecordArray, tracker: GradientArrays, observations: RecordArray
 ) -> int:
-    """Process a packet from event `start` on; returns the index of the next event to process.
+    """Algorithm 1 from event `start` on; returns the index of the next event to process.
 
-    Stops early when `observations` may not hold what follows; `state.written` counts what was written.
-    """
-    tracker = borrowed(tracker)
-    state = tracker.state[0]
-    state.written = 0
-    for k in range(turns.size):
-        end = turns[k + 1].first if k + 1 < turns.size else events.size
-        if end <= start:
-            continue
-        if turns[k].first == start:
-            integrate_roll(state, events[start].t_ns, turns[k].rate)
-        start = process_events(events, start, end, tracker, observations)
-        if start < end:
-            break
-    return start
-
-
-@nb.njit(**INLINE)
-def process_events(
-    events: RecordArray, start: int, end: int, tracker: GradientArrays, observations: RecordArray
-) -> int:
-    """Algorithm 1 over events `start` to `end - 1`; returns the index of the next event to process.
-
-    An event that is near no feature and can be no corner takes a few nanoseconds: it is written to the
+    Stops early when `observations` may not hold what follows; `state.written` counts what was written. An
+    event that is near no feature and can be no corner takes a few tens of nanoseconds: it is written to the
     surface, which was fetched ahead of time, and finds an empty bucket.
     """
+    tracker = borrowed(tracker)
     surface, state, loop = tracker.surface, tracker.state[0], tracker.loop[0]
-    limits = Limits(
-        tracker.settings[0].feed_radius_px ** 2, tracker.loop[0].spacing_px ** 2, state.load > 0.0
-    )
-    for i in range(start, end):
+    limits = Limits(tracker.settings[0].feed_radius_px ** 2, loop.spacing_px**2, state.load > 0.0)
+    state.written = 0
+    turn, turn_event = next_turn(turns, 0, start)
+    for i in range(start, events.size):
         event = read_event(events, i)
         if not limits.load or state.credit_ns > 0.0:
             prefetch_surface(tracker, read_event(events, min(i + _FETCHED, events.size - 1)))
         if is_full(state, observations):
             return i
+        if i == turn_event:
+            integrate_roll(state, event.t_ns, turns[turn].rate)
+            turn, turn_event = next_turn(turns, turn + 1, i)
         if event.t_ns - state.checked_ns > CHECK_NS:
             manage_tracks(tracker, event.t_ns)  # Lines 13-15.
-        if limits.load and is_shed(state, event.t_ns, count_listed(tracker, event)):
+        # Read before the surface is written, so that the processor does not wait for it below.
+        listed = count_listed(tracker, event)
+        if limits.load and is_shed(state, event.t_ns, listed):
             continue
         first_of_edge = record_event(surface, event, loop.silence_ns)  # Line 4.
         if is_hot(surface, event):
             state.hot_events += 1
             continue
         state.polarity_counts[np.uint64(event.p)] += 1.0
-        near = feed_neighbours(tracker, event, limits, observations)  # Lines 5-12.
+        near = feed_neighbours(tracker, event, listed, limits, observations)  # Lines 5-12.
         if near or not first_of_edge or not may_begin(tracker, event):  # Line 16.
             continue
         if is_corner(surface.latest_ns, event.p, event.x, event.y, tracker.corner_scratch):  # Line 17.
             begin_feature(tracker, event)  # Lines 18-24.
-    return end
+    return events.size
+
+
+@nb.njit(**INLINE)
+def next_turn(turns: RecordArray, k: int, start: int) -> tuple[int, int]:
+    """The first turn from index `k` on that is at event `start` or later: its index and event, or -1."""
+    while k < turns.size and turns[k].first < start:
+        k += 1
+    return k, turns[k].first if k < turns.size else -1
 
 
 @nb.njit(**INLINE)
@@ -143,31 +135,33 @@ def count_listed(tracker: GradientArrays, event: Event) -> int:
 
 
 @nb.njit(**INLINE)
-def feed_neighbours(tracker: GradientArrays, event: Event, limits: Limits, observations: RecordArray) -> bool:
+def feed_neighbours(
+    tracker: GradientArrays, event: Event, listed: int, limits: Limits, observations: RecordArray
+) -> bool:
     """Feed an event to the features in whose disc it lies; True if one is too close for a new corner."""
     state = tracker.state[0]
-    near, fed = find_neighbours(tracker, event, limits)
+    near, fed = find_neighbours(tracker, event, listed, limits)
     for k in range(fed):
         slot = int(tracker.nearby[np.uint64(k)])
         if keep_event(tracker, slot, event):
             act(tracker, slot, event.t_ns, observations)
-    state.fed += fed
-    if limits.load:
-        state.credit_ns -= FED_NS * fed
+    if fed:
+        state.fed += fed
+        if limits.load:
+            state.credit_ns -= FED_NS * fed
     return near
 
 
 @nb.njit(**INLINE)
-def find_neighbours(tracker: GradientArrays, event: Event, limits: Limits) -> tuple[bool, int]:
+def find_neighbours(tracker: GradientArrays, event: Event, listed: int, limits: Limits) -> tuple[bool, int]:
     """Whether a feature is too close for a new corner; how many features the event is fed to, listed in
     `nearby`, the newest entry of the bucket first."""
     records, nearby = tracker.features.records, tracker.nearby
     slots = tracker.grids.feeding.buckets[np.uint64(event.y >> FINE), np.uint64(event.x >> FINE)].slots
-    count = count_listed(tracker, event)
     near, fed = False, 0
     # Without a branch that the processor would have to predict.
-    for k in range(count):
-        slot = np.int64(slots[np.uint64(count - 1 - k)])
+    for k in range(listed):
+        slot = np.int64(slots[np.uint64(listed - 1 - k)])
         distance2 = squared_distance(records[np.uint64(slot)], event)
         near |= distance2 < limits.spacing2
         nearby[np.uint64(fed)] = slot

@@ -11,7 +11,7 @@ from asyneio.frontend.feature_grid import make_grids
 from asyneio.frontend.gradient.budget import THINNING
 from asyneio.frontend.gradient.feature import GradientSettings
 from asyneio.frontend.gradient.features import make_features
-from asyneio.frontend.gradient.kernel import process_packet
+from asyneio.frontend.gradient.kernel import process_events
 from asyneio.frontend.gradient.patch import make_workspace
 from asyneio.frontend.gradient.state import (
     GradientArrays,
@@ -133,5 +133,5 @@ class GradientTracker:
         )
 
     def _step(self, events: RecordArray, start: int, turns: RecordArray) -> tuple[int, int]:
-        following = process_packet(events, start, turns, self.arrays, self._buffer)
+        following = process_events(events, start, turns, self.arrays, self._buffer)
         return following, int(self.arrays.state[0]["written"])
