@@ -229,6 +229,7 @@ class HasteTracker:
     """
 
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
+        self._validator = EventValidator(width, height)
         self.settings = HasteSettings(
             width=width,
             height=height,
@@ -250,7 +251,6 @@ class HasteTracker:
             state=state,
             corner_scratch=np.zeros(SCRATCH, dtype=np.int64),
         )
-        self._validator = EventValidator(width, height)
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
         self._events = 0
 
