@@ -49,6 +49,7 @@ class GradientTracker:
     def __init__(
         self, config: FrontendConfig, width: int, height: int, settings: GradientSettings | None = None
     ) -> None:
+        self._validator = EventValidator(width, height)
         self.settings = settings or GradientSettings()
         loop = LoopSettings(
             width=width,
@@ -75,7 +76,6 @@ class GradientTracker:
             nearby=make_nearby(),
             corner_scratch=make_corner_scratch(),
         )
-        self._validator = EventValidator(width, height)
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
         self._events = 0
 

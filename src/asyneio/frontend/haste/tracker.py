@@ -179,19 +179,18 @@ def feed_neighbours(tracker: HasteArrays, event: Event, observations: RecordArra
         r2 = dx * dx + dy * dy
         near = near or r2 < spacing2
         if r2 < RADIUS * RADIUS:
-            act(tracker, slot, event, observations)
+            growing = feature.state == GROWING
+            if feed(feature, event.t_ns, event.x, event.y):
+                follow_feature(tracker, slot, growing, observations)
     return near
 
 
 @nb.njit(**INNER)
-def act(tracker: HasteArrays, slot: int, event: Event, observations: RecordArray) -> None:
-    """Feed an event to a feature; if that moves it, update the grid and write an observation."""
+def follow_feature(tracker: HasteArrays, slot: int, begins: bool, observations: RecordArray) -> None:
+    """Update the grid after a feature has moved, or after its track begins, and write an observation."""
     tracker = borrowed(tracker)
     feature, state, settings = tracker.records[slot], tracker.state[0], tracker.settings[0]
-    growing = feature.state == GROWING
-    if not feed(feature, event.t_ns, event.x, event.y):
-        return
-    if growing:
+    if begins:
         feature.id = state.tracks
         state.tracks += 1
     if is_outside(feature.x, feature.y, settings, settings.border_px):
@@ -231,6 +230,7 @@ class HasteTracker:
     """
 
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
+        self._validator = EventValidator(width, height)
         self.settings = HasteSettings(
             width=width,
             height=height,
@@ -252,7 +252,6 @@ class HasteTracker:
             state=state,
             corner_scratch=np.zeros(SCRATCH, dtype=np.int64),
         )
-        self._validator = EventValidator(width, height)
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
         self._events = 0
 
