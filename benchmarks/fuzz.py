@@ -182,7 +182,13 @@ def fuzz_one(name: str, engine: str, runs: int, seed: int) -> None:
     corpus.mkdir()
     for number, content in enumerate(seeds):
         (corpus / f"seed{number}").write_bytes(content)
-    options = [f"-runs={runs}", f"-timeout={_LIMIT_S}", "-rss_limit_mb=4096", f"-seed={seed}", "-print_final_stats=1"]
+    options = [
+        f"-runs={runs}",
+        f"-timeout={_LIMIT_S}",
+        "-rss_limit_mb=4096",
+        f"-seed={seed}",
+        "-print_final_stats=1",
+    ]
     longest_input = max(len(content) for content in seeds)
     resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, _MEMORY) if False else (_MEMORY, _MEMORY))
     atheris.Setup([sys.argv[0], *options, f"-max_len={2 * longest_input}", str(corpus)], one)
@@ -198,13 +204,28 @@ def fuzz_all(names: list[str], engine: str, runs: int, seed: int) -> int:
         print("| target | inputs | wall time [s] | slowest input [ms] |\n|---|---|---|---|", flush=True)
     failed = 0
     for name in names:
-        command = [sys.executable, __file__, "one", name, "--engine", engine, "--runs", str(runs), "--seed", str(seed)]
+        command = [
+            sys.executable,
+            __file__,
+            "one",
+            name,
+            "--engine",
+            engine,
+            "--runs",
+            str(runs),
+            "--seed",
+            str(seed),
+        ]
         start = time.perf_counter()
         done = subprocess.run(command, check=False, capture_output=engine == "atheris", text=True)
         failed += done.returncode != 0
         if engine == "atheris":
             print(f"{name}: {time.perf_counter() - start:.0f} s, exit {done.returncode}", flush=True)
-            print("\n".join(line for line in done.stderr.splitlines() if "stat::" in line or "cov:" in line[-200:])[-700:])
+            print(
+                "\n".join(
+                    line for line in done.stderr.splitlines() if "stat::" in line or "cov:" in line[-200:]
+                )[-700:]
+            )
         if done.returncode:
             print(f"{name} FAILED\n{(done.stderr or '')[-3000:]}", flush=True)
     return failed
