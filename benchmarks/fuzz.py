@@ -3,12 +3,13 @@
     python benchmarks/fuzz.py damage [--count 50]
     python benchmarks/fuzz.py fuzz [TARGET ...] [--engine atheris|mutate] [--runs 1000]
 
-`damage` truncates and flips bits of a small file of every format (those of the tests) and prints what was read.
+`damage` truncates and flips bits of a small file of every format (those of the tests) and prints what was
+read.
 `fuzz` feeds inputs that grow from the committed corpus (benchmarks/fuzz_corpus) and from the small files to
 one decoder or parser after the other; with `atheris` (pip install atheris) new branches of the Python code
 guide the choice, without it inputs are mutated at random. Modules with compiled kernels are not instrumented:
-numba compiles their bytecode. Every result must be valid, every error an AsyneioError with a message; memory is
-limited to 4 GiB and each input to 20 seconds.
+numba compiles their bytecode. Every result must be valid, every error an AsyneioError with a message;
+memory is limited to 4 GiB and each input to 20 seconds.
 """
 
 from __future__ import annotations
@@ -34,7 +35,6 @@ sys.path[:0] = [str(_ROOT / "src"), str(_ROOT)]
 CORPUS = _ROOT / "benchmarks" / "fuzz_corpus"
 _LIMIT_S = 20
 _MEMORY = 4 * 2**30
-_CALIBRATIONS = ("kalibr", "opencv", "json")
 
 
 def work_folder() -> Path:
@@ -70,8 +70,6 @@ def plain_modules() -> list[str]:
 
 def targets(folder: Path) -> dict[str, tuple[Callable[[bytes], None], list[bytes]]]:
     """By name: a function of one input, and the inputs to start from."""
-    from asyneio.io import open_recording, read_inertial_file, read_trajectory
-    from asyneio.io.calibration import read_calibration
     from tests.io.small_files import FILES, TEXTS
     from tests.io.validity import (
         assert_valid,
@@ -80,6 +78,9 @@ def targets(folder: Path) -> dict[str, tuple[Callable[[bytes], None], list[bytes
         assert_valid_trajectory,
         valid_or_rejected,
     )
+
+    from asyneio.io import open_recording, read_inertial_file, read_trajectory
+    from asyneio.io.calibration import read_calibration
 
     path = folder / "input"
     seeds = folder / "seeds"
@@ -190,7 +191,6 @@ def fuzz_one(name: str, engine: str, runs: int, seed: int) -> None:
         "-print_final_stats=1",
     ]
     longest_input = max(len(content) for content in seeds)
-    resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, _MEMORY) if False else (_MEMORY, _MEMORY))
     atheris.Setup([sys.argv[0], *options, f"-max_len={2 * longest_input}", str(corpus)], one)
     print(f"{name}: {runs} inputs", flush=True)
     atheris.Fuzz()
@@ -229,3 +229,97 @@ def fuzz_all(names: list[str], engine: str, runs: int, seed: int) -> int:
         if done.returncode:
             print(f"{name} FAILED\n{(done.stderr or '')[-3000:]}", flush=True)
     return failed
+
+
+def damaged(data: bytes, fixed: int, flips: bool, rng: np.random.Generator) -> bytes:
+    """A truncated copy, or one with 1 to 20 bits flipped; the first `fixed` bytes stay."""
+    if not flips:
+        return data[: int(rng.integers(fixed, len(data)))]
+    out = bytearray(data)
+    for bit in rng.integers(8 * fixed, 8 * len(data), int(rng.integers(1, 21))):
+        out[bit // 8] ^= 1 << bit % 8
+    return bytes(out)
+
+
+def damage_row(name: str, flips: bool, data: bytes, fixed: int, path: Path, count: int) -> str:
+    """A row of the table: what was read of damaged copies."""
+    from tests.io.validity import assert_valid
+
+    from asyneio.errors import AsyneioError
+    from asyneio.io import open_recording
+    from asyneio.io.recording.damage import damage_notes
+
+    path.write_bytes(data)
+    whole = open_recording(path).events.size
+    rng = np.random.default_rng(len(data) + flips)
+    shares: list[float] = []
+    read = noted = rejected = 0
+    longest = 0.0
+    for _ in range(count):
+        path.write_bytes(damaged(data, fixed, flips, rng))
+        start = time.perf_counter()
+        try:
+            found = open_recording(path)
+        except AsyneioError:
+            rejected += 1
+            shares.append(0.0)
+        else:
+            assert_valid(found)
+            read += 1
+            noted += bool(damage_notes(found.notes))
+            shares.append(found.events.size / whole)
+        longest = max(longest, time.perf_counter() - start)
+    return (
+        f"| {name} | {'bits' if flips else 'cut'} | {len(data)} | {read} | {noted} | {rejected} | "
+        f"{100 * np.mean(shares):.0f} % | {1e3 * longest:.0f} |"
+    )
+
+
+def damage(count: int) -> None:
+    """Print the table of truncated and changed files."""
+    folder = work_folder()
+    guard()
+    from tests.conftest import find_data
+    from tests.io.small_files import FILES
+
+    print(
+        "| format | damage | bytes | read | with a note of damage | rejected | events read | slowest [ms] |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    files = {
+        name: (make(folder / f"seed{k}").read_bytes(), fixed)
+        for k, (name, (make, fixed)) in enumerate(FILES.items())
+    }
+    real = find_data()
+    for path in sorted((real / "formats").glob("*.*")) if real else []:
+        if path.is_file():
+            files[f"real: {path.name}"] = path.read_bytes(), 14
+    # A folder of its own: the other files are no sidecar files.
+    (folder / "one").mkdir()
+    for name, (data, fixed) in files.items():
+        for flips in (False, True):
+            print(damage_row(name, flips, data, fixed, folder / "one" / "recording", count), flush=True)
+
+
+def main() -> None:
+    """Run a command."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("command", choices=["damage", "fuzz", "one"])
+    parser.add_argument("targets", nargs="*")
+    parser.add_argument("--count", type=int, default=50)
+    parser.add_argument("--engine", choices=["atheris", "mutate"], default="mutate")
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    if options.command == "damage":
+        damage(options.count)
+    elif options.command == "one":
+        fuzz_one(options.targets[0], options.engine, options.runs, options.seed)
+    else:
+        sys.exit(fuzz_all(options.targets, options.engine, options.runs, options.seed))
+
+
+if __name__ == "__main__":
+    main()

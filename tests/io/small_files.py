@@ -182,3 +182,37 @@ FILES: dict[str, tuple[Callable[[Path], Path], int]] = {
     "v2e hdf5": (make_table, 0),
     "zip": (make_zip, 0),
 }
+
+
+#: Valid texts of the files beside a recording, by what reads them.
+TEXTS: dict[str, tuple[str, ...]] = {
+    "calibration": (
+        "cam0:\n  camera_model: pinhole\n  distortion_model: radtan\n"
+        "  distortion_coeffs: [-0.37, 0.15, -0.0003, -0.0007]\n  intrinsics: [199.1, 198.7, 120.3, 90.9]\n"
+        "  resolution: [240, 180]\n  T_cam_imu:\n  - [1.0, 0.0, 0.0, 0.01]\n  - [0.0, 1.0, 0.0, 0.0]\n"
+        "  - [0.0, 0.0, 1.0, 0.0]\n  - [0.0, 0.0, 0.0, 1.0]\n  timeshift_cam_imu: -0.001\n",
+        "%YAML:1.0\n---\nmodel_type: PINHOLE\ncamera_name: camera\nimage_width: 240\nimage_height: 180\n"
+        "distortion_parameters:\n   k1: -0.3\n   k2: 0.1\n   p1: 0.0\n   p2: 0.0\n"
+        "projection_parameters:\n   fx: 199.0\n   fy: 199.0\n   cx: 120.0\n   cy: 90.0\n"
+        "body_T_cam0: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n"
+        "   data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n",
+        '{"value0": {"T_imu_cam": [{"px": 0.1, "py": 0.0, "pz": 0.0, "qx": 0, "qy": 0, "qz": 0, "qw": 1}],'
+        ' "intrinsics": [{"camera_type": "kb4", "intrinsics": {"fx": 199, "fy": 199, "cx": 120, "cy": 90,'
+        ' "k1": 0.1, "k2": 0.0, "k3": 0.0, "k4": 0.0}}], "resolution": [[240, 180]], "imu_update_rate": 200,'
+        ' "accel_noise_std": [0.01, 0.01, 0.01], "gyro_noise_std": [0.001, 0.001, 0.001],'
+        ' "accel_bias_std": [0.001, 0.001, 0.001], "gyro_bias_std": [0.0001, 0.0001, 0.0001]}}',
+    ),
+    "inertial": (
+        "".join(f"{0.005 * k:.3f} 0.01 0.02 9.81 0.001 0.002 0.003\n" for k in range(20)),
+        "#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z\n"
+        + "".join(f"{1_600_000_000_000_000_000 + 5_000_000 * k},0.1,0.2,0.3,0,0,9.81\n" for k in range(20)),
+        "t[us];gyro_x_dps;gyro_y_dps;gyro_z_dps;accel_x[g];accel_y[g];accel_z[g]\n"
+        + "".join(f"{5000 * k};1,5;2,5;3,5;0,01;0,02;0,98\n" for k in range(20)),
+    ),
+    "trajectory": (
+        "".join(f"{0.1 * k:.1f} {0.2 * k:.2f} 0 0 0 0 0 1\n" for k in range(20)),
+        "#timestamp,p_x,p_y,p_z,q_w,q_x,q_y,q_z\n"
+        + "".join(f"{1_600_000_000_000_000_000 + 5_000_000 * k},0.1,0.2,0.3,1,0,0,0\n" for k in range(20)),
+        "".join(f"1 0 0 {0.1 * k:.1f} 0 1 0 0 0 0 1 0\n" for k in range(20)),
+    ),
+}

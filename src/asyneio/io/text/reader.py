@@ -90,10 +90,8 @@ class TextEvents:
             note = bad_lines_note(self._file, self._bad)[0]
             notes += (f"{note} ({share_text(len(self._bad), self._line)} of the lines)",)
         if self._packed_cut or self._cut:
-            where = (
-                f"inside line {self._line}" if self._cut else f"after line {self._line}, not at its own end"
-            )
-            notes += (f"{self._file.name} ends {where}: truncated? read up to there",)
+            place = "inside" if self._cut else "after"
+            notes += (f"{self._file.name} ends {place} line {self._line}: truncated? read up to there",)
         return notes
 
     def _open(self) -> IO[bytes]:
