@@ -20,6 +20,7 @@ import faulthandler
 import logging
 import os
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -49,6 +50,7 @@ def guard() -> None:
     """Bounded memory, and a traceback instead of a hang."""
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     faulthandler.enable()
+    faulthandler.register(signal.SIGALRM, chain=True)
     logging.disable(logging.CRITICAL)
 
 
@@ -144,7 +146,7 @@ def run_mutations(one: Callable[[bytes], None], seeds: list[bytes], runs: int, s
         first, second = (seeds[int(rng.integers(0, len(seeds)))] for _ in range(2))
         data = mutated(rng, first, second)
         start = time.perf_counter()
-        faulthandler.dump_traceback_later(_LIMIT_S, exit=True)
+        signal.alarm(_LIMIT_S)
         try:
             one(data)
         except BaseException:
@@ -153,7 +155,7 @@ def run_mutations(one: Callable[[bytes], None], seeds: list[bytes], runs: int, s
             print(f"the input is kept as {keep}", flush=True)
             raise
         finally:
-            faulthandler.cancel_dump_traceback_later()
+            signal.alarm(0)
         longest = max(longest, time.perf_counter() - start)
     return longest
 

@@ -107,6 +107,7 @@ class TextEvents:
                 data += piece
         except EOFError:
             self._packed_cut = True
+        self._file.check_ratio(stream.tell())
         return bytes(data)
 
     def _size(self) -> int:
