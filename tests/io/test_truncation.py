@@ -61,12 +61,13 @@ def test_truncated(tmp_path: Path, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", sorted(_NO_LENGTH | {"gzip", "npy"}))
 def test_everything_before_the_cut_is_read(tmp_path: Path, kind: str) -> None:
-    """Half of the file gives about half of the events."""
+    """70 % of the file gives a good part of the events; in AEDAT-2.0, most of the start are samples."""
+    share = 0.05 if kind == "aedat2" else 0.3
     intact = intact_file(kind, tmp_path)
     (tmp_path / "cut").mkdir()
     path = tmp_path / "cut" / "recording"
     path.write_bytes(intact.data[: int(0.7 * len(intact.data))])
-    assert open_recording(path).events.size > 0.3 * intact.recording.events.size
+    assert open_recording(path).events.size > share * intact.recording.events.size
 
 
 def test_a_truncated_last_number_is_no_event(tmp_path: Path) -> None:

@@ -52,8 +52,8 @@ class GzipFile:
         packed = self.path.stat().st_size
         if unpacked > MAX_RATIO * packed + _FREE_BYTES:
             raise RecordingError(
-                f"{self.path} unpacks to more than {unpacked} bytes from {packed}, a ratio above {MAX_RATIO}: "
-                "rejected"
+                f"{self.path} has {packed} bytes and unpacks to {unpacked} or more, a ratio above "
+                f"{MAX_RATIO}: rejected"
             )
 
     def read_text(self, encoding: str | None = None, errors: str | None = None) -> str:
