@@ -38,7 +38,7 @@ SamplesOption = Annotated[
 ]
 StrictOption = Annotated[
     bool,
-    typer.Option("--strict", help="Stop at a truncated or damaged file instead of reading what is left."),
+    typer.Option("--strict", help="Stop at a truncated or damaged file instead of reading the rest."),
 ]
 ConfigOption = Annotated[
     Path | None, typer.Option(help="YAML file with settings that differ from the defaults.")
