@@ -6,9 +6,7 @@ returns is in order, inside the sensor and finite.
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +14,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from asyneio.io import open_recording, read_inertial_file, read_trajectory, write_events_hdf5
+from asyneio.io import open_recording, read_inertial_file, read_trajectory
 from asyneio.io import write_tracks_folder as write_tracks
-from asyneio.types import EventRecording
-from tests.io.aedat.packets import EVENTS, IMU, aedat4_file, event_packet, imu_packet
-from tests.io.aedat.writer import write_aedat2
-from tests.io.event_recordings import make_event_recording, make_events
-from tests.io.hdf5.layouts import whole_us, write_columns, write_m3ed, write_mvsec
 from tests.io.prophesee.files import DAT, NEW, OLD
-from tests.io.prophesee.writers import write_dat, write_evt2
 from tests.io.recordings import START_NS, make_recording
-from tests.io.ros.bags import recording_records, write_bag
+from tests.io.small_files import FILES
 from tests.io.validity import (
     assert_valid,
     assert_valid_samples,
@@ -57,79 +49,6 @@ HEADS = {
 }
 
 
-def small_recording() -> EventRecording:
-    """Forty events and forty samples at whole microseconds from 0."""
-    made = make_event_recording(np.random.default_rng(1), 40)
-    events, streams = made.events.copy(), [made.gyroscope[:40].copy(), made.accelerometer[:40].copy()]
-    first_ns = min(int(events["t_ns"][0]), int(streams[0]["t_ns"][0]))
-    for rows in (events, *streams):
-        rows["t_ns"] = (rows["t_ns"] - first_ns) // 1000 * 1000
-    return replace(made, events=events, gyroscope=streams[0], accelerometer=streams[1], ground_truth=None)
-
-
-def make_zip(path: Path) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("run/events.txt", "".join(f"0.{k:03d} {k % 240} 5 1\n" for k in range(100)))
-        archive.writestr("run/imu.txt", "".join(f"0.{5 * k:03d} 0 0 9.8 0 0 0\n" for k in range(20)))
-    return path
-
-
-def make_text(path: Path) -> Path:
-    path.write_text("".join(f"0.{k:03d} {k % 240} 5 {k % 2}\n" for k in range(50)))
-    return path
-
-
-def make_aedat4(path: Path) -> Path:
-    return aedat4_file(path, (0, event_packet(*EVENTS)), (1, imu_packet(*IMU[:9])))
-
-
-def make_hdf5(path: Path) -> Path:
-    write_events_hdf5(small_recording(), path)
-    return path
-
-
-def make_mvsec(path: Path) -> Path:
-    write_mvsec(path, make_events(np.random.default_rng(1), 50), 20)
-    return path
-
-
-def make_m3ed(path: Path) -> Path:
-    write_m3ed(path, whole_us(np.random.default_rng(1), 50), np.eye(4), np.eye(4))
-    return path
-
-
-def make_columns(path: Path) -> Path:
-    write_columns(path, whole_us(np.random.default_rng(1), 50), 7)
-    return path
-
-
-def make_bag(ros: int, packing: str = "", storage: str = "mcap") -> Callable[[Path], Path]:
-    def make(path: Path) -> Path:
-        write_bag(path, ros, recording_records(small_recording(), length=10), packing, storage)
-        return path if ros == 1 else path / f"{path.name}.{'db3' if storage == 'sqlite3' else 'mcap'}"
-
-    return make
-
-
-#: A small valid file of each format, and how many bytes at its start stay as they are.
-FILES: dict[str, tuple[Callable[[Path], Path], int]] = {
-    "aedat2": (lambda path: write_aedat2(path, small_recording()), 14),
-    "aedat4": (make_aedat4, 14),
-    "asyneio hdf5": (make_hdf5, 0),
-    "bag": (make_bag(1), 0),
-    "bag, bz2": (make_bag(1, "bz2"), 0),
-    "bag, lz4": (make_bag(1, "lz4"), 0),
-    "columns": (make_columns, 0),
-    "dat": (lambda path: write_dat(path, small_recording()), 0),
-    "evt2": (lambda path: write_evt2(path, small_recording()), 0),
-    "m3ed": (make_m3ed, 0),
-    "mcap": (make_bag(2), 0),
-    "mcap, zstd": (make_bag(2, "storage"), 0),
-    "mvsec": (make_mvsec, 0),
-    "sqlite": (make_bag(2, "", "sqlite3"), 0),
-    "text": (make_text, 0),
-    "zip": (make_zip, 0),
-}
 _FUNCTION_FIXTURES = [HealthCheck.function_scoped_fixture]
 
 

@@ -15,6 +15,7 @@ from asyneio.cli.options import (
     ImuOption,
     PresetOption,
     SamplesOption,
+    StrictOption,
 )
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def convert(
     preset: PresetOption = None,
     events: EventsOption = None,
     samples: SamplesOption = None,
+    strict: StrictOption = False,
     zero: Annotated[
         bool, typer.Option("--from-zero", help="Shift all times so that the recording starts at 0.")
     ] = False,
@@ -62,7 +64,9 @@ def convert(
     target = target_named(to, output)
     if output.resolve() == recording.resolve():
         raise RecordingError(f"{output} is the recording itself; choose another output")
-    loaded = _open(recording, ReadOptions(calibration, imu, events, samples, camera, preset), target)
+    loaded = _open(
+        recording, ReadOptions(calibration, imu, events, samples, camera, preset, strict=strict), target
+    )
     source = Source(loaded, from_zero(loaded) if zero else 0)
     with event_progress("converting", loaded.events.size) as advance:
         write(source, target, output, advance, force)

@@ -37,6 +37,10 @@ SamplesOption = Annotated[
     str | None,
     typer.Option("--samples", help="Source of the inertial samples: a topic, a stream or a file."),
 ]
+StrictOption = Annotated[
+    bool,
+    typer.Option("--strict", help="Stop at a truncated or damaged file instead of reading the rest."),
+]
 ConfigOption = Annotated[
     Path | None, typer.Option(help="YAML file with settings that differ from the defaults.")
 ]

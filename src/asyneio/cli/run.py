@@ -18,6 +18,7 @@ from asyneio.cli.options import (
     PresetOption,
     SamplesOption,
     SchemeOption,
+    StrictOption,
     TrackerOption,
     settings_of,
     with_scheme,
@@ -46,6 +47,7 @@ def run(
     preset: PresetOption = None,
     events: EventsOption = None,
     samples: SamplesOption = None,
+    strict: StrictOption = False,
     config: ConfigOption = None,
     tracker: TrackerOption = None,
     scheme: SchemeOption = None,
@@ -69,7 +71,7 @@ def run(
     from asyneio.io import ReadOptions, open_recording
 
     settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
-    options = ReadOptions(calibration, imu, events, samples, camera, preset)
+    options = ReadOptions(calibration, imu, events, samples, camera, preset, strict=strict)
     with reading_progress(recording) as progress:
         loaded = open_recording(recording, options, progress, max_track_seconds)
     for note in loaded.notes:

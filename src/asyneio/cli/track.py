@@ -17,6 +17,7 @@ from asyneio.cli.options import (
     JsonOption,
     PresetOption,
     SamplesOption,
+    StrictOption,
     TrackerOption,
     settings_of,
     with_tracker,
@@ -56,6 +57,7 @@ def track(
     preset: PresetOption = None,
     events: EventsOption = None,
     samples: SamplesOption = None,
+    strict: StrictOption = False,
     gyroscope: _Gyroscope = True,
     animation: _Animation = False,
     as_json: JsonOption = False,
@@ -75,7 +77,8 @@ def track(
 
     settings = with_tracker(settings_of(config, preset), tracker).frontend
     loaded = _open(
-        recording, ReadOptions(calibration, imu, events, samples, camera, preset, samples_needed=False)
+        recording,
+        ReadOptions(calibration, imu, events, samples, camera, preset, samples_needed=False, strict=strict),
     )
     folder = output or Path("results") / f"{loaded.name}-tracks"
     _check_folder(recording, folder)

@@ -7,6 +7,7 @@ would have to be executed, are never read, and declared sizes are checked agains
 
 from __future__ import annotations
 
+import math
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -43,10 +44,11 @@ class NumpyEvents:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._meaning: Meaning | None = None
+        self._cut = ""
 
     def chunks(self) -> Iterator[tuple[RecordArray, float]]:
         """See EventSource. Raises RecordingError: unreadable, or no events."""
-        columns, self._meaning = read_columns(self.path)
+        columns, self._meaning, self._cut = read_columns(self.path)
         polarity = PolarityCheck(self.path)
         for rows, share in blocks(columns[0].shape[0]):
             t, x, y, p = (column[rows] for column in columns)
@@ -59,8 +61,9 @@ class NumpyEvents:
         return np.empty(0, dtype=SAMPLE_DTYPE)
 
     def notes(self) -> tuple[str, ...]:
-        """A note on how the columns were read."""
-        return (self._meaning.note(self.path.name),) if self._meaning else ()
+        """Notes on how the columns were read, and on a truncated file."""
+        notes = (self._meaning.note(self.path.name),) if self._meaning else ()
+        return (*notes, self._cut) if self._cut else notes
 
 
 def is_npz(path: Path) -> bool:
@@ -97,14 +100,14 @@ def read_numpy(path: Path, options: ReadOptions) -> Contents:
     )
 
 
-def read_columns(path: Path) -> tuple[list[np.ndarray], Meaning]:
-    """Columns t, x, y, p, each (N,), and their meaning.
+def read_columns(path: Path) -> tuple[list[np.ndarray], Meaning, str]:
+    """Columns t, x, y, p, each (N,), their meaning, and a note if the file is truncated ("": it is whole).
 
     Raises:
         RecordingError: unreadable, pickled, or without events.
     """
     try:
-        arrays = _load(path)
+        arrays, cut = _load(path)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     except _DAMAGE as error:
@@ -112,6 +115,11 @@ def read_columns(path: Path) -> tuple[list[np.ndarray], Meaning]:
             f"{path} cannot be read as a NumPy file: {' '.join(str(error).split())[:200]}; expected "
             f"{_EXPECTED}"
         ) from error
+    return *_events_in(path, arrays), cut
+
+
+def _events_in(path: Path, arrays: dict[str, np.ndarray]) -> tuple[list[np.ndarray], Meaning]:
+    """Columns and their meaning. Raises RecordingError: the arrays are not events."""
     named = {name: array for name, array in arrays.items() if array.ndim == 1 and array.dtype.kind in "iufb"}
     found = columns_by_name(list(named))
     if found is not None:
@@ -146,11 +154,13 @@ def _with_unit(
     return columns, Meaning(positions or (0, 1, 2, 3), 4, unit, unit_source, positions is None)
 
 
-def _load(path: Path) -> dict[str, np.ndarray]:
-    """Arrays by name; the name is empty for a `.npy` file. Raises the exceptions of NumPy."""
+def _load(path: Path) -> tuple[dict[str, np.ndarray], str]:
+    """Arrays by name (empty for a `.npy` file), and a note if the file is truncated. Raises the exceptions of
+    NumPy."""
     size = path.stat().st_size
     if not is_npz(path):
-        return {"": np.load(path, mmap_mode="r", allow_pickle=False)}
+        array, cut = _load_npy(path, size)
+        return {"": array}, cut
     with zipfile.ZipFile(path) as archive:
         claimed = sum(entry.file_size for entry in archive.infolist())
     if claimed > _MAX_RATIO * size + _FREE_BYTES:
@@ -166,7 +176,27 @@ def _load(path: Path) -> dict[str, np.ndarray]:
             # NumPy returns bytes for members that are not arrays.
             if isinstance(array, np.ndarray):
                 arrays[name] = array
-    return arrays
+    return arrays, ""
+
+
+def _load_npy(path: Path, size: int) -> tuple[np.ndarray, str]:
+    """The array of a `.npy` file, without the rows that a truncated one lacks. Raises ValueError."""
+    with path.open("rb") as stream:
+        version = np.lib.format.read_magic(stream)
+        read_header = (
+            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        )
+        shape, by_columns, dtype = read_header(stream)
+        start = stream.tell()
+    row_bytes = dtype.itemsize * math.prod(shape[1:])
+    whole = row_bytes * (shape[0] if shape else 1) <= size - start
+    if whole or dtype.hasobject or not shape or (by_columns and len(shape) > 1):
+        return np.load(path, mmap_mode="r", allow_pickle=False), ""
+    rows = (size - start) // row_bytes
+    if rows == 0:
+        raise ValueError("it ends before its first row; truncated? Copy the file again")
+    array = np.memmap(path, dtype, "r", start, (rows, *shape[1:]))
+    return array, f"{path.name} has {rows} of {shape[0]} declared rows: truncated? read up to there"
 
 
 def _is_table(array: np.ndarray) -> bool:

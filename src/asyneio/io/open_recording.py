@@ -17,6 +17,7 @@ from asyneio.io.parsing.atomic import PART_SUFFIX
 from asyneio.io.parsing.decimal_commas import reject_decimal_commas
 from asyneio.io.recording.assembly import assemble
 from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.io.recording.damage import reject_damage
 from asyneio.io.recording.sidecar import SAMPLE_FILES, first_file, read_samples
 from asyneio.io.tracks.reader import read_tracks_folder
 from asyneio.progress import ProgressCallback
@@ -55,22 +56,27 @@ def open_recording(
         cache_from: see `load_events`.
 
     Raises:
-        RecordingError: no recording, several, an unsupported format, or an error of the reader.
+        RecordingError: no recording, several, an unsupported format, an error of the reader, or in strict
+            mode a truncated or damaged file.
         CalibrationError: a calibration file is missing, malformed, impossible or ambiguous.
         ConfigError: unknown preset.
     """
     path, options = Path(path), options or ReadOptions()
     if (path / TRACKS_FILE).is_file():
-        return _logged(_with_text(read_tracks_folder(path, options, max_track_seconds)))
+        return _finished(read_tracks_folder(path, options, max_track_seconds), options)
     if max_track_seconds is not None and path.exists():
         raise RecordingError(f"{path} contains events, not tracks; a maximum track length does not apply")
     contents = open_contents(path, options)
-    return _logged(
-        _with_text(assemble(contents, progress, cache_from, options.selection, options.samples_needed))
+    return _finished(
+        assemble(contents, progress, cache_from, options.selection, options.samples_needed), options
     )
 
 
-def _logged(recording: _AnyRecording) -> _AnyRecording:
+def _finished(recording: _AnyRecording, options: ReadOptions) -> _AnyRecording:
+    """The recording with valid text, its notes logged. Raises RecordingError: damaged, in strict mode."""
+    recording = _with_text(recording)
+    if options.strict:
+        reject_damage(recording.name, recording.notes)
     for note in recording.notes:
         _LOG.warning("%s: %s", recording.name, note)
     return recording

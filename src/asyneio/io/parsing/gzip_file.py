@@ -10,8 +10,12 @@ from pathlib import Path
 from typing import IO, cast
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.zip_member import MAX_RATIO
 
 MAGIC = b"\x1f\x8b"
+
+#: Below this size a large ratio does no harm.
+_FREE_BYTES = 2**20
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,15 @@ class GzipFile:
             stream.seek(max(packed - 4, 0))
             stored = int.from_bytes(stream.read(4), "little")
         return max(stored, packed)
+
+    def check_ratio(self, unpacked: int) -> None:
+        """Raises RecordingError: `unpacked` bytes are implausible for the size of the file."""
+        packed = self.path.stat().st_size
+        if unpacked > MAX_RATIO * packed + _FREE_BYTES:
+            raise RecordingError(
+                f"{self.path} has {packed} bytes and unpacks to {unpacked} or more, a ratio above "
+                f"{MAX_RATIO}: rejected"
+            )
 
     def read_text(self, encoding: str | None = None, errors: str | None = None) -> str:
         """The whole content as text. Raises RecordingError: damaged."""

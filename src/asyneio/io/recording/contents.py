@@ -28,6 +28,8 @@ class ReadOptions:
         preset: camera model whose published values fill in what no file contains.
         samples_needed: whether inertial samples are required. If not, errors in the samples, or in
             calibration files found next to the recording, become notes.
+        strict: a truncated or damaged file is rejected. If not, what can be read is read, and a note reports
+            the damage.
     """
 
     calibration: Path | None = None
@@ -37,6 +39,7 @@ class ReadOptions:
     camera: str | None = None
     preset: str | None = None
     samples_needed: bool = True
+    strict: bool = False
 
     @property
     def selection(self) -> CalibrationSelection:

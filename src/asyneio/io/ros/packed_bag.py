@@ -16,10 +16,13 @@ from backports import zstd
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.unpack import MAX_UNPACKED, unpack
+from asyneio.io.parsing.zip_member import MAX_RATIO
 from asyneio.io.ros.bag import Bag, Message, Topic
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _PIECE = 2**20
+#: Below this size a large ratio does no harm.
+_FREE_BYTES = 2**20
 
 
 class PackedMessages:
@@ -79,6 +82,7 @@ class PackedFile:
                     # Pieces as they are available: everything before a truncation is kept.
                     while piece := packed.read1(_PIECE):
                         stream.write(piece)
+                        self._check_ratio(stream.tell())
                 except (EOFError, zstd.ZstdError) as error:
                     notes.append(f"{self.path.name} is damaged or truncated ({error}): read up to there")
         except OSError as error:
@@ -87,6 +91,15 @@ class PackedFile:
                 f"decompress it in its folder (zstd -d {self.path.name}) and run again, or set TMPDIR"
             ) from error
         return target
+
+    def _check_ratio(self, unpacked: int) -> None:
+        """Raises RecordingError: `unpacked` bytes are implausible for the size of the file."""
+        packed = self.path.stat().st_size
+        if unpacked > MAX_RATIO * packed + _FREE_BYTES:
+            raise RecordingError(
+                f"{self.path} has {packed} bytes and unpacks to {unpacked} or more, a ratio above "
+                f"{MAX_RATIO}: rejected"
+            )
 
 
 def unpacked_name(path: Path) -> str:

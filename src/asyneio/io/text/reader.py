@@ -7,8 +7,9 @@ A compiled loop parses lines in the usual notation; other lines are parsed in Py
 from __future__ import annotations
 
 from collections.abc import Iterator
+from io import BufferedIOBase
 from pathlib import Path
-from typing import IO
+from typing import IO, cast
 
 import numpy as np
 
@@ -52,6 +53,7 @@ class TextEvents:
         self._roles = np.empty(0, dtype=np.int64)
         self._bad: list[int] = []
         self._line = 0
+        self._packed_cut = False
         self._cut = False
         #: Whether polarities 0 and -1 occurred: a file must not contain both.
         self._met = np.zeros(2, dtype=np.bool_)
@@ -61,9 +63,9 @@ class TextEvents:
         try:
             with self._open() as stream:
                 size = max(self._size(), 1)
-                rest, head = b"", without_bom(stream.read(HEAD_BYTES))
+                rest, head = b"", without_bom(self._read(stream, HEAD_BYTES))
                 self._understand(head)
-                while block := head + stream.read(max(CHUNK_BYTES - len(head), 1)):
+                while block := head + self._read(stream, max(CHUNK_BYTES - len(head), 1)):
                     head = b""
                     text = rest + block
                     end = text.rfind(b"\n") + 1
@@ -71,9 +73,8 @@ class TextEvents:
                     if len(rest) > CHUNK_BYTES:
                         raise RecordingError(f"{self._file} has a line of {len(rest)} bytes; not a text file")
                     yield self._parse(text, end), stream.tell() / size
-                self._cut = bool(rest)
                 if rest:
-                    yield self._parse(rest + b"\n", len(rest) + 1), 1.0
+                    yield self._parse_last(rest), 1.0
         except OSError as error:
             raise RecordingError(f"cannot read {self._file}: {error.strerror or error}") from error
         except DAMAGE as error:
@@ -89,12 +90,26 @@ class TextEvents:
         if self._bad:
             note = bad_lines_note(self._file, self._bad)[0]
             notes += (f"{note} ({share_text(len(self._bad), self._line)} of the lines)",)
-        if self._cut and self._line in self._bad:
-            notes += (f"{self._file.name} ends inside line {self._line}: truncated? read up to there",)
+        if self._packed_cut or self._cut:
+            place = "inside" if self._cut else "after"
+            notes += (f"{self._file.name} ends {place} line {self._line}: truncated? read up to there",)
         return notes
 
     def _open(self) -> IO[bytes]:
         return self._file.open("rb") if isinstance(self._file, Path) else self._file.open()
+
+    def _read(self, stream: IO[bytes], size: int) -> bytes:
+        """The next bytes; of a truncated gzip file, all that can be unpacked."""
+        if not isinstance(self._file, GzipFile):
+            return stream.read(size)
+        data = bytearray()
+        try:
+            while len(data) < size and (piece := cast(BufferedIOBase, stream).read1(size - len(data))):
+                data += piece
+        except EOFError:
+            self._packed_cut = True
+        self._file.check_ratio(stream.tell())
+        return bytes(data)
 
     def _size(self) -> int:
         return self._file.stat().st_size if isinstance(self._file, Path) else self._file.size()
@@ -133,6 +148,16 @@ class TextEvents:
                 f"{self._file} has the polarities -1, 0 and 1; expected 0 and 1, or -1 and 1"
             )
         return events[:count]
+
+    def _parse_last(self, rest: bytes) -> RecordArray:
+        """The event of a last line without a line feed, unless its last number may have lost digits."""
+        events = self._parse(rest + b"\n", len(rest) + 1)
+        times_and_places, last = self._meaning.columns[:3], self._meaning.count - 1
+        if events.size and (self._packed_cut or last in times_and_places):
+            self._cut = True
+            return events[:0]
+        self._cut = self._line in self._bad
+        return events
 
     def _parse_unusual(self, line: bytes) -> tuple[int, int, int, int] | None:
         """Parse one line with signs, exponents, or `1.0` for 1; None if it is not an event."""
