@@ -21,7 +21,7 @@ from asyneio.pipeline.packets import batches
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: Batches that the front end runs ahead; feedback on one batch applies to the batch this many later.
-_AHEAD = 5
+BATCHES_AHEAD = 5
 
 
 class TrackSource(Protocol):
@@ -123,7 +123,7 @@ class ObservationStream:
     def _work(self) -> None:
         try:
             batches = self._batches()
-            for _ in range(min(_AHEAD, self._ends_ns.size - 1)):
+            for _ in range(min(BATCHES_AHEAD, self._ends_ns.size - 1)):
                 self._queue.put(next(batches))
             while (share := self._wait_for_feedback()) is not None:
                 self._frontend.set_outlier_share(share)
