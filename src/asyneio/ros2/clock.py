@@ -21,7 +21,7 @@ _SLEW_NS, _MAX_DRIFT = 10 * NS_PER_S, 1e-3
 _JUMP_NS, _JUMPS = 2 * NS_PER_S, 3
 
 
-class ClockJump(Exception):
+class ClockJumpError(Exception):
     """The camera clock or ROS time was set; the clock has to be determined again."""
 
 
@@ -47,10 +47,14 @@ class OnlineClock:
         """Take the sensor time of the first event of a message, and the stamp of the message.
 
         Raises:
-            ClockJump: several messages in succession deviate by more than 2 s.
+            ClockJumpError: several messages in succession deviate by more than 2 s.
         """
         self._check(sensor_ns, stamp_ns)
         if self._jumps:
+            return
+        if self.offset_ns is None and abs(stamp_ns - sensor_ns) < SAME_CLOCK_NS:
+            self.offset_ns = 0
+        if self.offset_ns == 0:
             return
         self._since_ns = sensor_ns if self._since_ns is None else self._since_ns
         self._delays.append(stamp_ns - sensor_ns)
@@ -58,11 +62,10 @@ class OnlineClock:
         if span_ns < (_FIRST_NS if self.offset_ns is None else _UPDATE_NS):
             return
         low = float(np.quantile(self._delays, 0.1))
-        same = abs(float(np.median(self._delays))) < SAME_CLOCK_NS
         self._delays, self._since_ns = [], sensor_ns
         if self.offset_ns is None:
-            self.offset_ns, self._anchor_ns = 0 if same else round(low), sensor_ns
-        elif not same:
+            self.offset_ns, self._anchor_ns = round(low), sensor_ns
+        else:
             self._slew(sensor_ns, low)
 
     def to_ros(self, t_ns: IntArray) -> IntArray:
@@ -79,7 +82,7 @@ class OnlineClock:
         limit_ns = _JUMP_NS if self.offset_ns else SAME_CLOCK_NS
         self._jumps = self._jumps + 1 if abs(late_ns) > limit_ns else 0
         if self._jumps >= _JUMPS:
-            raise ClockJump(
+            raise ClockJumpError(
                 f"the camera clock and the message stamps jump relative to each other by "
                 f"{late_ns / NS_PER_S:.3f} s"
             )

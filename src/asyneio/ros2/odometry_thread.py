@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from asyneio.errors import AsyneioError
 from asyneio.odometry import Odometry
-from asyneio.ros2.clock import ClockJump, OnlineClock
+from asyneio.ros2.clock import ClockJumpError, OnlineClock
 from asyneio.ros2.messages import ERROR, STALE, Status, status_of
 from asyneio.ros2.parameters import NodeSettings
 from asyneio.ros2.poses import PosesInOdom, RosPose
@@ -109,7 +109,7 @@ class OdometryThread:
             except ValueError as error:
                 self._count("damaged messages")
                 _LOG.debug("%s: %s", kind, error)
-            except ClockJump as error:
+            except ClockJumpError as error:
                 self._restart(str(error))
             except AsyneioError as error:
                 self._failure = str(error)

@@ -9,8 +9,8 @@ from typing import Any
 
 from asyneio.config import Config, load_config
 from asyneio.errors import ConfigError
-from asyneio.io.calibration.entries import CalibrationSelection
 from asyneio.io.calibration.files import read_calibration
+from asyneio.io.calibration.resolve import CalibrationSelection
 from asyneio.ros2.messages import Frames
 from asyneio.ros2.poses import transform_of
 from asyneio.types import Calibration, FloatArray

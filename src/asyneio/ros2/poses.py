@@ -1,4 +1,4 @@
-"""Estimates as ROS poses: `odom` to `base_link` (REP-105), covariances in the order and frames of the messages.
+"""Estimates as ROS poses: `odom` to `base_link` (REP-105), with covariances as the messages order them.
 
 `nav_msgs/Odometry` orders covariances as (x, y, z, rotation about x, y, z). That of the pose is along the
 fixed axes of `header.frame_id`, that of the twist in `child_frame_id`. An estimate has the error state
