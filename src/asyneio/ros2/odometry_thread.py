@@ -74,6 +74,10 @@ class OdometryThread:
         """A serialized sensor_msgs/Imu has arrived."""
         self._queue.put((_IMU, data, time.monotonic()))
 
+    def counts(self) -> dict[str, int]:
+        """What was dropped so far, by name."""
+        return dict(self._counts)
+
     def status(self) -> Status:
         """The present state, for diagnostics."""
         report, heard_s = self._report, self._heard_s
