@@ -1,4 +1,4 @@
-"""Start the odometry node: `ros2 launch asyneio_ros odometry.launch.py calibration:=camchain-imucam.yaml imu:=imu.yaml`."""
+"""Start the odometry node: `ros2 launch asyneio_ros odometry.launch.py calibration:=FILE imu:=FILE`."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
