@@ -1,4 +1,4 @@
-"""A short simulated recording with times of an epoch, as ROS has them."""
+"""A short simulated recording, and parameters of a node for its rig."""
 
 from __future__ import annotations
 
@@ -10,18 +10,12 @@ from asyneio.io.calibration.kalibr_writer import write_camchain, write_imu_noise
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.types import EventRecording
 
-EPOCH_NS = 1_700_000_000_000_000_000
-
 
 @pytest.fixture(scope="session")
 def recording() -> EventRecording:
     """1.8 s, in which odometry initializes."""
     scenario = replace(EVENT_SCENARIOS["event_room"], duration_s=1.8)
-    found = simulate_events(scenario).recording
-    streams = {name: getattr(found, name).copy() for name in ("events", "gyroscope", "accelerometer")}
-    for rows in streams.values():
-        rows["t_ns"] += EPOCH_NS
-    return replace(found, ground_truth=None, **streams)
+    return replace(simulate_events(scenario).recording, ground_truth=None)
 
 
 @pytest.fixture(scope="session")

@@ -57,7 +57,7 @@ class FakeNode:
         self.timer = callback
 
     def get_clock(self) -> SimpleNamespace:
-        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=7 * 10**18))
+        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=17 * 10**17))
 
     def get_logger(self) -> SimpleNamespace:
         return SimpleNamespace(info=lambda text: None)
@@ -121,7 +121,7 @@ def test_what_the_node_publishes(node: Any, rng: Any) -> None:
     transform = frozen("geometry_msgs/msg/TransformStamped", node.sent[0])
     assert odometry.pose.pose.position.x == transform.transform.translation.x == pose.position[0]
     diagnostics = frozen("diagnostic_msgs/msg/DiagnosticArray", node.published["/diagnostics"][0])
-    assert diagnostics.header.stamp.sec == 7 * 10**9
+    assert diagnostics.header.stamp.sec == 17 * 10**8
     assert diagnostics.status[0].level == 3
 
 

@@ -63,8 +63,8 @@ def evaluate_evslam(
     """
     if velocity_b.shape != (estimate.t_ns.size, 3):
         raise EvaluationError(
-            f"found velocities of shape {velocity_b.shape} for {estimate.t_ns.size} poses; expected (N,3), in "
-            "the body frame"
+            f"found velocities of shape {velocity_b.shape} for {estimate.t_ns.size} poses; expected (N,3), "
+            "in the body frame"
         )
     reference = at_rate(truth, RATE_HZ, max_gap_s)
     matched = associate(reference, estimate, max_gap_s)
