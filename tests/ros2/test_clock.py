@@ -23,17 +23,15 @@ def run(clock: OnlineClock, sensor_ns: IntArray, stamp_ns: IntArray) -> IntArray
 
 @pytest.mark.parametrize("drift_ppm", [0.0, 40.0, -80.0])
 def test_offset_and_drift(rng: np.random.Generator, drift_ppm: float) -> None:
-    sensor_ns = np.arange(0, 60 * NS_PER_S, 4_000_000, dtype=np.int64)
+    sensor_ns = np.arange(0, 120 * NS_PER_S, 4_000_000, dtype=np.int64)
     true_ns = ROS_NS + sensor_ns + np.rint(sensor_ns * drift_ppm * 1e-6).astype(np.int64)
     delay_ns = 1_000_000 + rng.exponential(2_000_000, sensor_ns.size).astype(np.int64)
     found = run(OnlineClock(), sensor_ns, true_ns + delay_ns)
     assert (np.diff(found) > 0).all()
     late_ns = found - true_ns[-found.size :]
-    # The least delay and a part of the jitter remain; a drift follows with some seconds of lag.
-    settled = late_ns[-found.size // 2 :]
-    assert settled.min() > 0.5e6
-    assert settled.max() < 2.2e6
-    assert np.ptp(settled) < 0.5e6
+    # What remains is the lower decile of the delay: 1 ms and 0.105 times the mean of the jitter.
+    settled = late_ns[-found.size // 3 :]
+    assert np.abs(settled - 1_210_000).max() < 300_000
     assert sensor_ns.size - found.size <= 126
 
 

@@ -10,11 +10,18 @@ import pytest
 
 from asyneio.errors import CalibrationError, ConfigError
 from asyneio.pipeline.run import RunResult, run_recording
+from asyneio.ros2 import odometry_thread
 from asyneio.ros2.odometry_thread import OdometryThread
 from asyneio.ros2.parameters import parameter_defaults, resolve_parameters
 from asyneio.ros2.poses import RosPose
 from asyneio.types import EventRecording
 from tests.ros2.messages import imu, live_messages, packet
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Messages are put at once and processed later, which must not look like silence."""
+    monkeypatch.setattr(odometry_thread, "_SILENCE_S", 1e6)
 
 
 @pytest.fixture(scope="session")
@@ -99,13 +106,24 @@ def test_another_sensor_is_an_error(recording: EventRecording, parameters: dict[
     assert "640 x 480" in thread.status().message
 
 
-def test_without_messages_the_state_is_stale(parameters: dict[str, object]) -> None:
+def test_without_messages_the_state_is_stale(
+    recording: EventRecording, parameters: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
     thread = OdometryThread(resolve_parameters(parameters), lambda pose: None)
     assert thread.status().level == b"\x03"
     thread.start()
     thread.put_imu(imu(10**18, [0.0] * 3, [0.0, 0.0, 9.8]))
     thread.stop()
-    assert thread.status().level == b"\x03"
+    assert "no packet yet" in thread.status().message
+    running = OdometryThread(resolve_parameters(parameters), lambda pose: None)
+    running.start()
+    for topic, data in live_messages(_first(recording, 0.4)):
+        (running.put_events if topic == "events" else running.put_imu)(data)
+    running.stop()
+    assert running.status().level == b"\x01"
+    monkeypatch.setattr(odometry_thread, "_SILENCE_S", 0.0)
+    assert running.status().level == b"\x03"
+    assert "no messages for" in running.status().message
 
 
 def test_parameters_are_settings(parameters: dict[str, object]) -> None:

@@ -92,7 +92,7 @@ def test_imu_samples() -> None:
     [
         (imu(0, [0.0] * 3, [0.0] * 3), "no time stamp"),
         (imu(1, [0.0, np.nan, 0.0], [0.0] * 3), "not finite"),
-        (imu(1, [0.0] * 3, [0.0] * 3)[:100], ""),
+        (imu(1, [0.0] * 3, [0.0] * 3)[:100], "too short"),
     ],
 )
 def test_damaged_samples_are_rejected(data: bytes, match: str) -> None:
@@ -103,7 +103,7 @@ def test_damaged_samples_are_rejected(data: bytes, match: str) -> None:
 @pytest.mark.parametrize("kind", EVENT_TYPES)
 @pytest.mark.parametrize("data", [b"", b"\x00\x01", b"\x00\x01\x00\x00" + b"\xff" * 64])
 def test_damaged_events_are_rejected(kind: str, data: bytes) -> None:
-    with pytest.raises(ValueError, match="too short|not plain CDR|more than fit"):
+    with pytest.raises(ValueError, match=r"too short|not plain CDR|more than fit"):
         EventMessages(kind).decode(data)
 
 

@@ -17,6 +17,8 @@ _FIRST_NS, _UPDATE_NS = NS_PER_S // 2, NS_PER_S
 _MEDIAN_OF = 5
 #: An offset error is removed over this time, at most at this rate.
 _SLEW_NS, _MAX_DRIFT = 10 * NS_PER_S, 1e-3
+#: Gain of the integral of the offset error, which becomes the drift: critically damped.
+_INTEGRAL = 0.25 * (_UPDATE_NS / _SLEW_NS) / _SLEW_NS
 #: Stamps that deviate by more, so many times in succession, show that a clock was set.
 _JUMP_NS, _JUMPS = 2 * NS_PER_S, 3
 
@@ -39,8 +41,8 @@ class OnlineClock:
         self._delays: list[int] = []
         self._since_ns: int | None = None
         self._anchor_ns = 0
-        self._drift = 0.0
-        self._lows: list[float] = []
+        self._drift = self._rate = 0.0
+        self._lows: list[tuple[float, float]] = []
         self._jumps = 0
 
     def update(self, sensor_ns: int, stamp_ns: int) -> None:
@@ -89,9 +91,12 @@ class OnlineClock:
 
     def _slew(self, sensor_ns: int, low_ns: float) -> None:
         """Change the rate so that the error vanishes; the map has no step at the present time."""
-        self._lows = [*self._lows, low_ns][-_MEDIAN_OF:]
+        # The lower decile of an update is that of its middle.
+        self._lows = [*self._lows, (sensor_ns - _UPDATE_NS / 2, low_ns)][-_MEDIAN_OF:]
         # The newest anchor keeps the map continuous.
         present = int(self.to_ros(np.array([sensor_ns]))[0])
         self.offset_ns, self._anchor_ns = present - sensor_ns, sensor_ns
-        error_ns = float(np.median(self._lows)) - self.offset_ns
-        self._drift = float(np.clip(error_ns / _SLEW_NS, -_MAX_DRIFT, _MAX_DRIFT))
+        lows = [low + self._rate * (sensor_ns - at) for at, low in self._lows]
+        error_ns = float(np.median(lows)) - self.offset_ns
+        self._rate = float(np.clip(self._rate + _INTEGRAL * error_ns, -_MAX_DRIFT, _MAX_DRIFT))
+        self._drift = float(np.clip(self._rate + error_ns / _SLEW_NS, -_MAX_DRIFT, _MAX_DRIFT))

@@ -68,11 +68,15 @@ class OdometryThread:
 
     def put_events(self, data: bytes) -> None:
         """A serialized message with events has arrived."""
-        self._queue.put((_EVENTS, data, time.monotonic()))
+        self._put(_EVENTS, data)
 
     def put_imu(self, data: bytes) -> None:
         """A serialized sensor_msgs/Imu has arrived."""
-        self._queue.put((_IMU, data, time.monotonic()))
+        self._put(_IMU, data)
+
+    def _put(self, kind: str, data: bytes) -> None:
+        self._heard_s = time.monotonic()
+        self._queue.put((kind, data, self._heard_s))
 
     def counts(self) -> dict[str, int]:
         """What was dropped so far, by name."""
@@ -107,7 +111,6 @@ class OdometryThread:
             kind, data, arrived_s = self._queue.get()
             if kind == _END:
                 return
-            self._heard_s = arrived_s
             try:
                 self._take(kind, data, arrived_s)
             except ValueError as error:
