@@ -80,6 +80,10 @@ class PacketDecoder:
             return np.empty(0, dtype=EVENT_DTYPE)
         raise ValueError(f"unknown encoding {packet.encoding[:20]!r}")
 
+    def flush(self) -> RecordArray:
+        """Events of the words that wait, except those whose time the next words decide; for live use."""
+        return self._feed(last=False) if self._held else np.empty(0, dtype=EVENT_DTYPE)
+
     def finish(self) -> RecordArray:
         """The remaining events."""
         if self._last is None or self._last.encoding != "evt3":
