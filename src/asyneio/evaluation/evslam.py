@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The protocol `evslam`: position error after SE(3) alignment and velocity AUC, both at 10 Hz.
 
 After Zhong et al., "Event-based SLAM Benchmark for High-Speed Maneuvers" (arXiv 2604.24033, 2026). The

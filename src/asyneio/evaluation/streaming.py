@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The protocol `streaming`: each true pose against the newest estimate that was available at its time.
 
 Latency becomes an error: an estimate that arrives 0.1 s late is compared with a pose 0.1 s further along the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion from the clock of an event camera to ROS time, while messages arrive.
 
 As in `io.ros.sensor_clock`, the jitter of the transport delay is positive, so the offset is the lower decile

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fills ROS 2 messages with results. Works on any object with the fields of the message."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The thread behind the node: serialized messages in, poses and states out."""
 
 from __future__ import annotations

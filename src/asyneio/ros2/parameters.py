@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of the node: settings of the estimator under their names, and those of the node itself."""
 
 from __future__ import annotations

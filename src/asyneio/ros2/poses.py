@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimates as ROS poses: `odom` to `base_link` (REP-105), with covariances as the messages order them.
 
 `nav_msgs/Odometry` orders covariances as (x, y, z, rotation about x, y, z). That of the pose is along the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Serialized ROS 2 messages (CDR), as `rclpy` hands them to raw subscriptions, to event and sample records.
 
 Raw subscriptions are used because a message with an array of events as Python objects costs about a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arriving events and samples, tracked and cut into packets exactly as a recording is cut."""
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import numpy as np
 from asyneio.config import Config
 from asyneio.frontend import Frontend, gyroscope_in_camera
 from asyneio.io.recording.event_source import join_events
-from asyneio.pipeline.frontend_thread import BATCHES_AHEAD
+from asyneio.pipeline.frontend_thread import AHEAD
 from asyneio.types import (
     EVENT_DTYPE,
     INERTIAL_DTYPE,
@@ -117,7 +118,7 @@ class PacketStream:
         return overdue or all(newest >= needed for newest, needed in reached)
 
     def _track(self, events: RecordArray, turning: RecordArray, from_ns: int, end_ns: int) -> RecordArray:
-        if len(self._shares) >= BATCHES_AHEAD:
+        if len(self._shares) >= AHEAD:
             self._frontend.set_outlier_share(self._shares.popleft())
         new = self._frontend.process(events, turning)
         new["t_ns"] += self._shift_ns

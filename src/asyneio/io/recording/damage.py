@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Notes that report a truncated or damaged file, and the strict mode that stops at them."""
 
 from __future__ import annotations
