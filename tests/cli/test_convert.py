@@ -36,6 +36,17 @@ def test_there_and_back(asyneio: Asyneio, tmp_path: Path, folder: Path, recordin
     assert_same(found, recording)
 
 
+def test_strict_stops_at_a_truncated_file(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:
+    """Without it the events before the cut are converted, with a note."""
+    text = (folder / "events.txt").read_bytes()
+    (folder / "events.txt").write_bytes(text[: text.rindex(b" ", 0, len(text) // 2)])
+    status, _, err = asyneio("convert", folder, tmp_path / "x.h5", "--strict")
+    assert status != 0
+    assert "is rejected (strict)" in err
+    assert not (tmp_path / "x.h5").exists()
+    assert asyneio("convert", folder, tmp_path / "x.h5")[0] == 0
+
+
 def test_a_preset_goes_into_the_output(asyneio: Asyneio, tmp_path: Path, folder: Path) -> None:
     for name in ("camchain-imucam.yaml", "imu.yaml"):
         (folder / name).unlink()
