@@ -1,4 +1,4 @@
-"""Run independent tasks on a Dask cluster (extra `cluster`); tasks of a worker that dies run on another one."""
+"""Run independent tasks on a Dask cluster (extra `cluster`); those of a dead worker run on another one."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ _THREADS = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """Results of a task, or the reason of its failure; `restarts`: how often a worker died while running it."""
+    """Results of a task, or the reason of its failure; `restarts`: number of workers that died running it."""
 
     measured: dict[str, float] = field(default_factory=dict)
     failure: str = ""
