@@ -42,6 +42,13 @@ _FirstSeconds = Annotated[
     float | None, typer.Option(help="Use only this many seconds from the start.", min=1.0, show_default="all")
 ]
 _Workers = Annotated[int, typer.Option(help="Sequences processed in parallel.", min=1, max=16)]
+_Cluster = Annotated[
+    str | None,
+    typer.Option(
+        help="Address of a Dask scheduler, such as tcp://host:8786: its workers run the sequences.",
+        show_default="processes on this computer",
+    ),
+]
 _UzhPreset = Annotated[
     str, typer.Option(help="Camera model whose published values fill gaps in the calibration; '' for none.")
 ]
@@ -66,6 +73,7 @@ def uzh(
     sequences: _Sequences = None,
     seconds: _FirstSeconds = None,
     workers: _Workers = 1,
+    cluster: _Cluster = None,
     preset: _UzhPreset = "DAVIS240C",
     calibration: _UzhCalibration = None,
     imu: _UzhImu = None,
@@ -96,12 +104,18 @@ def uzh(
     )
     make_folder(output)
     console.say(f"{len(tasks)} sequence(s): {', '.join(task.sequence for task in tasks)}")
-    measured = _measure(tasks, settings, workers, output / RESULTS_FILE)
+    measured = _measure(tasks, settings, workers, output / RESULTS_FILE, cluster)
     _write_tables(measured, output, as_json)
     _check_sequences(measured, len(tasks))
 
 
-def _measure(tasks: tuple[SequenceTask, ...], settings: BenchSettings, workers: int, path: Path) -> Measured:
+def _measure(
+    tasks: tuple[SequenceTask, ...],
+    settings: BenchSettings,
+    workers: int,
+    path: Path,
+    cluster: str | None,
+) -> Measured:
     from functools import partial
 
     from asyneio.cli.progress import task_progress
@@ -110,7 +124,7 @@ def _measure(tasks: tuple[SequenceTask, ...], settings: BenchSettings, workers: 
 
     measure = partial(measure_sequence, settings=settings)
     with task_progress("uzh") as progress:
-        return measure_missing(path, measure, tasks, settings.fingerprint, workers, progress)
+        return measure_missing(path, measure, tasks, settings.fingerprint, workers, progress, cluster)
 
 
 def _write_tables(measured: Measured, folder: Path, as_json: bool) -> None:
@@ -134,6 +148,11 @@ def _write_tables(measured: Measured, folder: Path, as_json: bool) -> None:
             f"note: some of them are from other versions of the code ({', '.join(measured.other_code)}); "
             f"remove {folder / RESULTS_FILE} to measure them again"
         )
+    for record in measured.records:
+        if record.restarts:
+            console.say(
+                f"note: {record.task['sequence']} was run again {record.restarts} time(s), as its worker died"
+            )
     for name in (TABLES_FILE, JSON_FILE, RESULTS_FILE):
         console.say(f"wrote {folder / name}")
 

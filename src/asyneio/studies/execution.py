@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from asyneio.errors import StudyError
 from asyneio.studies.study import Task
 
@@ -27,10 +29,11 @@ _THREADS = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """Results of a task, or the reason of its failure."""
+    """Results of a task, or the reason of its failure; `restarts`: number of workers that died running it."""
 
     measured: dict[str, float] = field(default_factory=dict)
     failure: str = ""
+    restarts: int = 0
 
 
 def run_tasks(
@@ -100,3 +103,9 @@ def _attempt(measure: Callable[[Any], dict[str, float]], task: Task) -> Outcome:
         return Outcome(measure(task))
     except Exception as error:
         return Outcome(failure=f"{type(error).__name__}: {error}")
+
+
+def attempt_in_one_thread(measure: Callable[[Any], dict[str, float]], task: Task) -> Outcome:
+    """Measure a task in a process that others started, with one thread for each numerical library."""
+    with threadpool_limits(1):
+        return _attempt(measure, task)

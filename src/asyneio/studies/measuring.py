@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from asyneio.progress import TaskCallback
+from asyneio.studies.cluster import run_on_cluster
 from asyneio.studies.execution import run_tasks
 from asyneio.studies.records import Record, append, appending, latest, read_records
 from asyneio.studies.study import Task, code_fingerprint, task_key, task_values
@@ -37,6 +38,7 @@ def measure_missing(
     settings: str,
     jobs: int,
     progress: TaskCallback = lambda *_: None,
+    cluster: str | None = None,
 ) -> Measured:
     """Measure the missing tasks. Every result is written to disk at once, so that an interrupted run can
     resume. Failed tasks are repeated.
@@ -48,6 +50,7 @@ def measure_missing(
         settings: fingerprint of everything except the task that results depend on.
         jobs: number of processes.
         progress: called after each task.
+        cluster: address of a Dask scheduler whose workers run the tasks instead of processes here.
 
     Raises:
         StudyError: the file contains damaged results, or a process was killed.
@@ -61,9 +64,11 @@ def measure_missing(
     other_code = tuple(sorted({known[key].code for key in keys if key in known} - {code}))
     done = failed = 0
     progress(reused, len(keys), failed)
+    outcomes = run_on_cluster(measure, missing, cluster) if cluster else run_tasks(measure, missing, jobs)
     with appending(path) as stream:
-        for task, outcome in run_tasks(measure, missing, jobs):
-            record = Record(task_values(task), settings, code, outcome.measured, outcome.failure)
+        for task, outcome in outcomes:
+            values, restarts = task_values(task), outcome.restarts
+            record = Record(values, settings, code, outcome.measured, outcome.failure, restarts)
             append(stream, record)
             known[task_key(record.task)] = record
             done, failed = done + 1, failed + bool(outcome.failure)

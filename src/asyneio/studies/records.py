@@ -20,7 +20,8 @@ class Record:
     """Result or failure of one task.
 
     `settings` and `code` are fingerprints of the settings and of the program. If the measurement failed,
-    `measured` is empty and `failure` is the reason.
+    `measured` is empty and `failure` is the reason. `restarts`: how often a worker of a cluster died while it
+    ran the task.
     """
 
     task: dict[str, Value]
@@ -28,6 +29,7 @@ class Record:
     code: str
     measured: dict[str, float]
     failure: str = ""
+    restarts: int = 0
 
 
 def read_records(path: Path) -> list[Record]:
