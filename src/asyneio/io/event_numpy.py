@@ -101,7 +101,7 @@ def read_numpy(path: Path, options: ReadOptions) -> Contents:
 
 
 def read_columns(path: Path) -> tuple[list[np.ndarray], Meaning, str]:
-    """Columns t, x, y, p, each (N,), their meaning, and a note if the file is truncated ("": it is whole).
+    """Columns t, x, y, p, each (N,), their meaning, and a note if the file is truncated ("": it is complete).
 
     Raises:
         RecordingError: unreadable, pickled, or without events.

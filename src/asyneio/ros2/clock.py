@@ -20,7 +20,7 @@ _MEDIAN_OF = 5
 _SLEW_NS, _MAX_DRIFT = 10 * NS_PER_S, 1e-3
 #: Gain of the integral of the offset error, which becomes the drift: critically damped.
 _INTEGRAL = 0.25 * (_UPDATE_NS / _SLEW_NS) / _SLEW_NS
-#: Stamps that deviate by more, so many times in succession, show that a clock was set.
+#: Stamps that deviate by more, this number of times in succession, show that a clock was set.
 _JUMP_NS, _JUMPS = 2 * NS_PER_S, 3
 
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run independent tasks on a Dask cluster (extra `cluster`); those of a dead worker run on another one."""
 
 from __future__ import annotations
