@@ -250,9 +250,12 @@ def damage_row(name: str, flips: bool, data: bytes, fixed: int, path: Path, coun
     from asyneio.errors import AsyneioError
     from asyneio.io import open_recording
     from asyneio.io.recording.damage import damage_notes
+    from asyneio.types import EventRecording
 
     path.write_bytes(data)
-    whole = open_recording(path).events.size
+    intact = open_recording(path)
+    assert isinstance(intact, EventRecording)
+    whole = intact.events.size
     rng = np.random.default_rng(len(data) + flips)
     shares: list[float] = []
     read = noted = rejected = 0
@@ -267,6 +270,7 @@ def damage_row(name: str, flips: bool, data: bytes, fixed: int, path: Path, coun
             shares.append(0.0)
         else:
             assert_valid(found)
+            assert isinstance(found, EventRecording)
             read += 1
             noted += bool(damage_notes(found.notes))
             shares.append(found.events.size / whole)

@@ -48,8 +48,8 @@ def run_on_cluster(
         }
         for future in as_completed(list(futures), loop=client.loop):
             restarts = int(client.run_on_scheduler(_deaths, key=future.key))
-            error = future.exception()
-            outcome = Outcome(failure=f"{type(error).__name__}: {error}") if error else future.result()
+            failed = future.exception()
+            outcome = Outcome(failure=f"{type(failed).__name__}: {failed}") if failed else future.result()
             yield futures[future], Outcome(outcome.measured, outcome.failure, restarts)
 
 
