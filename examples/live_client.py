@@ -1,10 +1,8 @@
-"""Send events and inertial samples of any sensor to `asyneio live socket:5555`.
-
+"""Send events and inertial samples of any sensor to `asyneio live socket:5555`:
     asyneio live socket:5555 --calibration camchain-imucam.yaml --imu imu.yaml
     python examples/live_client.py recording.npz
 
-Replace `batches` by a loop over your driver. All times are nanoseconds; both sensors share one clock, up to
-the time shift of the calibration.
+Replace `batches` by a loop over your driver. Times are nanoseconds of one clock, up to the time shift.
 """
 
 import json
@@ -20,7 +18,7 @@ SAMPLE = np.dtype([("t", "<i8"), ("gyroscope", "<f8", 3), ("accelerometer", "<f8
 
 
 def batches(path, step_ns=5_000_000):
-    """(events, samples) of 5 ms each, when they are due; arrays `events` (EVENT) and `samples` (SAMPLE)."""
+    """Events (EVENT) and samples (SAMPLE) of 5 ms each, when they are due."""
     with np.load(path) as data:
         events, samples = data["events"].astype(EVENT), data["samples"].astype(SAMPLE)
     first, started = min(events["t"][0], samples["t"][0]), time.monotonic()

@@ -107,7 +107,7 @@ def test_the_example_client(
 
 
 def test_the_example_is_short() -> None:
-    assert len(_EXAMPLE.read_text().splitlines()) <= 45
+    assert len(_EXAMPLE.read_text().splitlines()) <= 40
 
 
 @pytest.mark.parametrize(
