@@ -238,6 +238,12 @@ class HealthConfig(_Section):
         1.0, gt=0.0, description="m/s; an estimate with a larger standard deviation is useless"
     )
     max_tilt_sigma_deg: float = Field(5.0, gt=0.0, description="the same for roll and pitch, deg")
+    max_scale_sigma: float = Field(
+        0.1,
+        gt=0.0,
+        description="DEGRADED after an initialization in motion until the relative standard deviation of "
+        "scale is smaller",
+    )
 
 
 class Config(_Section):
