@@ -91,7 +91,7 @@ class NaiveFrontend:
         self.loop = record_of(LoopSettings(width, height, 0, 0.0, 0.0, 0.0, 0, 0, 0, 0))
         self.latest = np.full((height, width, 2), NEVER_NS)
         self.supported = self.latest.copy()
-        self.unmeasured, self.rate_hz, self.support_ns = 0, 0.0, 0
+        self.unmeasured, self.rate_hz, self.support_ns, self.window_share = 0, 0.0, 0, 0.05
         self.fired: dict[tuple[int, int], int] = {}
         self.hot: set[tuple[int, int]] = set()
         self.features: list[Feature] = []
@@ -227,7 +227,7 @@ class NaiveFrontend:
         rate_hz = self.unmeasured * 1_000 * MS / elapsed_ns
         self.rate_hz += (rate_hz - self.rate_hz) * elapsed_ns / (elapsed_ns + 100 * MS)
         between_s = 2 * self.size[0] * self.size[1] / max(self.rate_hz, 1.0)
-        self.unmeasured, self.support_ns = 0, int(min(0.05 * between_s, 1_000.0) * 1e9)
+        self.unmeasured, self.support_ns = 0, int(min(self.window_share * between_s * 1e9, 1e12))
         self.managed_ns = t_ns
         for feature in list(self.features):
             f = feature.record
