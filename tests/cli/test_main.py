@@ -299,7 +299,7 @@ def test_whatever_happens_there_is_no_traceback(
     status: int,
     message: str,
 ) -> None:
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr("asyneio.cli.execute.run_recording", fail)
@@ -313,7 +313,7 @@ def test_a_traceback_may_be_asked_for(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ASYNEIO_TRACEBACK", "1")
-    monkeypatch.setattr("asyneio.cli.execute.run_recording", lambda *_: 1 // 0)
+    monkeypatch.setattr("asyneio.cli.execute.run_recording", lambda *_, **__: 1 // 0)
     with pytest.raises(ZeroDivisionError):
         asyneio("run", folder, "-o", tmp_path / "out")
 

@@ -12,7 +12,7 @@ from asyneio.config import Config
 from asyneio.errors import EstimationError
 from asyneio.evaluation import Evaluation
 from asyneio.io.parsing.atomic import make_folder, remove_empty
-from asyneio.pipeline import RunInterrupted, RunResult, run_recording, write_outputs
+from asyneio.pipeline import CheckpointSettings, RunInterrupted, RunResult, run_recording, write_outputs
 from asyneio.pipeline.report import RECORDED, RunReport
 from asyneio.pipeline.report_data import KnownStates
 from asyneio.types import EventRecording, Recording
@@ -28,7 +28,8 @@ class Job:
     """What to run, and where to write the results.
 
     `description`: where the data come from, for the report; `known`: true velocity and biases at given times,
-    from a simulation; `png`: also write each figure as a file; `as_json`: print JSON instead of a table.
+    from a simulation; `png`: also write each figure as a file; `as_json`: print JSON instead of a table;
+    `checkpoints`: of the run, None: none.
     """
 
     recording: Recording | EventRecording
@@ -38,6 +39,7 @@ class Job:
     known: KnownStates | None = None
     png: bool = False
     as_json: bool = False
+    checkpoints: CheckpointSettings | None = None
 
 
 def execute(job: Job) -> RunResult:
@@ -69,7 +71,7 @@ def _run(job: Job) -> RunResult:
     make_folder(job.folder)
     try:
         with console.run_progress() as progress:
-            return run_recording(job.recording, job.config, progress)
+            return run_recording(job.recording, job.config, progress, checkpoints=job.checkpoints)
     except RunInterrupted as interrupted:
         _write_interrupted(job, interrupted.result)
         raise

@@ -18,13 +18,13 @@ from asyneio.cli.options import (
     SamplesOption,
     SchemeOption,
     TrackerOption,
-    settings_of,
-    with_scheme,
-    with_tracker,
 )
 
 _Recording = Annotated[
-    Path, typer.Argument(help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT, ...), or a tracks folder.")
+    Path | None,
+    typer.Argument(
+        help="Events with an IMU (UZH, ROS bag, HDF5, AEDAT, ...), or a tracks folder.", show_default=False
+    ),
 ]
 _Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="Folder for the results.", show_default="results/NAME")
@@ -35,9 +35,17 @@ _MaxTrackSeconds = Annotated[
 ]
 _Png = Annotated[bool, typer.Option("--png", help="Also write each figure of the report as a PNG file.")]
 
+_Resume = Annotated[
+    Path | None,
+    typer.Option(help="Continue the interrupted run in this folder, with its options.", show_default=False),
+]
+_CheckpointEvery = Annotated[
+    float, typer.Option(help="Least time between two checkpoints in seconds; 0: no checkpoints.", min=0.0)
+]
+
 
 def run(
-    recording: _Recording,
+    recording: _Recording = None,
     output: _Output = None,
     calibration: CalibrationOption = None,
     imu: ImuOption = None,
@@ -51,6 +59,8 @@ def run(
     max_track_seconds: _MaxTrackSeconds = None,
     png: _Png = False,
     as_json: JsonOption = False,
+    resume: _Resume = None,
+    checkpoint_every: _CheckpointEvery = 10.0,
 ) -> None:
     """Estimate the trajectory of a recording.
 
@@ -60,17 +70,34 @@ def run(
     further segments follow as trajectory_1.tum, ..., each with its own world
     frame. attitude.csv contains the attitude while there is no pose. The exit
     status is not 0 if the trajectory is missing or incomplete.
-    """
-    from asyneio.cli import console
-    from asyneio.cli.execute import Job, execute
-    from asyneio.cli.progress import reading_progress
-    from asyneio.io import ReadOptions, open_recording
 
-    settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)
-    options = ReadOptions(calibration, imu, events, samples, camera, preset)
-    with reading_progress(recording) as progress:
-        loaded = open_recording(recording, options, progress, max_track_seconds)
-    for note in loaded.notes:
-        console.say(f"note: {note}")
-    folder = output or Path("results") / loaded.name
-    execute(Job(loaded, settings, folder, png=png, as_json=as_json))
+    While it runs, checkpoints are written into the folder `.run` of the
+    results. After an interruption of any kind, `asyneio run --resume RESULTS`
+    continues and writes the same files as an uninterrupted run.
+    """
+    from asyneio.cli.resume import Arguments, arguments_in, run_with_checkpoints
+
+    if (recording is None) == (resume is None):
+        raise typer.BadParameter("expected either a RECORDING or --resume RESULTS")
+    if resume is not None:
+        found = arguments_in(resume)
+        if found is not None:
+            run_with_checkpoints(found, resume, as_json, resume=True)
+        return
+    assert recording is not None
+    arguments = Arguments(
+        recording=recording,
+        calibration=calibration,
+        imu=imu,
+        camera=camera,
+        preset=preset,
+        events=events,
+        samples=samples,
+        config=config,
+        tracker=tracker and tracker.value,
+        scheme=scheme and scheme.value,
+        max_track_seconds=max_track_seconds,
+        png=png,
+        checkpoint_every=checkpoint_every,
+    )
+    run_with_checkpoints(arguments, output, as_json, resume=False)
