@@ -9,8 +9,8 @@ from asyneio.config import FrontendConfig, load_config
 from asyneio.errors import ConfigError
 from asyneio.frontend import Frontend
 from asyneio.frontend.extents import LEAST_SPACING_PX, neighbourhood_px, spacing_px
-from asyneio.frontend.tracker import FREE
 from asyneio.frontend.gradient.tracker import GradientTracker
+from asyneio.frontend.tracker import FREE
 from asyneio.simulation import EventSimulation
 from asyneio.types import RecordArray
 

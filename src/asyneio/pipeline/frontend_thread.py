@@ -51,7 +51,7 @@ class TrackSource(Protocol):
         """Have the state captured that follows one of the next batches."""
 
     def state(self) -> SourceState | None:
-        """The captured state that follows the newest batch, before requesting the next; None if there is none."""
+        """The captured state after the newest batch, before requesting the next; None if there is none."""
 
     def restore(self, state: SourceState, released: list[RecordArray]) -> None:
         """Continue after a captured state; `released`: all batches until then. Before iterating."""
@@ -84,8 +84,8 @@ class TrackingState:
 class SourceState:
     """A source of tracks between two batches, to continue a run.
 
-    `batches`: number of batches so far; `tracking`: `TrackingState` as a pickle, empty for known observations;
-    `shares`: outlier shares reported on the newest batches, which have not taken effect.
+    `batches`: number of batches so far; `tracking`: `TrackingState` as a pickle, empty for known
+    observations; `shares`: outlier shares reported on the newest batches, which have not taken effect.
     """
 
     batches: int
@@ -169,7 +169,7 @@ class ObservationStream:
             self._requested.set()
 
     def state(self) -> SourceState | None:
-        """The captured state that follows the newest batch, before requesting the next; None if there is none."""
+        """The captured state after the newest batch, before requesting the next; None if there is none."""
         if not self._captured:
             return None
         # The share of the newest batch is recorded when the next one is requested.

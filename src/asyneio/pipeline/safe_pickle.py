@@ -70,6 +70,6 @@ class _RestrictedUnpickler(pickle.Unpickler):
             if isinstance(found, type) and found.__module__ == module:
                 return found
         raise RecordingError(
-            f"the state of a run names {module}.{name}; expected numbers, arrays and classes of the estimator "
-            "only: the file does not come from asyneio, do not use it"
+            f"the state of a run names {module}.{name}; expected numbers, arrays and classes of the "
+            "estimator only: the file does not come from asyneio, do not use it"
         )

@@ -7,10 +7,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from asyneio.types import (
-    Health,
-)
-
+from asyneio.types import Health
 
 #: Fields of `Summary` that depend on the machine and its load.
 _TIMING = ("processing_s", "compile_s", "real_time_factor", "frontend_s", "slowest_step_s")
