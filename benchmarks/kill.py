@@ -1,0 +1,155 @@
+"""A run that is killed at random moments and resumed, compared with an uninterrupted one.
+
+    python benchmarks/kill.py [--kills 20] [--seed 0] [--scene event_room] [--seconds 8]
+
+Simulation. Each row is an `asyneio run` in a process of its own that `kill -9` ends at a random moment of one
+of four phases: start (reading, loading kernels), initialization, tracking, writing. The moments are drawn
+evenly over the phases as an uninterrupted run shows them. Every other run is started without options, the
+others with `--checkpoint 0.5`. `asyneio run --resume` then continues. All files must be those of the
+uninterrupted run to the byte, except the section `timing` of `summary.json` and the times in `report.html`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from asyneio.pipeline.simulated import write_simulated_events
+from asyneio.simulation import EVENT_SCENARIOS
+from common import table
+
+PHASES = ("start", "initialization", "tracking", "writing")
+#: Rows of the report that contain wall-clock times.
+_TIMES = re.compile(rb"[0-9.]+ s, [0-9.]+ times real time|tracked at [0-9.]+ Mev/s")
+_POLL_S = 0.01
+
+
+@dataclass(frozen=True)
+class Reference:
+    """An uninterrupted run: its files, and when its phases end [s after the start of the process]."""
+
+    files: dict[str, bytes]
+    ends_s: tuple[float, ...]
+
+
+def command(recording: Path, out: Path, *options: str) -> list[str]:
+    """The command of one run."""
+    return [sys.executable, "-m", "asyneio", "run", str(recording), "-o", str(out), *options]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Files of a folder, without times."""
+    found = {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    if "summary.json" in found:
+        found["summary.json"] = json.dumps({**json.loads(found["summary.json"]), "timing": {}}).encode()
+    if "report.html" in found:
+        found["report.html"] = _TIMES.sub(b"", found["report.html"])
+    return found
+
+
+def reference(recording: Path, out: Path) -> Reference:
+    """Run without interruption; the phases end when the folder shows it."""
+    started = time.perf_counter()
+    process = subprocess.Popen(command(recording, out), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    seen: dict[Path, float] = {}
+    while process.poll() is None:
+        for path in (out / ".asyneio.lock", out / "summary.json"):
+            if path not in seen and path.exists():
+                seen[path] = time.perf_counter() - started
+        time.sleep(_POLL_S)
+    if process.returncode:
+        raise RuntimeError(process.stderr.read().decode() if process.stderr else "")
+    ended_s = time.perf_counter() - started
+    locked_s, written_s = (seen[out / name] for name in (".asyneio.lock", "summary.json"))
+    summary = json.loads((out / "summary.json").read_text())
+    loading_s = written_s - locked_s - summary["timing"]["processing_s"]
+    first_s = summary["timing"]["processing_s"] * summary["first_estimate_s"] / summary["duration_s"]
+    tracking_s = locked_s + loading_s + first_s
+    return Reference(contents(out), (locked_s + loading_s, tracking_s, written_s, ended_s))
+
+
+def killed(arguments: list[str], after_s: float) -> bool:
+    """Start a run and kill it; False if it had ended."""
+    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        process.wait(after_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        return True
+    return False
+
+
+def row(number: int, phase: str, after_s: float, recording: Path, out: Path, wanted: Reference) -> list[str]:
+    """Kill one run, resume it and compare."""
+    options = () if number % 2 == 0 else ("--checkpoint", "0.5")
+    was_killed = killed(command(recording, out, *options), after_s)
+    left = sorted(path.name for path in out.rglob("*") if path.is_file()) if out.exists() else []
+    checkpoint = any(name.startswith("state_") for name in left)
+    resumed = subprocess.run(
+        command(recording, out, *options, "--resume"), capture_output=True, text=True, check=False
+    )
+    found = contents(out) if out.exists() else {}
+    lines = [line for line in resumed.stderr.splitlines() if "resumed after" in line]
+    different = sorted(name for name in {*found, *wanted.files} if found.get(name) != wanted.files.get(name))
+    return [
+        str(number),
+        phase,
+        f"{after_s:.2f}",
+        "yes" if was_killed else "had ended",
+        " ".join(options) or "none",
+        f"{len(left)} files, {'a' if checkpoint else 'no'} checkpoint",
+        re.sub(r" of the recording", "", lines[0]) if lines else "from the beginning",
+        str(resumed.returncode),
+        "identical" if not different else f"DIFFERENT: {', '.join(different)}",
+    ]
+
+
+def main() -> None:
+    """Print a row for each kill; the exit status is 1 if a file differs."""
+    parser = argparse.ArgumentParser(description="Kill and resume a run.")
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--scene", default="event_room")
+    parser.add_argument("--seconds", type=float, default=8.0)
+    chosen = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    rng = np.random.default_rng(chosen.seed)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        scenario = replace(EVENT_SCENARIOS[chosen.scene], duration_s=chosen.seconds)
+        (folder / "recording").mkdir()
+        write_simulated_events(scenario, folder / "recording", True, lambda _: None)
+        # The first run fills the cache of the file system.
+        reference(folder / "recording", folder / "warm")
+        wanted = reference(folder / "recording", folder / "reference")
+        print(f"phases end after {', '.join(f'{end:.2f} s' for end in wanted.ends_s)}", flush=True)
+        again = contents(folder / "warm")
+        print(f"two uninterrupted runs: {'identical' if again == wanted.files else 'DIFFERENT'}", flush=True)
+        begins = (0.0, *wanted.ends_s)
+        rows = []
+        for number in range(chosen.kills):
+            phase = number % len(PHASES)
+            after_s = float(rng.uniform(begins[phase], begins[phase + 1]))
+            out = folder / "out"
+            rows.append(row(number, PHASES[phase], after_s, folder / "recording", out, wanted))
+            print(" | ".join(rows[-1]), flush=True)
+            shutil.rmtree(out, ignore_errors=True)
+    header = ["", "phase", "after s", "killed", "options", "left behind", "resumed", "status", "files"]
+    print("\n" + table(header, rows))
+    sys.exit(any(cells[-1] != "identical" for cells in rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""A run that is cut off and resumed gives the result of an uninterrupted one."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from asyneio.config import Config
+from asyneio.errors import AsyneioError, RecordingError
+from asyneio.io.parsing.folder_lock import folder_lock
+from asyneio.pipeline import CheckpointSettings, checkpoint, run_recording
+from asyneio.pipeline.safe_pickle import dump, load
+from asyneio.progress import SilentProgress
+from asyneio.types import Health, Recording
+from tests.io.recordings import make_recording
+
+
+class Killed(BaseException):
+    """Stands for SIGKILL: nothing of the run handles it."""
+
+
+class KillsAfter(SilentProgress):
+    def __init__(self, packets: int) -> None:
+        self.left = packets
+
+    def advance(self, done_s: float, total_s: float, health: Health) -> None:
+        self.left -= 1
+        if self.left == 0:
+            raise Killed
+
+
+@pytest.fixture
+def recording(rng: np.random.Generator) -> Recording:
+    return make_recording(rng, seconds=3.0)
+
+
+def test_a_resumed_run_gives_the_same_estimates(recording: Recording, tmp_path: Path) -> None:
+    whole = run_recording(recording, Config())
+    for packets in (4, 9, 13):
+        settings = CheckpointSettings(tmp_path, 1e-9, packets != 4)
+        with pytest.raises(Killed):
+            run_recording(recording, Config(), KillsAfter(packets), checkpoints=settings)
+    assert checkpoint.has_checkpoint(tmp_path)
+    # The newest generation is cut off: the run continues from the one before it.
+    states = [tmp_path / name for name in checkpoint.GENERATION_FILES]
+    newest = max(states, key=lambda path: path.stat().st_mtime_ns)
+    newest.write_bytes(newest.read_bytes()[:1000])
+    resumed = run_recording(recording, Config(), checkpoints=CheckpointSettings(tmp_path, 0.0, True))
+    assert dump([r.cost for r in resumed.run.reports]) == dump([r.cost for r in whole.run.reports])
+    assert len(resumed.run.reports) == len(whole.run.reports)
+    assert len(resumed.run.estimates) == len(whole.run.estimates)
+    for a, b in zip(resumed.run.estimates, whole.run.estimates, strict=True):
+        assert a.T_w_b.tobytes() == b.T_w_b.tobytes()
+        assert a.covariance.tobytes() == b.covariance.tobytes()
+    changed = Config(window=Config().window.model_copy(update={"length_s": 1.7}))
+    with pytest.raises(RecordingError, match=r"setting window\.length_s was .* and is now 1\.7"):
+        run_recording(recording, changed, checkpoints=CheckpointSettings(tmp_path, 0.0, True))
+
+
+class Evil:
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.system, ("true",)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pickle.dumps(Evil()),
+        pickle.dumps(np.array([Evil()], dtype=object)),
+        b"casyneio.pipeline.checkpoint\nremove_checkpoints\n.",
+        b"casyneio.config\nload_config\n.",
+        b"casyneio.odometry.odometry\nnp.load\n.",
+        b"cnumpy\nload\n.",
+        b"\x80",
+    ],
+)
+def test_a_state_that_calls_functions_is_rejected(data: bytes) -> None:
+    with pytest.raises(AsyneioError, match="state of a run"):
+        load(data)
+
+
+def test_a_folder_belongs_to_one_run(tmp_path: Path) -> None:
+    (tmp_path / ".asyneio.lock").write_text("1\n")  # left behind by a killed run
+    with (
+        folder_lock(tmp_path),
+        pytest.raises(RecordingError, match=f"process {os.getpid()}"),
+        folder_lock(tmp_path),
+    ):
+        pass
+    assert list(tmp_path.iterdir()) == []
