@@ -13,7 +13,7 @@ from asyneio.config import Config
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.io.parsing.folder_lock import folder_lock
 from asyneio.pipeline import CheckpointSettings, checkpoint, run_recording
-from asyneio.pipeline.safe_pickle import dump, load
+from asyneio.pipeline.safe_pickle import dump, load, view_of
 from asyneio.progress import SilentProgress
 from asyneio.types import Health, Recording
 from tests.io.recordings import make_recording
@@ -92,3 +92,29 @@ def test_a_folder_belongs_to_one_run(tmp_path: Path) -> None:
     ):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_arrays_that_share_memory_share_it_after_loading() -> None:
+    ring = np.arange(24.0).reshape(4, 6)
+    columns = np.asfortranarray(ring)
+    views = [ring[1:3], ring[:, 2:5], ring[::-1, ::2], ring.T, columns[1:, :2], columns.T]
+    restored, *loaded = load(dump([ring, *views]))
+    for found, view in zip(loaded, views, strict=True):
+        assert (found.strides, found.flags.c_contiguous) == (view.strides, view.flags.c_contiguous)
+        np.testing.assert_array_equal(found, view)
+    ring[2, 4] = restored[2, 4] = -1.0
+    for found, view in zip(loaded, views, strict=True):
+        np.testing.assert_array_equal(found, view)
+    assert not np.may_share_memory(restored, ring)
+
+
+def test_a_small_slice_of_a_large_array_is_stored_as_a_copy() -> None:
+    recording = np.zeros(2**21)
+    assert len(dump(recording[7:9])) < 1000
+
+
+def test_a_view_outside_its_array_is_rejected() -> None:
+    with pytest.raises((ValueError, TypeError)):
+        view_of(np.arange(4.0), 16, (4,), np.dtype(float), (8,))
+    with pytest.raises((ValueError, TypeError)):
+        view_of(np.arange(4.0), -8, (2,), np.dtype(float), (8,))

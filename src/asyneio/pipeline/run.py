@@ -203,8 +203,8 @@ class _Loop:
         if restored is None:
             return
         self.estimator, self.wall_s = restored.estimator, restored.wall_s
-        self.source.restore(restored.source, restored.progress.observations)
-        self.done = Run(restored.progress.estimates, restored.progress.reports)
+        self.source.restore(restored.source, restored.produced.observations)
+        self.done = Run(restored.produced.estimates, restored.produced.reports)
         for report in self.done.reports:
             self._note_origin(report)
         self.progress.message(f"resumed after {self._done_s():.1f} s of the recording")

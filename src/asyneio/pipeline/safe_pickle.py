@@ -3,6 +3,9 @@
 
 A plain `pickle.load` calls whatever function the file names. This one accepts the classes of the packages
 that hold the state of a run, and what NumPy needs to construct an array.
+
+Arrays that share memory still share it afterwards, with the same strides: a plain pickle copies every view,
+and what is written to one of two views then no longer appears in the other.
 """
 
 from __future__ import annotations
@@ -11,6 +14,8 @@ import importlib
 import io
 import pickle
 from typing import Any
+
+import numpy as np
 
 from asyneio.errors import RecordingError
 
@@ -34,12 +39,22 @@ _NUMPY = {
     for core in ("core", "_core")
     for module, name in (("multiarray", "_reconstruct"), ("multiarray", "scalar"), ("numeric", "_frombuffer"))
 } | {("numpy", "ndarray"), ("numpy", "dtype")}
-_BUILTINS = {("builtins", "set"), ("builtins", "frozenset"), ("collections", "deque")}
+_PERMITTED = _NUMPY | {
+    ("builtins", "set"),
+    ("builtins", "frozenset"),
+    ("collections", "deque"),
+    (__name__, "view_of"),
+}
+#: A view of an array that is larger by more than this is stored as a copy [bytes]: it is a slice of the
+#: recording, which is not written to.
+_MOST_UNSEEN_BYTES = 4 * 2**20
 
 
 def dump(value: Any) -> bytes:
     """The value as a pickle."""
-    return pickle.dumps(value, protocol=5)
+    stream = io.BytesIO()
+    _ViewPickler(stream, protocol=5).dump(value)
+    return stream.getvalue()
 
 
 def load(data: bytes) -> Any:
@@ -60,10 +75,30 @@ def load(data: bytes) -> Any:
         ) from error
 
 
+def view_of(
+    owner: np.ndarray, offset: int, shape: tuple[int, ...], dtype: np.dtype[Any], strides: tuple[int, ...]
+) -> np.ndarray:
+    """An array inside the memory of another one, which is contiguous; NumPy checks that it fits."""
+    memory = owner if owner.flags.c_contiguous else owner.T
+    return np.ndarray(shape, dtype, memory, offset, strides)
+
+
+class _ViewPickler(pickle.Pickler):
+    def reducer_override(self, value: Any) -> Any:
+        """Store a view as its place in the array that owns the memory, which is stored once."""
+        if type(value) is not np.ndarray or type(value.base) is not np.ndarray or value.size == 0:
+            return NotImplemented
+        owner = value.base
+        if not owner.flags.forc or owner.nbytes > value.nbytes + _MOST_UNSEEN_BYTES or owner.dtype.hasobject:
+            return NotImplemented
+        offset = value.__array_interface__["data"][0] - owner.__array_interface__["data"][0]
+        return view_of, (owner, offset, value.shape, value.dtype, value.strides)
+
+
 class _RestrictedUnpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         """A permitted class or constructor. Raises RecordingError: anything else."""
-        if (module, name) in _NUMPY | _BUILTINS:
+        if (module, name) in _PERMITTED:
             return super().find_class(module, name)
         if any(module == package or module.startswith(f"{package}.") for package in _PACKAGES):
             found = getattr(importlib.import_module(module), name, None)
