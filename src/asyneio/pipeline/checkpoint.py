@@ -14,6 +14,7 @@ import os
 import struct
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
@@ -139,6 +140,7 @@ class Checkpoints:
             if not self._failed:
                 self._message(f"no checkpoint can be written at the moment: {error}")
             self._failed = True
+            self._free_space()
         seconds = time.monotonic() - started
         self.seconds += seconds
         pause_s = self._every_s
@@ -161,6 +163,15 @@ class Checkpoints:
             os.fsync(log.fileno())
             self._log_bytes += len(record)
         self._new = Produced()
+
+    def _free_space(self) -> None:
+        """Remove what an incomplete checkpoint has written: the results need the space."""
+        path = self._settings.folder / LOG_FILE
+        with suppress(OSError):
+            if self._log_bytes:
+                os.truncate(path, self._log_bytes)
+            else:
+                remove_checkpoints(self._settings.folder)
 
     def _write_state(self, states: dict[str, Any], wall_s: float) -> None:
         payload = dump(states)

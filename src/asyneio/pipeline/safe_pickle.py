@@ -31,6 +31,7 @@ _PACKAGES = (
     "asyneio.inertial",
     "asyneio.initialization",
     "asyneio.trajectory",
+    "asyneio.pipeline.delayed",
     "asyneio.pipeline.frontend_thread",
 )
 #: What constructs arrays and scalars, in NumPy 1 and 2.
