@@ -1,6 +1,6 @@
 """A run that is killed at random moments and resumed, compared with an uninterrupted one.
 
-    python benchmarks/kill.py [--kills 20] [--seed 0] [--scene event_room] [--seconds 8]
+    python benchmarks/kill.py [--kills 20] [--seed 0] [--scene event_room] [--seconds 5]
 
 Simulation. Each row is an `asyneio run` in a process of its own that `kill -9` ends at a random moment of one
 of four phases: start (reading, loading kernels), initialization, tracking, writing. The moments are drawn
@@ -30,8 +30,11 @@ from asyneio.simulation import EVENT_SCENARIOS
 from common import table
 
 PHASES = ("start", "initialization", "tracking", "writing")
-#: Rows of the report that contain wall-clock times.
-_TIMES = re.compile(rb"[0-9.]+ s, [0-9.]+ times real time|tracked at [0-9.]+ Mev/s")
+#: Parts of the report that show wall-clock times.
+_TIMES = re.compile(
+    rb"[0-9.]+ s, [0-9.]+ times real time|tracked at [0-9.]+ Mev/s|<h2>Processing time</h2>.*?</figure>",
+    re.DOTALL,
+)
 _POLL_S = 0.01
 
 
@@ -122,7 +125,7 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scene", default="event_room")
-    parser.add_argument("--seconds", type=float, default=8.0)
+    parser.add_argument("--seconds", type=float, default=5.0)
     chosen = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     rng = np.random.default_rng(chosen.seed)
