@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from hashlib import blake2b
+from hashlib import sha256
 from pathlib import Path
 from typing import IO, Any
 
@@ -29,7 +29,7 @@ from asyneio.types import Estimate, RecordArray, StepReport
 LOG_FILE = "log"
 GENERATION_FILES = ("state_0", "state_1")
 _MAGIC = b"asyneio checkpoint\n"
-_DIGEST_BYTES = 16
+_DIGEST_BYTES = 32
 #: Before each record of the log: its length and its digest.
 _RECORD = struct.Struct(f"<Q{_DIGEST_BYTES}s")
 #: Least time between two checkpoints unless the user sets one [s], and least ratio of it to the time that a
@@ -255,4 +255,5 @@ def _read_record(log: IO[bytes]) -> bytes:
 
 
 def _digest(data: bytes) -> bytes:
-    return blake2b(data, digest_size=_DIGEST_BYTES).digest()
+    # Twice as fast as BLAKE2 on processors with an instruction for it.
+    return sha256(data).digest()
