@@ -3,9 +3,9 @@
     python benchmarks/checkpoints.py [--scene event_room] [--seconds 5] [--every 0.5]
 
 Simulation. "estimator": the time for which the estimator stops while a checkpoint is written, on the wall
-with `fsync`, and of the processor; "front end": processor time in which its thread captures its state. The share
-of the run is that of the processor time at the default period, 5 s. "1280 x 720" is the front end of such a
-sensor without events, whose state has the same size with events, and the same estimator.
+with `fsync`, and of the processor; "front end": processor time in which its thread captures its state. The
+share of the run is that of the processor time at the default period, 5 s. "1280 x 720" is the front end of
+such a sensor without events, whose state has the same size with events, and the same estimator.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ import pytest
 from asyneio.config import Config, FrontendConfig
 from asyneio.errors import RecordingError
 from asyneio.pipeline import RunResult, compilation, run_recording
-from asyneio.pipeline.frontend_thread import ObservationStream, ReplayedStream
+from asyneio.pipeline.frontend_thread import AHEAD, ObservationStream, ReplayedStream
 from asyneio.pipeline.packets import calibration_of, usable_span
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.types import (
@@ -92,6 +92,29 @@ def test_an_outlier_share_takes_effect_at_a_fixed_time(recording: EventRecording
     assert np.unique(quick[7]["id"]).size > 1.3 * np.unique(silent[7]["id"]).size
 
 
+def test_the_front_end_runs_ahead_by_a_fixed_number_of_batches(
+    recording: EventRecording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However slow the estimator is: the queue between them does not grow."""
+    stream = ObservationStream(recording, FrontendConfig(), ends_of(recording))
+    process, processed = stream._tracking.frontend.process, 0
+
+    def counted(events: RecordArray, gyroscope: RecordArray | None = None) -> RecordArray:
+        nonlocal processed
+        processed += 1
+        return process(events, gyroscope)
+
+    monkeypatch.setattr(stream._tracking.frontend, "process", counted)
+    total = len(ends_of(recording)) - 1
+    for released, _ in enumerate(stream, start=1):
+        expected = min(released + AHEAD - 1, total)
+        end_s = time.monotonic() + 30.0
+        while processed < expected and time.monotonic() < end_s:
+            time.sleep(0.005)
+        time.sleep(0.02)
+        assert (processed, stream._queue.qsize()) == (expected, expected - released)
+
+
 def test_stopping_early_ends_the_thread(recording: EventRecording) -> None:
     before = set(threading.enumerate())
     batches = iter(ObservationStream(recording, FrontendConfig(), ends_of(recording)))
@@ -110,7 +133,7 @@ def test_an_error_of_the_front_end_reaches_the_caller(
         raise RecordingError("broken")
 
     stream = ObservationStream(recording, FrontendConfig(), ends_of(recording))
-    monkeypatch.setattr(stream._frontend, "process", broken)
+    monkeypatch.setattr(stream._tracking.frontend, "process", broken)
     with pytest.raises(RecordingError, match="broken"):
         list(stream)
 
