@@ -63,8 +63,8 @@ class Measured:
                 found = found if size is None else replace(found, tracking=data)
             return found
 
-        Checkpoints.write = measured_write  # type: ignore[method-assign]
-        ObservationStream.state = measured_state  # type: ignore[method-assign]
+        Checkpoints.write = measured_write  # type: ignore[method-assign, assignment]
+        ObservationStream.state = measured_state  # type: ignore[method-assign, assignment]
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             settings = CheckpointSettings(folder, every_s)
