@@ -3,10 +3,13 @@
     python benchmarks/kill.py [--kills 20] [--seed 0] [--scene event_room] [--seconds 5]
 
 Simulation. Each row is an `asyneio run` in a process of its own that `kill -9` ends at a random moment of one
-of four phases: start (reading, loading kernels), initialization, tracking, writing. The moments are drawn
-evenly over the phases as an uninterrupted run shows them. Every other run is started without options, the
-others with `--checkpoint 0.5`. `asyneio run --resume` then continues. All files must be those of the
-uninterrupted run to the byte, except the section `timing` of `summary.json` and the times in `report.html`.
+of four phases: start (reading the recording), the first third of the run (loading kernels, initialization),
+the rest of the run (tracking), and writing. Moments are drawn evenly over the phases of an uninterrupted run
+and counted in processor time, which depends little on the load of the machine. Half of the runs are started
+without options, the others with `--checkpoint 0.2`. `asyneio run --resume` then continues. All files must be
+those of the uninterrupted run to the byte, except the section `timing` of `summary.json` and the times in
+`report.html`.
+
 Drawing the report takes most of the time and begins after the other files, so that it is drawn only where the
 run is killed while it writes; elsewhere matplotlib is hidden.
 """
@@ -32,18 +35,18 @@ from asyneio.simulation import EVENT_SCENARIOS
 from common import table
 
 REPORT_FILES = ("report.html", "overview.png")
-PHASES = ("start", "initialization", "tracking", "writing")
+PHASES = ("start", "first third", "tracking", "writing")
 #: Parts of the report that show wall-clock times.
 _TIMES = re.compile(
     rb"[0-9.]+ s, [0-9.]+ times real time|tracked at [0-9.]+ Mev/s|<h2>Processing time</h2>.*?</figure>",
     re.DOTALL,
 )
-_POLL_S = 0.01
+_POLL_S = 0.005
 
 
 @dataclass(frozen=True)
 class Reference:
-    """An uninterrupted run: its files, and when its phases end [s after the start of the process]."""
+    """An uninterrupted run: its files, and when its phases end [s of processor time]."""
 
     files: dict[str, bytes]
     ends_s: tuple[float, ...]
@@ -68,40 +71,46 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def reference(recording: Path, out: Path) -> Reference:
     """Run without interruption; the phases end when the folder shows it."""
-    started = time.perf_counter()
     process = subprocess.Popen(command(recording, out), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     seen: dict[Path, float] = {}
+    used_s = 0.0
     while process.poll() is None:
+        used_s = max(used_s, processor_s(process.pid))
         for path in (out / ".asyneio.lock", out / "summary.json"):
             if path not in seen and path.exists():
-                seen[path] = time.perf_counter() - started
+                seen[path] = used_s
         time.sleep(_POLL_S)
     if process.returncode:
         raise RuntimeError(process.stderr.read().decode() if process.stderr else "")
-    ended_s = time.perf_counter() - started
     locked_s, written_s = (seen[out / name] for name in (".asyneio.lock", "summary.json"))
-    summary = json.loads((out / "summary.json").read_text())
-    loading_s = written_s - locked_s - summary["timing"]["processing_s"]
-    first_s = summary["timing"]["processing_s"] * summary["first_estimate_s"] / summary["duration_s"]
-    tracking_s = locked_s + loading_s + first_s
-    return Reference(contents(out), (locked_s + loading_s, tracking_s, written_s, ended_s))
+    third_s = locked_s + (written_s - locked_s) / 3.0
+    return Reference(contents(out), (locked_s, third_s, written_s, used_s))
+
+
+def processor_s(process: int) -> float:
+    """Processor time of a process so far [s]; 0 if it has ended."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def killed(arguments: list[str], after_s: float) -> bool:
     """Start a run and kill it; False if it had ended."""
     process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        process.wait(after_s)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-        return True
+    while process.poll() is None:
+        if processor_s(process.pid) >= after_s:
+            process.kill()
+            process.wait()
+            return True
+        time.sleep(_POLL_S)
     return False
 
 
 def row(number: int, phase: str, after_s: float, recording: Path, out: Path, wanted: Reference) -> list[str]:
     """Kill one run, resume it and compare."""
-    options = () if number % 2 == 0 else ("--checkpoint", "0.5")
+    options = ("--checkpoint", "0.2") if number // len(PHASES) % 2 else ()
     draws = phase == "writing"
     was_killed = killed(command(recording, out, *options, draws=draws), after_s)
     left = sorted(path.name for path in out.rglob("*") if path.is_file()) if out.exists() else []
@@ -155,7 +164,7 @@ def main() -> None:
             rows.append(row(number, PHASES[phase], after_s, folder / "recording", out, wanted))
             print(" | ".join(rows[-1]), flush=True)
             shutil.rmtree(out, ignore_errors=True)
-    header = ["", "phase", "after s", "killed", "options", "left behind", "resumed", "status", "files"]
+    header = ["", "phase", "processor s", "killed", "options", "left behind", "resumed", "status", "files"]
     print("\n" + table(header, rows))
     sys.exit(any(cells[-1] != "identical" for cells in rows))
 

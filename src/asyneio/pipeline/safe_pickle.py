@@ -45,6 +45,9 @@ _PERMITTED = _NUMPY | {
     ("builtins", "frozenset"),
     ("collections", "deque"),
     (__name__, "view_of"),
+    # The preintegration rules of the schemes: functions of numbers.
+    ("asyneio.inertial.gp_preintegration", "gp_preintegration"),
+    ("asyneio.inertial.preintegration", "midpoint"),
 }
 #: A view of an array that is larger by more than this is stored as a copy [bytes]: it is a slice of the
 #: recording, which is not written to.
