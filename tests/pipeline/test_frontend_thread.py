@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Generator
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -114,6 +115,32 @@ def test_the_front_end_runs_ahead_by_a_fixed_number_of_batches(
         time.sleep(0.02)
         assert processed == expected
         assert stream._queue.qsize() <= AHEAD
+
+
+@pytest.mark.parametrize("tracker", ["gradient", "haste"])
+def test_a_restored_front_end_continues_with_the_same_batches(
+    tracker: Literal["gradient", "haste"], recording: EventRecording
+) -> None:
+    """Also with feedback that had not taken effect when the state was captured."""
+    config, ends_ns = FrontendConfig(tracker=tracker, max_features=20), ends_of(recording)
+    state, released = None, []
+    stream = ObservationStream(recording, config, ends_ns)
+    for number, batch in enumerate(stream):
+        stream.set_outlier_share(0.1 * (number % 5))
+        released.append(batch)
+        if number == 2:
+            stream.request_state()
+        if state is None and (state := stream.state()) is not None:
+            assert state.batches == number + 1
+    assert state is not None
+    assert state.batches < len(released) - 1
+    restored = ObservationStream(recording, config, ends_ns)
+    restored.restore(state, released[: state.batches])
+    for number, batch in enumerate(restored, start=state.batches):
+        restored.set_outlier_share(0.1 * (number % 5))
+        assert batch.tobytes() == released[number].tobytes()
+    assert restored.observations().tobytes() == stream.observations().tobytes()
+    assert restored.notes() == stream.notes()
 
 
 def test_stopping_early_ends_the_thread(recording: EventRecording) -> None:
