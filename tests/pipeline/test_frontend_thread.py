@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Generator
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from asyneio.config import Config, FrontendConfig
 from asyneio.errors import RecordingError
 from asyneio.pipeline import RunResult, compilation, run_recording
-from asyneio.pipeline.frontend_thread import ObservationStream, ReplayedStream
+from asyneio.pipeline.frontend_thread import AHEAD, ObservationStream, ReplayedStream
 from asyneio.pipeline.packets import calibration_of, usable_span
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.types import (
@@ -92,6 +93,56 @@ def test_an_outlier_share_takes_effect_at_a_fixed_time(recording: EventRecording
     assert np.unique(quick[7]["id"]).size > 1.3 * np.unique(silent[7]["id"]).size
 
 
+def test_the_front_end_runs_ahead_by_a_fixed_number_of_batches(
+    recording: EventRecording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However slow the estimator is: the queue between them does not grow."""
+    stream = ObservationStream(recording, FrontendConfig(), ends_of(recording))
+    process, processed = stream._tracking.frontend.process, 0
+
+    def counted(events: RecordArray, gyroscope: RecordArray | None = None) -> RecordArray:
+        nonlocal processed
+        processed += 1
+        return process(events, gyroscope)
+
+    monkeypatch.setattr(stream._tracking.frontend, "process", counted)
+    total = len(ends_of(recording)) - 1
+    for released, _ in enumerate(stream, start=1):
+        expected = min(released + AHEAD - 1, total)
+        end_s = time.monotonic() + 30.0
+        while processed < expected and time.monotonic() < end_s:
+            time.sleep(0.005)
+        time.sleep(0.02)
+        assert processed == expected
+        assert stream._queue.qsize() <= AHEAD
+
+
+@pytest.mark.parametrize("tracker", ["gradient", "haste"])
+def test_a_restored_front_end_continues_with_the_same_batches(
+    tracker: Literal["gradient", "haste"], recording: EventRecording
+) -> None:
+    """Also with feedback that had not taken effect when the state was captured."""
+    config, ends_ns = FrontendConfig(tracker=tracker, max_features=20), ends_of(recording)
+    state, released = None, []
+    stream = ObservationStream(recording, config, ends_ns)
+    for number, batch in enumerate(stream):
+        stream.set_outlier_share(0.1 * (number % 5))
+        released.append(batch)
+        if number == 2:
+            stream.request_state()
+        if state is None and (state := stream.state()) is not None:
+            assert state.batches == number + 1
+    assert state is not None
+    assert state.batches < len(released) - 1
+    restored = ObservationStream(recording, config, ends_ns)
+    restored.restore(state, released[: state.batches])
+    for number, batch in enumerate(restored, start=state.batches):
+        restored.set_outlier_share(0.1 * (number % 5))
+        assert batch.tobytes() == released[number].tobytes()
+    assert restored.observations().tobytes() == stream.observations().tobytes()
+    assert restored.notes() == stream.notes()
+
+
 def test_stopping_early_ends_the_thread(recording: EventRecording) -> None:
     before = set(threading.enumerate())
     batches = iter(ObservationStream(recording, FrontendConfig(), ends_of(recording)))
@@ -110,7 +161,7 @@ def test_an_error_of_the_front_end_reaches_the_caller(
         raise RecordingError("broken")
 
     stream = ObservationStream(recording, FrontendConfig(), ends_of(recording))
-    monkeypatch.setattr(stream._frontend, "process", broken)
+    monkeypatch.setattr(stream._tracking.frontend, "process", broken)
     with pytest.raises(RecordingError, match="broken"):
         list(stream)
 

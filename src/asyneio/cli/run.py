@@ -35,6 +35,20 @@ _MaxTrackSeconds = Annotated[
     float | None,
     typer.Option(help="Tracks folder only: cut tracks into pieces of fewer seconds, with new ids."),
 ]
+_Resume = Annotated[
+    bool,
+    typer.Option("--resume", help="Continue an interrupted run in the same folder, with the same options."),
+]
+_Checkpoint = Annotated[
+    float | None,
+    typer.Option(
+        "--checkpoint",
+        metavar="SECONDS",
+        help="Time between two checkpoints for --resume; 0: none.",
+        show_default="5, or longer so that they cost less than 1 %",
+        min=0.0,
+    ),
+]
 _Png = Annotated[bool, typer.Option("--png", help="Also write each figure of the report as a PNG file.")]
 
 
@@ -55,6 +69,8 @@ def run(
     png: _Png = False,
     as_json: JsonOption = False,
     view: Annotated[bool, typer.Option("--view", help="Show the run in the viewer (rerun).")] = False,
+    resume: _Resume = False,
+    checkpoint: _Checkpoint = None,
 ) -> None:
     """Estimate the trajectory of a recording.
 
@@ -64,6 +80,10 @@ def run(
     further segments follow as trajectory_1.tum, ..., each with its own world
     frame. attitude.csv contains the attitude while there is no pose. The exit
     status is not 0 if the trajectory is missing or incomplete.
+
+    A run that was interrupted or killed continues from its last checkpoint
+    when the same command is given with --resume; it then writes the files of
+    an uninterrupted run.
     """
     from asyneio.cli import console
     from asyneio.cli.execute import Job, execute
@@ -77,4 +97,14 @@ def run(
     for note in loaded.notes:
         console.say(f"note: {note}")
     folder = output or Path("results") / loaded.name
-    execute(Job(loaded, settings, folder, png=png, as_json=as_json, view=view))
+    job = Job(
+        loaded,
+        settings,
+        folder,
+        png=png,
+        as_json=as_json,
+        view=view,
+        checkpoint_s=checkpoint,
+        resume=resume,
+    )
+    execute(job)

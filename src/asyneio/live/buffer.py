@@ -11,6 +11,10 @@ import numpy as np
 from asyneio.io.recording.event_source import join_events
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
+#: Largest number of rows that wait for a packet (512 MB of events). A burst of 50 million events per second
+#: needs half of it; without a limit, a sensor whose clock stands still fills any memory.
+MOST_ROWS = 32_000_000
+
 
 class RowBuffer:
     """Rows of one stream, taken out in order of time.
@@ -18,17 +22,20 @@ class RowBuffer:
     Attributes:
         first_ns, newest_ns: stamps of all rows so far; None before the first one.
         disorder_ns: the largest backward step so far.
-        late: rows that came too late, or with a repeated stamp where stamps are unique.
+        late: rows that came too late, with a repeated stamp where stamps are unique, or while the buffer was
+            full.
 
     Args:
         dtype: of the rows.
         unique: of rows with equal stamps only the first one counts.
+        most: largest number of rows that wait; further ones are dropped.
     """
 
-    def __init__(self, dtype: np.dtype[np.void], unique: bool) -> None:
+    def __init__(self, dtype: np.dtype[np.void], unique: bool, most: int = MOST_ROWS) -> None:
         self._parts: deque[RecordArray] = deque()
         self._dtype = dtype
         self._unique = unique
+        self._most = most
         self._ordered = True
         self._floor_ns: int | None = None
         self.first_ns: int | None = None
@@ -50,7 +57,12 @@ class RowBuffer:
         repeated = repeated or rows["t_ns"][0] == self.newest_ns
         self.disorder_ns = max(self.disorder_ns, worst_ns)
         self._ordered &= worst_ns == 0 and not (self._unique and repeated)
-        self._parts.append(rows)
+        # Dropped rows still move the time, which ends the packet that waits.
+        room = max(self._most - sum(part.size for part in self._parts), 0)
+        if rows.size > room:
+            self.late += int(rows.size) - room
+        if room:
+            self._parts.append(rows[:room])
         first_ns, newest_ns = int(rows["t_ns"].min()), int(rows["t_ns"].max())
         self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
         self.newest_ns = newest_ns if self.newest_ns is None else max(self.newest_ns, newest_ns)

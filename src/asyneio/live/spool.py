@@ -44,6 +44,8 @@ from asyneio.types import STATE_BLOCKS, Estimate
 RECORDING, RESULTS = "recording", "live"
 #: Largest number of batches of raw rows that wait for the disk; further ones are lost, with a note.
 _MOST_BATCHES = 50
+#: In a burst of events, fewer batches wait: together, about this number of events (256 MB).
+_MOST_EVENTS = 16_000_000
 
 _STATE_DTYPE = np.dtype(
     [
@@ -94,6 +96,8 @@ class Spool:
     def keep(self, stretch: int, rows: Rows) -> None:
         """Add raw rows, which the recorder's thread writes."""
         try:
+            if self._batches.qsize() * rows.events.size > _MOST_EVENTS:
+                raise queue.Full
             self._batches.put_nowait(_Batch(stretch, rows))
         except queue.Full:
             self.lost_batches += 1

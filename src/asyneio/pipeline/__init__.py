@@ -4,6 +4,7 @@
 The only package in which files, clocks and progress meet the estimator.
 """
 
+from asyneio.pipeline.checkpoint import CheckpointSettings
 from asyneio.pipeline.compilation import COMPILING
 from asyneio.pipeline.outputs import (
     ATTITUDE_FILE,
@@ -25,6 +26,7 @@ __all__ = [
     "HEALTH_FILE",
     "SUMMARY_FILE",
     "TRAJECTORY",
+    "CheckpointSettings",
     "Estimator",
     "RunInterrupted",
     "RunResult",

@@ -11,7 +11,10 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
 from typing import Protocol
 
 import numpy as np
@@ -20,6 +23,7 @@ from asyneio.config import FrontendConfig
 from asyneio.frontend import Frontend, gyroscope_in_camera
 from asyneio.pipeline.delayed import DelayedObservations
 from asyneio.pipeline.packets import batches
+from asyneio.pipeline.safe_pickle import dump, load
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: Batches that the front end runs ahead; feedback on one batch applies to the batch this many later.
@@ -45,6 +49,47 @@ class TrackSource(Protocol):
     def notes(self) -> tuple[str, ...]:
         """Notes for the user on observations and events that were dropped."""
 
+    def request_state(self) -> None:
+        """Have the state captured that follows one of the next batches."""
+
+    def state(self) -> SourceState | None:
+        """The captured state after the newest batch, before requesting the next; None if there is none."""
+
+    def restore(self, state: SourceState, released: list[RecordArray]) -> None:
+        """Continue after a captured state; `released`: all batches until then. Before iterating."""
+
+
+@dataclass
+class TrackingState:
+    """A front end between two batches.
+
+    Attributes:
+        frontend: the front end.
+        delayed: observations of later batches.
+        begin: index of the first event that is not processed.
+        batches: number of batches so far.
+        busy_s: processing time [s].
+    """
+
+    frontend: Frontend
+    delayed: DelayedObservations
+    begin: int
+    batches: int = 0
+    busy_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class SourceState:
+    """A source of tracks between two batches, to continue a run.
+
+    `batches`: number of batches so far; `tracking`: `TrackingState` as a pickle, empty for known
+    observations; `shares`: outlier shares reported on the newest batches, which have not taken effect.
+    """
+
+    batches: int
+    tracking: bytes = b""
+    shares: tuple[float, ...] = ()
+
 
 class ObservationStream:
     """Observations of an event recording, tracked while they are read, cut at given times.
@@ -61,17 +106,26 @@ class ObservationStream:
 
     def __init__(self, recording: EventRecording, config: FrontendConfig, ends_ns: IntArray) -> None:
         self._recording = recording
-        self._frontend = Frontend(config, recording.width, recording.height)
+        calibration = recording.calibration
+        self._shift_ns = calibration.timeshift_ns if calibration else 0
         self._gyroscope = gyroscope_in_camera(recording)
         self._ends_ns = ends_ns
         self._delay_ns = round(config.max_delay_s * NS_PER_S)
-        self._queue: queue.SimpleQueue[RecordArray | BaseException] = queue.SimpleQueue()
+        start_ns = int(ends_ns[0])
+        # Binary search here and for each batch: of a memory map, only the tracked events are read.
+        begin = int(np.searchsorted(recording.events["t_ns"], start_ns - self._shift_ns))
+        frontend = Frontend(config, recording.width, recording.height)
+        self._tracking = TrackingState(frontend, DelayedObservations(start_ns), begin)
+        # Neither queue grows beyond `AHEAD` entries: the front end waits for feedback.
+        self._queue: queue.SimpleQueue[tuple[RecordArray, bytes] | BaseException] = queue.SimpleQueue()
         self._feedback: queue.SimpleQueue[float] = queue.SimpleQueue()
+        self._shares: deque[float] = deque(maxlen=AHEAD)
         self._outlier_share = 0.0
         self._stop = threading.Event()
+        self._requested = threading.Event()
+        self._captured = b""
+        self._awaited = False
         self._released: list[RecordArray] = []
-        self.late = 0
-        self.busy_s = 0.0
 
     def __iter__(self) -> Iterator[RecordArray]:
         """Yield one batch of observations (OBSERVATION_DTYPE, IMU clock, ascending) for each interval.
@@ -81,17 +135,52 @@ class ObservationStream:
         worker = threading.Thread(target=self._work, name="front end", daemon=True)
         worker.start()
         try:
-            for _ in range(self._ends_ns.size - 1):
-                batch = self._queue.get()
-                if isinstance(batch, BaseException):
-                    raise batch
+            for _ in range(self._ends_ns.size - 1 - len(self._released)):
+                item = self._queue.get()
+                if isinstance(item, BaseException):
+                    raise item
+                batch, self._captured = item
+                self._awaited &= not self._captured
                 self._released.append(batch)
                 self._outlier_share = 0.0
                 yield batch
+                self._shares.append(self._outlier_share)
                 self._feedback.put(self._outlier_share)
         finally:
             self._stop.set()
             worker.join()
+
+    @property
+    def late(self) -> int:
+        """Observations that became available too late so far."""
+        return self._tracking.delayed.late
+
+    @property
+    def busy_s(self) -> float:
+        """Processing time of the front end so far [s]."""
+        return self._tracking.busy_s
+
+    def request_state(self) -> None:
+        """Have the state captured that follows one of the next batches."""
+        if not self._awaited:
+            self._awaited = True
+            self._requested.set()
+
+    def state(self) -> SourceState | None:
+        """The captured state after the newest batch, before requesting the next; None if there is none."""
+        if not self._captured:
+            return None
+        # The share of the newest batch is recorded when the next one is requested.
+        shares = (*self._shares, self._outlier_share)[-AHEAD:]
+        return SourceState(len(self._released), self._captured, shares)
+
+    def restore(self, state: SourceState, released: list[RecordArray]) -> None:
+        """Continue after a captured state; `released`: all batches until then. Before iterating."""
+        self._tracking = load(state.tracking)
+        self._released = released
+        self._shares.extend(state.shares)
+        for share in state.shares:
+            self._feedback.put(share)
 
     def set_outlier_share(self, share: float) -> None:
         """Report the share (0 to 1) of outlier tracks in the newest batch, before requesting the next.
@@ -112,7 +201,7 @@ class ObservationStream:
                 f"{self.late} observations became available more than frontend.max_delay_s = "
                 f"{self._delay_ns / NS_PER_S:g} s after their timestamp and were dropped"
             )
-        counts = self._frontend.statistics()
+        counts = self._tracking.frontend.statistics()
         left_out = counts.shed_events + counts.shed_feature_events
         if left_out:
             notes.append(
@@ -124,14 +213,18 @@ class ObservationStream:
 
     def _work(self) -> None:
         try:
-            batches = self._batches()
-            for _ in range(min(AHEAD, self._ends_ns.size - 1)):
-                self._queue.put(next(batches))
-            while (share := self._wait_for_feedback()) is not None:
-                self._frontend.set_outlier_share(share)
-                self._queue.put(next(batches))
-        except StopIteration:
-            return
+            while self._tracking.batches < self._ends_ns.size - 1:
+                if self._tracking.batches >= AHEAD:
+                    share = self._wait_for_feedback()
+                    if share is None:
+                        return
+                    self._tracking.frontend.set_outlier_share(share)
+                batch = self._next_batch()
+                captured = b""
+                if self._requested.is_set():
+                    self._requested.clear()
+                    captured = dump(self._tracking)
+                self._queue.put((batch, captured))
         except BaseException as error:  # raised again in the reading thread
             self._queue.put(error)
 
@@ -144,23 +237,19 @@ class ObservationStream:
                 continue
         return None
 
-    def _batches(self) -> Iterator[RecordArray]:
-        shift_ns = self._recording.calibration.timeshift_ns if self._recording.calibration else 0
-        events = self._recording.events
-        # Binary search for each batch: of a memory map, only the tracked events are read.
-        begin = np.searchsorted(events["t_ns"], int(self._ends_ns[0]) - shift_ns)
-        delayed = DelayedObservations(int(self._ends_ns[0]))
-        for end_ns in self._ends_ns[1:].tolist():
-            until_ns = end_ns + self._delay_ns - shift_ns
-            end = np.searchsorted(events["t_ns"], until_ns, side="right")
-            started = time.perf_counter()
-            new = self._frontend.process(np.asarray(events[begin:end]), self._gyroscope_before(until_ns))
-            self.busy_s += time.perf_counter() - started
-            begin = end
-            new["t_ns"] += shift_ns
-            batch = delayed.due(new, end_ns)
-            self.late = delayed.late
-            yield batch
+    def _next_batch(self) -> RecordArray:
+        state, events = self._tracking, self._recording.events
+        end_ns = int(self._ends_ns[state.batches + 1])
+        until_ns = end_ns + self._delay_ns - self._shift_ns
+        end = int(np.searchsorted(events["t_ns"], until_ns, side="right"))
+        packet, gyroscope = np.asarray(events[state.begin : end]), self._gyroscope_before(until_ns)
+        started = time.perf_counter()
+        new = state.frontend.process(packet, gyroscope)
+        state.busy_s += time.perf_counter() - started
+        new["t_ns"] += self._shift_ns
+        state.begin = end
+        state.batches += 1
+        return state.delayed.due(new, end_ns)
 
     def _gyroscope_before(self, until_ns: int) -> RecordArray | None:
         """Gyroscope samples that the next batch of events may need; None without a gyroscope."""
@@ -185,10 +274,24 @@ class ReplayedStream:
     def __init__(self, observations: RecordArray, ends_ns: IntArray) -> None:
         self._observations = observations
         self._ends_ns = ends_ns
+        self._batches = 0
 
     def __iter__(self) -> Iterator[RecordArray]:
         """Yield one batch for each interval: after the end of the previous interval, up to its own end."""
-        return batches(self._observations, self._ends_ns)
+        for batch in islice(batches(self._observations, self._ends_ns), self._batches, None):
+            self._batches += 1
+            yield batch
+
+    def request_state(self) -> None:
+        """Ignored: the state is always available."""
+
+    def state(self) -> SourceState | None:
+        """The number of batches so far."""
+        return SourceState(self._batches)
+
+    def restore(self, state: SourceState, released: list[RecordArray]) -> None:
+        """Continue after a number of batches."""
+        self._batches = state.batches
 
     def set_outlier_share(self, share: float) -> None:
         """Ignored: these tracks exist already."""

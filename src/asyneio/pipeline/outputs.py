@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from asyneio.config import dump_config
@@ -11,7 +12,7 @@ from asyneio.io.parsing.atomic import write_text
 from asyneio.io.results.health import write_attitudes, write_health
 from asyneio.pipeline.run import RunResult
 
-#: File names in a results folder. The summary is written last: if it exists, the others are complete.
+#: File names in a results folder.
 TRAJECTORY = "trajectory"
 ESTIMATES_FILE = "estimates.npz"
 HEALTH_FILE = "health.csv"
@@ -19,11 +20,17 @@ ATTITUDE_FILE = "attitude.csv"
 CONFIG_FILE = "config.yaml"
 SUMMARY_FILE = "summary.json"
 
+#: `failure` in the summary until all files are written.
+_UNFINISHED = "the results were not written completely"
+
 
 def write_outputs(result: RunResult, folder: Path) -> list[Path]:
     """Write a trajectory for each segment, estimates, health, attitudes, settings and summary.
 
     Files of an earlier run in `folder` are removed first. Without estimates there is no trajectory file.
+
+    Each file is written completely or not at all. Until all are written, the `status` in the summary is
+    `incomplete`: a run that is killed here, or a full disk, leaves a summary that says so.
 
     Returns:
         The files, in the order they were written.
@@ -36,6 +43,8 @@ def write_outputs(result: RunResult, folder: Path) -> list[Path]:
     for path in (*named, *trajectories):
         path.unlink(missing_ok=True)
     written: list[Path] = []
+    unfinished = replace(result.summary, failure=_UNFINISHED)
+    write_text(folder / SUMMARY_FILE, unfinished.to_json())
     for segment in result.run.segments():
         written.append(folder / trajectory_file(segment[0].segment))
         write_tum(written[-1], to_trajectory(segment))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -73,6 +73,7 @@ def packets(
     interval_ns: int,
     count: int,
     tracked: Iterable[RecordArray] | None = None,
+    skip: int = 0,
 ) -> Iterator[Packet]:
     """Cut a recording into `count` packets of one knot interval each, in time order.
 
@@ -86,12 +87,15 @@ def packets(
         count: number of packets.
         tracked: observations of each packet, as an `ObservationStream` yields them; None: those in the
             recording itself. Packets of an event recording also carry the number of its events.
+        skip: packets to omit at the beginning; `tracked` does not contain their observations.
     """
     ends_ns = start_ns + interval_ns * np.arange(count + 1, dtype=np.int64)
     events = [None] * count if isinstance(recording, Recording) else event_counts(recording, ends_ns)
-    inertial = [batches(stream, ends_ns) for stream in (recording.gyroscope, recording.accelerometer)]
-    observed = batches(observations_of(recording), ends_ns) if tracked is None else tracked
-    columns = zip(ends_ns[1:], observed, *inertial, events, strict=True)
+    streams = (recording.gyroscope, recording.accelerometer)
+    inertial = [islice(batches(stream, ends_ns), skip, None) for stream in streams]
+    if tracked is None:
+        tracked = islice(batches(observations_of(recording), ends_ns), skip, None)
+    columns = zip(ends_ns[1 + skip :], tracked, *inertial, events[skip:], strict=True)
     for end_ns, observations, gyroscope, accelerometer, count_of_events in columns:
         yield Packet(int(end_ns), observations, gyroscope, accelerometer, count_of_events)
 

@@ -12,7 +12,9 @@ from typing import Protocol
 from asyneio.config import Config
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.odometry import Odometry
+from asyneio.pipeline.checkpoint import Checkpoints, CheckpointSettings
 from asyneio.pipeline.compilation import Compilation, compile_ahead, watch_compilation
+from asyneio.pipeline.fingerprint import fingerprint_of
 from asyneio.pipeline.frontend_thread import ObservationStream, ReplayedStream, TrackSource
 from asyneio.pipeline.packets import calibration_of, check_inertial_scales, packets, usable_span
 from asyneio.pipeline.summarize import Costs, Grid, Outcome, summarize
@@ -93,6 +95,7 @@ def run_recording(
     initial_state: InitialState | None = None,
     estimator: Estimator | None = None,
     watch: Watch | None = None,
+    checkpoints: CheckpointSettings | None = None,
 ) -> RunResult:
     """Run the estimator over a whole recording; for events, the front end runs in parallel.
 
@@ -105,13 +108,16 @@ def run_recording(
         initial_state: state at which the first segment begins, if it is known.
         estimator: used instead of `Odometry(config, calibration, initial_state)`.
         watch: called after each packet.
+        checkpoints: write checkpoints, and continue from one; with the same arguments otherwise, the result
+            is that of an uninterrupted run, except for times. None: no checkpoints.
 
     An error of the estimator ends the run: the estimates until then are kept, and `summary.failure` states
     the cause.
 
     Raises:
         RecordingError: the recording is shorter than two knot intervals, has no inertial samples or no
-            calibration, or inertial samples whose scale disagrees with gravity.
+            calibration, or inertial samples whose scale disagrees with gravity; the checkpoint to resume
+            from belongs to another run.
         RunInterrupted: Ctrl-C while the estimator ran.
     """
     grid = _grid(recording, config.window.knot_interval_s)
@@ -121,8 +127,13 @@ def run_recording(
         used: Estimator = estimator or Odometry(config, calibration_of(recording), initial_state)
         source = _track_source(recording, config, grid, observations)
         loop = _Loop(used, source, compilation, progress, grid, watch)
+        if checkpoints is not None:
+            fingerprint = fingerprint_of(recording, config)
+            loop.use_checkpoints(Checkpoints(checkpoints, fingerprint, progress.message))
         loop.run(recording)
-    outcome = Outcome(loop.done, used.calibration(), source.observations(), source.notes(), loop.error)
+    outcome = Outcome(
+        loop.done, loop.estimator.calibration(), source.observations(), source.notes(), loop.error
+    )
     costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
     summary = summarize(recording, outcome, grid, costs)
     _log_summary(summary, source)
@@ -182,34 +193,69 @@ class _Loop:
     error: str = ""
     interrupted: bool = False
     wall_s: float = 0.0
+    checkpoints: Checkpoints | None = None
+    _started_s: float = 0.0
+
+    def use_checkpoints(self, checkpoints: Checkpoints) -> None:
+        """Write checkpoints, and continue from the newest one if the run resumes."""
+        self.checkpoints = checkpoints
+        restored = checkpoints.start()
+        if restored is None:
+            return
+        self.estimator, self.wall_s = restored.estimator, restored.wall_s
+        self.source.restore(restored.source, restored.produced.observations)
+        self.done = Run(restored.produced.estimates, restored.produced.reports)
+        for report in self.done.reports:
+            self._note_origin(report)
+        self.progress.message(f"resumed after {self._done_s():.1f} s of the recording")
 
     def run(self, recording: Recording | EventRecording) -> None:
         """Process all packets; `wall_s` is the time it took, without compilation."""
-        compiled_s, started = self.compilation.seconds, time.perf_counter()
-        grid = self.grid
+        grid, skip = self.grid, len(self.done.reports)
+        self._started_s = time.perf_counter() - self.compilation.seconds - self.wall_s
         try:
-            for packet in packets(recording, grid.start_ns, grid.interval_ns, grid.total, self.source):
+            for packet in packets(recording, grid.start_ns, grid.interval_ns, grid.total, self.source, skip):
                 report = self._step(packet)
                 self.source.set_outlier_share(report.outlier_share)
                 self._show(report)
                 if self.watch is not None:
                     self.watch(packet, self.estimator.landmarks(), self.done)
+                self._write_checkpoint()
         except AsyneioError as caught:
             self.error = str(caught)
         except KeyboardInterrupt:
             self.error, self.interrupted = f"interrupted after {self._done_s():.1f} s", True
-        self.wall_s = max(time.perf_counter() - started - (self.compilation.seconds - compiled_s), 0.0)
+        self.wall_s = self._elapsed_s()
+
+    def _elapsed_s(self) -> float:
+        return max(time.perf_counter() - self.compilation.seconds - self._started_s, 0.0)
+
+    def _write_checkpoint(self) -> None:
+        """Write a checkpoint when it is due and the source has captured its state."""
+        if self.checkpoints is None or not self.checkpoints.due():
+            return
+        state = self.source.state()
+        if state is None:
+            self.source.request_state()
+        else:
+            self.checkpoints.write(self.estimator, state, self._elapsed_s())
 
     def _step(self, packet: Packet) -> StepReport:
         """Process one packet; its report contains the processing time without compilation."""
         compiled_s, started = self.compilation.seconds, time.perf_counter()
         estimates, report = self.estimator.process(packet)
         seconds = time.perf_counter() - started - (self.compilation.seconds - compiled_s)
+        report = replace(report, seconds=max(seconds, 0.0))
         self.done.estimates.extend(estimates)
-        self.done.reports.append(replace(report, seconds=max(seconds, 0.0)))
+        self.done.reports.append(report)
+        self._note_origin(report)
+        if self.checkpoints is not None:
+            self.checkpoints.add(estimates, report, packet.observations)
+        return report
+
+    def _note_origin(self, report: StepReport) -> None:
         if report.origin is not None:
             self.origins[report.origin.segment] = report.origin
-        return report
 
     def _show(self, report: StepReport) -> None:
         done_s, grid = self._done_s(), self.grid

@@ -8,9 +8,10 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from asyneio.types import (
-    Health,
-)
+from asyneio.types import Health
+
+#: Fields of `Summary` that depend on the machine and its load.
+_TIMING = ("processing_s", "compile_s", "real_time_factor", "frontend_s", "slowest_step_s")
 
 
 @dataclass(frozen=True)
@@ -123,8 +124,15 @@ class Summary:
     imu_scale: ImuScaleSummary | None = None
 
     def to_json(self) -> str:
-        """The summary as JSON text; numbers that are not finite become null."""
-        return json.dumps(_plain(asdict(self)), indent=2) + "\n"
+        """The summary as JSON text; numbers that are not finite become null.
+
+        `status` is `complete` or `incomplete`. The times that another run of the same recording does not
+        repeat are in a section `timing`.
+        """
+        fields = asdict(self)
+        timing = {name: fields.pop(name) for name in _TIMING}
+        status = "incomplete" if self.failure else "complete"
+        return json.dumps(_plain({"status": status, **fields, "timing": timing}), indent=2) + "\n"
 
 
 def _plain(value: Any) -> Any:

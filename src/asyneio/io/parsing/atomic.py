@@ -14,6 +14,8 @@ from asyneio.errors import RecordingError
 
 #: Suffix of an output that is being written.
 PART_SUFFIX = ".part"
+#: Suffix of the temporary files of this module, so that those of a killed process are recognized.
+_TEMPORARY_SUFFIX = ".tmp"
 
 
 @contextmanager
@@ -37,7 +39,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=_TEMPORARY_SUFFIX)
         temporary = Path(name)
         try:
             yield temporary
@@ -68,6 +70,12 @@ def make_folder(path: Path) -> None:
     probe = path / ".writable"
     write_text(probe, "")
     probe.unlink()
+
+
+def remove_temporary(folder: Path) -> None:
+    """Remove the temporary files that writers in a folder left behind when their process was killed."""
+    for path in folder.glob(f".*.????????{_TEMPORARY_SUFFIX}"):
+        path.unlink(missing_ok=True)
 
 
 def remove_empty(folder: Path) -> None:
