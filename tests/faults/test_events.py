@@ -28,7 +28,9 @@ def write(path: Path, events: np.ndarray) -> Path:
 
 def converted(asyneio: Asyneio, path: Path) -> tuple[int, str, np.ndarray | None]:
     """Exit status, messages, and events of `asyneio convert`."""
-    target = path.parent / "out.h5"
+    target = path.parent / "out" / "events.h5"
+    target.parent.mkdir(exist_ok=True)
+    target.unlink(missing_ok=True)
     status, _, said = asyneio("convert", path, target)
     assert target.exists() == (status == 0)
     if status:

@@ -231,6 +231,7 @@ def _fill(
     notes: list[str] = []
 
     def note(label: str, key: str) -> None:
+        """Record that a value is that of the preset, and where it was published."""
         notes.append(f"{label} of the preset {preset.name}: {preset.sources[key]}")
 
     if parts.intrinsics is None and preset.lens is not None:
