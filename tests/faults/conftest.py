@@ -27,7 +27,7 @@ SAMPLES_HEADER = "t_ns,gx,gy,gz,ax,ay,az"
 @pytest.fixture(scope="session")
 def simulation() -> Simulation:
     """Four seconds of a hand-held camera with tracks, and an IMU with one clock for both sensors."""
-    return simulated(0, accelerometer_rate_hz=RATE_HZ)
+    return simulated(0, accelerometer_rate_hz=RATE_HZ, accelerometer_offset_s=0.0)
 
 
 @pytest.fixture(scope="session")

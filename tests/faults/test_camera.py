@@ -24,9 +24,9 @@ def test_a_gap_of_observations_degrades(run: Run, simulation: Simulation, tmp_pa
     write_tracks_folder(replace(recording, observations=dark), tmp_path / "desk")
     ran = run(tmp_path / "desk")
     assert ran.status == 0
-    assert any(reason.startswith("no observations for 0.") for reason in ran.reasons("DEGRADED"))
-    assert ran.states[-1]["health"] == "TRACKING"
-    assert {row["segment"] for row in ran.states if row["health"] == "TRACKING"} == {"0"}
+    assert any(reason.startswith("no observations for 0.") for reason in ran.reasons("degraded"))
+    assert ran.states[-1]["health"] == "tracking"
+    assert {row["segment"] for row in ran.states if row["health"] == "tracking"} == {"0"}
     with np.load(ran.folder / "estimates.npz") as estimates:
         sigma = np.sqrt(np.trace(estimates["covariance"][:, 9:12, 9:12], axis1=1, axis2=2))
         seconds = 1e-9 * (estimates["t_ns"] - simulation.truth.start_ns)
@@ -42,7 +42,7 @@ def test_rotation_alone_does_not_initialize(run: Run, tmp_path: Path) -> None:
     write_tracks_folder(simulate(varied(0, **changes)).recording, tmp_path / "turning")
     ran = run(tmp_path / "turning")
     assert ran.status == 1
-    assert {row["health"] for row in ran.states} == {"INITIALIZING"}
+    assert {row["health"] for row in ran.states} == {"initializing"}
     assert not (ran.folder / "trajectory.tum").exists()
     assert (ran.folder / "attitude.csv").exists()
 

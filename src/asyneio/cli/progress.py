@@ -107,7 +107,7 @@ def _counting(bar: Progress, what: str) -> Iterator[Callable[[int, int], float]]
     reused: list[int] = []
 
     def count(done: int, total: int) -> float:
-        """Update the bar; the rate [1/s] of what was done in this session, 0 in the first second."""
+        """Update the progress; the rate [1/s] of what was done in this session, 0 in the first second."""
         if not reused:
             reused.append(done)
             bar.reset(task, total=total, completed=done)

@@ -104,7 +104,7 @@ class _Walk:
         return int(count)
 
     def put(self, name: str, dtype: str, count: int) -> None:
-        """Record a field of `count` numbers and skip them. Raises ValueError: the message is too short."""
+        """Note a field of `count` numbers and skip them. Raises ValueError: the message is too short."""
         size = int(dtype[1])
         if count:
             self.align(size)
