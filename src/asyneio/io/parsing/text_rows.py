@@ -197,7 +197,7 @@ def _collect(path: Path | ZipMember, lines: BoundedLines, expected: str, given: 
                 f"{path} has more than {MAX_BAD_LINES} unreadable lines, the last at {number}: "
                 f"{text[:60]!r}; expected {expected}{_date_hint(tokens, time)}"
             )
-    notes = (f"{path.name}: commas read as decimal points",) if dialect.decimal_comma else ()
+    notes = _comma_notes(path.name, dialect)
     if last and last == lines.open_line and count - 1 not in texts_in:
         state = _state_of_end(dialect, texts[: len(times) - 1], tokens)
         if state is not LastNumber.COMPLETE:
@@ -206,6 +206,10 @@ def _collect(path: Path | ZipMember, lines: BoundedLines, expected: str, given: 
             notes += (open_end_note(path.name, last, state),)
     table = np.array(values, dtype=np.float64).reshape(-1, count)
     return TextRows(path, columns, time, times, table, bad, notes, texts[0], dialect.mark)
+
+
+def _comma_notes(name: str, dialect: Dialect) -> tuple[str, ...]:
+    return (f"{name}: commas read as decimal points",) if dialect.decimal_comma else ()
 
 
 def _state_of_end(dialect: Dialect, texts: list[str], tokens: list[str]) -> LastNumber:
