@@ -25,6 +25,8 @@ from asyneio.config import load_config
 from asyneio.errors import AsyneioError, CalibrationError, ConfigError, RecordingError
 from asyneio.io import open_recording, read_trajectory
 from asyneio.io.calibration import read_calibration
+from asyneio.io.recording.inertial_units import check_units
+from asyneio.types import INERTIAL_DTYPE
 from tests.io.prophesee.files import event, high
 from tests.io.small_files import FILES
 from tests.io.validity import assert_valid
@@ -218,6 +220,17 @@ def test_npy_header_that_does_not_end(tmp_path: Path, end: str) -> None:
         else:
             path.write_bytes(data)
         assert_rejected(lambda path=path: open_recording(path), "expected arrays named t, x, y, p")
+
+
+@pytest.mark.filterwarnings("error")
+def test_readings_whose_norm_overflows() -> None:
+    """Every third reading is finite, but its square is not."""
+    gyroscope, accelerometer = np.zeros(100, INERTIAL_DTYPE), np.zeros(100, INERTIAL_DTYPE)
+    gyroscope["t_ns"] = accelerometer["t_ns"] = 5_000_000 * np.arange(100)
+    accelerometer["xyz"][:, 2], accelerometer["xyz"][::3, 0] = 9.81, 1e200
+    gyroscope["xyz"][::3, 0] = 1e200
+    streams = check_units(gyroscope, accelerometer, ())
+    assert any("deg/s" in note for note in streams.notes)
 
 
 @pytest.mark.parametrize("size", ["0x0", "-1x5", "99999999x99999999", "1e9x2", "65536x2", "9" * 5000 + "x1"])
