@@ -28,7 +28,7 @@ class Preset:
         title: name for people.
         size: width and height of the sensor [px].
         noise: of the built-in IMU.
-        lens: intrinsics of one unit, with its extrinsics `T_b_c` (4,4), camera to body, and `timeshift_ns`.
+        intrinsics: of one unit, with its extrinsics `T_b_c` (4,4), camera to body, and `timeshift_ns`.
         sources: source of each value.
         missing: why there are no extrinsics, and what to do.
         settings: settings that this camera needs, by section of the configuration.
@@ -38,7 +38,7 @@ class Preset:
     title: str
     size: tuple[int, int]
     noise: ImuNoise | None = None
-    lens: CameraIntrinsics | None = None
+    intrinsics: CameraIntrinsics | None = None
     T_b_c: FloatArray | None = None
     timeshift_ns: int | None = None
     sources: Mapping[str, str] = field(default_factory=dict)
@@ -98,7 +98,7 @@ PRESETS: dict[str, Preset] = {
             2_400_000,
             {
                 "noise": "data sheet of the MPU-6150 (densities), PA-EVIO (random walks)",
-                "lens": "calib.txt of the data set",
+                "intrinsics": "calib.txt of the data set",
                 "extrinsics": _ULTIMATE_SLAM,
                 "time shift": "ijrr17.launch of Ultimate SLAM (delay of the IMU's low-pass filter)",
             },

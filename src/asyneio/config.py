@@ -16,6 +16,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from asyneio.errors import ConfigError
+from asyneio.safe_yaml import MAX_BYTES, UnsafeYamlError, load_yaml
 
 #: Largest number of errors that are reported for a file.
 _MOST_ERRORS = 4
@@ -293,16 +294,22 @@ def dump_config(config: Config) -> str:
 
 def _read(path: Path) -> dict[Any, Any]:
     try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+        with path.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise UnsafeYamlError(f"is larger than {MAX_BYTES // 1024} KiB")
+        raw = load_yaml(data.decode("utf-8-sig"))
     except OSError as error:
         raise ConfigError(
             f"cannot read the configuration {path}: {error.strerror}; check the path"
         ) from error
-    except Exception as error:
-        # PyYAML's constructors raise IndexError, ValueError, RecursionError and others.
+    except UnicodeDecodeError as error:
         raise ConfigError(
-            f"{path} is not valid YAML: {' '.join(str(error).split())[:200]}; "
-            "expected sections with settings, as in config.yaml of a run"
+            f"{path} is not text in UTF-8 ({error.reason}); expected a configuration"
+        ) from error
+    except UnsafeYamlError as error:
+        raise ConfigError(
+            f"{path} {error}; expected sections with settings, as in config.yaml of a run"
         ) from error
     if raw is None:
         return {}

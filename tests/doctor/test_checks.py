@@ -12,7 +12,7 @@ from asyneio.doctor import CheckResult, Severity
 from asyneio.doctor.checks.event_pixels import check_hot_pixels, check_resolution
 from asyneio.doctor.checks.event_time import check_event_clock, check_event_rate, check_flicker
 from asyneio.doctor.checks.imu_values import check_noise
-from asyneio.doctor.checks.intrinsics import check_focal_length, check_lens
+from asyneio.doctor.checks.intrinsics import check_distortion, check_focal_length
 from asyneio.doctor.checks.truth import check_truth
 from asyneio.doctor.event_scan import EventScan
 from asyneio.doctor.inspection import Inspection
@@ -137,7 +137,7 @@ def test_one_hot_pixel_is_a_note(rng: np.random.Generator) -> None:
 )
 def test_plausible_distortion(model: Distortion, coefficients: tuple[float, ...], severity: Severity) -> None:
     camera = CameraIntrinsics(110.0, 110.0, 119.5, 89.5, 240, 180, model, coefficients)
-    found = result(check_lens(inspection(camera=camera)))
+    found = result(check_distortion(inspection(camera=camera)))
     assert found.severity is severity, found
 
 

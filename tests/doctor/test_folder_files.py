@@ -94,4 +94,4 @@ def test_a_malformed_calibration_file_does_not_hide_the_intrinsics(folder: Path)
     report = examine(folder)
     assert report.headline.startswith("not usable as it is; first cause: calibration: ")
     assert "imu.yaml" in report.headline
-    assert any(result.check == "lens" for result in report.results)
+    assert any(result.check == "distortion" for result in report.results)

@@ -47,12 +47,15 @@ ROWS = (
     ),
     Row("davis240_imu", (), {"recording": FAIL}, ("2 recordings", "name one of them")),
     Row(
-        "davis240_imu/camchain-imucam.yaml", (), {"recording": WARNING, "lens": OK}, ("a calibration alone",)
+        "davis240_imu/camchain-imucam.yaml",
+        (),
+        {"recording": WARNING, "distortion": OK},
+        ("a calibration alone",),
     ),
     Row("dvs128/building.mat", (), {"recording": FAIL}, ("a MATLAB file", "one line `t[s] x y p` per event")),
     Row("dvs128/stripes.mat", (), {"recording": FAIL}, ("a MATLAB file", "one line `t[s] x y p` per event")),
-    Row("ecd_excerpts/shapes_rotation", ("track",), _EXCERPT | {"lens": OK}, ("no inertial samples",)),
-    Row("ecd_excerpts/dynamic_translation", ("track",), _EXCERPT | {"lens": OK}, ("a short excerpt",)),
+    Row("ecd_excerpts/shapes_rotation", ("track",), _EXCERPT | {"distortion": OK}, ("no inertial samples",)),
+    Row("ecd_excerpts/dynamic_translation", ("track",), _EXCERPT | {"distortion": OK}, ("a short excerpt",)),
     Row("ecd_excerpts/boxes_translation", ("track",), _EXCERPT | {"event rate": NOTE}, ("2.64 Mev/s",)),
     Row(
         "ecd_shapes_rotation_imu",
@@ -63,7 +66,7 @@ ROWS = (
             "imu range": OK,
             "imu units": OK,
             "imu gravity": NOTE,
-            "lens": OK,
+            "distortion": OK,
         },
         ("0.106004 s: a short excerpt", "in the steadiest half second", "at least 1 s"),
     ),

@@ -35,7 +35,7 @@ def test_good_samples_pass_untouched(rng: np.random.Generator) -> None:
     samples = swinging(rng)
     gate = SampleGate()
     np.testing.assert_array_equal(through(gate, samples, LIMITS), samples)
-    assert gate.refused == 0
+    assert gate.rejected == 0
 
 
 @pytest.mark.parametrize("packet", [5, 20, 100, 1000])
@@ -116,7 +116,7 @@ def refused_share(samples: RecordArray, density: float, least_range: float) -> f
     gate = SampleGate()
     limits = SensorLimits(density * rate_hz**0.5, least_range)
     through(gate, samples, limits, round(rate_hz / 10.0))
-    return gate.refused / len(samples)
+    return gate.rejected / len(samples)
 
 
 def test_real_hand_held_imu_loses_nothing(data_dir: Path) -> None:

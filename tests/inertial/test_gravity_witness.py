@@ -42,7 +42,7 @@ def hand(rate_scale: float = 1.0, force_scale: float = 1.0) -> GravityWitness:
 @pytest.mark.parametrize("scale", [1.0, 2.0, 0.125, 180.0 / np.pi])
 def test_the_scale_of_the_gyroscope_is_found(scale: float) -> None:
     witness = hand(rate_scale=scale)
-    assert witness.told
+    assert witness.observable
     assert witness.scale == pytest.approx(scale, rel=0.1)
     assert abs(np.log(witness.scale / scale)) < 4.0 * witness.log_sigma
     assert bool(witness.gyroscope_complaint()) == (scale != 1.0)
@@ -63,7 +63,7 @@ def test_a_body_whose_tilt_and_acceleration_cancel_tells_nothing() -> None:
     up = Rotation.from_euler("xyz", tilt).apply([0.0, 0.0, GRAVITY])
     witness = ask_gravity(*streams(tilt, up - [0.0, 0.0, GRAVITY]))
     assert witness is not None
-    assert not witness.told
+    assert not witness.observable
     assert witness.gyroscope_complaint() == ""
     assert witness.force_complaint() == ""
 
@@ -72,7 +72,7 @@ def test_rest_and_short_recordings_tell_nothing_of_the_gyroscope() -> None:
     gyroscope, accelerometer = streams(np.zeros((T.size, 3)), np.zeros((T.size, 3)))
     witness = ask_gravity(gyroscope, accelerometer)
     assert witness is not None
-    assert not witness.told
+    assert not witness.observable
     assert ask_gravity(gyroscope[:50], accelerometer[:50]) is None
     assert ask_gravity(gyroscope[:1], accelerometer) is None
 

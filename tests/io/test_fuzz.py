@@ -16,6 +16,8 @@ from hypothesis import strategies as st
 
 from asyneio.io import open_recording, read_inertial_file, read_trajectory
 from asyneio.io import write_tracks_folder as write_tracks
+from fuzz import corpus_of
+from tests.io.fuzz_targets import Target, make_targets
 from tests.io.prophesee.files import DAT, NEW, OLD
 from tests.io.recordings import START_NS, make_recording
 from tests.io.small_files import FILES
@@ -60,6 +62,20 @@ def test_random_bytes(tmp_path: Path, head: bytes, data: bytes) -> None:
     path = tmp_path / "recording"
     path.write_bytes(head + data)
     valid_or_rejected(lambda: open_recording(path), assert_valid)
+
+
+@pytest.fixture(scope="module")
+def targets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Target]:
+    return make_targets(tmp_path_factory.mktemp("targets"))
+
+
+def test_corpus(targets: dict[str, Target]) -> None:
+    """Inputs that once led to a new kind of outcome: none ends in anything but an error of asyneio."""
+    inputs = {name: corpus_of(name) for name in targets}
+    assert sum(map(len, inputs.values())) > 100
+    for name, contents in inputs.items():
+        for content in contents:
+            targets[name].read(content)
 
 
 @pytest.fixture(scope="module")

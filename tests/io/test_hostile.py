@@ -21,9 +21,12 @@ import numpy as np
 import pytest
 from backports import zstd
 
-from asyneio.errors import AsyneioError, CalibrationError, RecordingError
+from asyneio.config import load_config
+from asyneio.errors import AsyneioError, CalibrationError, ConfigError, RecordingError
 from asyneio.io import open_recording, read_trajectory
 from asyneio.io.calibration import read_calibration
+from asyneio.io.recording.inertial_units import check_units
+from asyneio.types import INERTIAL_DTYPE
 from tests.io.prophesee.files import event, high
 from tests.io.small_files import FILES
 from tests.io.validity import assert_valid
@@ -204,6 +207,32 @@ def test_npy_of_absurd_size(tmp_path: Path, shape: str) -> None:
         assert_rejected(lambda: open_recording(path))
 
 
+@pytest.mark.parametrize("end", ["", "(", "'shape': (3, 4", "}}", "\0", "  \\"])
+def test_npy_header_that_does_not_end(tmp_path: Path, end: str) -> None:
+    """NumPy tokenizes headers as Python and raises its errors."""
+    header = f"{{'descr': '<i8', 'fortran_order': False, {end}".encode().ljust(118)
+    for name, wrap in (("x.npy", False), ("x.npz", True)):
+        path = tmp_path / name
+        data = b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header + bytes(64)
+        if wrap:
+            with zipfile.ZipFile(path, "w") as archive:
+                archive.writestr("t.npy", data)
+        else:
+            path.write_bytes(data)
+        assert_rejected(lambda path=path: open_recording(path), "expected arrays named t, x, y, p")
+
+
+@pytest.mark.filterwarnings("error")
+def test_readings_whose_norm_overflows() -> None:
+    """Every third reading is finite, but its square is not."""
+    gyroscope, accelerometer = np.zeros(100, INERTIAL_DTYPE), np.zeros(100, INERTIAL_DTYPE)
+    gyroscope["t_ns"] = accelerometer["t_ns"] = 5_000_000 * np.arange(100)
+    accelerometer["xyz"][:, 2], accelerometer["xyz"][::3, 0] = 9.81, 1e200
+    gyroscope["xyz"][::3, 0] = 1e200
+    streams = check_units(gyroscope, accelerometer, ())
+    assert any("deg/s" in note for note in streams.notes)
+
+
 @pytest.mark.parametrize("size", ["0x0", "-1x5", "99999999x99999999", "1e9x2", "65536x2", "9" * 5000 + "x1"])
 def test_absurd_sensor_size(tmp_path: Path, size: str) -> None:
     """The size is ignored or rejected; no image of this size is allocated."""
@@ -268,6 +297,29 @@ def test_calibration_that_refers_to_another_folder(tmp_path: Path, where: str) -
     path = folder / "rig.yaml"
     path.write_text(f"%YAML:1.0\nimu: 1\nnum_of_cam: 1\ncam0_calib: {where!r}\n".replace("'\\x00'", '"\\0"'))
     assert_rejected(lambda: read_calibration(path, size=(240, 180)))
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        (LAUGHS, "uses more than 32 aliases"),
+        ("a: " * 5 + "!!python/object/apply:os.system ['touch written']\n", "not valid YAML"),
+        ("".join(" " * k + f"k{k}:\n" for k in range(60)), "nested more than 32 levels deep"),
+        ("- " * 500 + "1\n", "nested more than 32 levels deep"),
+        ("[" * 2000, "more than 1000 brackets"),
+        ("# comment\n" * 10_000, "larger than 64 KiB"),
+        ("window: {length_s: " + "9" * 5000 + "}\n", "."),
+        ("window: \xff".encode("latin-1"), "not text in UTF-8"),
+        (b"\0\0\0\0", "not valid YAML"),
+    ],
+)  # fmt: skip
+def test_settings(tmp_path: Path, text: str | bytes, match: str) -> None:
+    """The settings of a run are read with the same limits as a calibration."""
+    path = tmp_path / "config.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ConfigError, match=match):
+        load_config(path)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["config.yaml"]
 
 
 def test_line_without_end(tmp_path: Path) -> None:

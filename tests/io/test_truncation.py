@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import gzip
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from asyneio.errors import AsyneioError, RecordingError
-from asyneio.io import ReadOptions, open_recording
+from asyneio.io import ReadOptions, open_recording, read_inertial_file, read_trajectory
 from asyneio.io.recording.damage import damage_notes
 from asyneio.types import EventRecording
 from tests.io.damage import damaged_copies, intact_file, truncated
@@ -87,6 +88,64 @@ def test_the_last_event_of_an_intact_text_is_kept(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().rstrip(b"\n"))
     found = open_recording(path, ReadOptions(strict=True))
     assert found.events.size == count
+
+
+def _samples(count: int, shown: str) -> str:
+    rows = ((0.005 * k, 0.1 * np.sin(k)) for k in range(count))
+    return "".join(f"{t:.3f} 0.01 0.02 9.81 0.001 0.002 {last:{shown}}\n" for t, last in rows)
+
+
+def _poses(count: int, shown: str) -> str:
+    rows = ((0.1 * k, np.sin(0.01 * k), np.cos(0.01 * k)) for k in range(count))
+    return "".join(f"{t:.1f} {t:.1f} 0 0 0 0 {z:.12f} {w:{shown}}\n" for t, z, w in rows)
+
+
+_READERS: dict[str, tuple[Callable[[int, str], str], Callable[[Path], tuple[int, tuple[str, ...]]]]] = {
+    "imu.txt": (_samples, lambda path: (len((found := read_inertial_file(path)).gyroscope), found.notes)),
+    "groundtruth.txt": (_poses, lambda path: (len((found := read_trajectory(path))[0].t_ns), found[1])),
+}
+
+
+@pytest.mark.parametrize("name", _READERS)
+@pytest.mark.parametrize("shown", [".6f", ".9f", ".6e"])
+@pytest.mark.parametrize("cut", range(1, 6))
+def test_a_number_that_lost_digits_is_no_sample_or_pose(
+    tmp_path: Path, name: str, shown: str, cut: int
+) -> None:
+    """All numbers have as many decimals: the last one shows the cut."""
+    write, read = _READERS[name]
+    path = tmp_path / name
+    path.write_text(write(30, shown)[: -1 - cut])
+    count, notes = read(path)
+    assert count == 29
+    # An exponent without digits is no number at all.
+    expected = f"{name} ends inside line 30: truncated? read up to there"
+    unreadable = f"{name}: skipped 1 unreadable line(s), number 30"
+    assert damage_notes(notes) in ((expected,), (unreadable,))
+
+
+@pytest.mark.parametrize("name", _READERS)
+def test_a_complete_last_line_needs_no_line_feed(tmp_path: Path, name: str) -> None:
+    write, read = _READERS[name]
+    path = tmp_path / name
+    path.write_text(write(30, ".9f").rstrip("\n"))
+    count, notes = read(path)
+    assert count == 30
+    assert damage_notes(notes) == ()
+
+
+@pytest.mark.parametrize("name", _READERS)
+def test_a_last_number_of_unknown_length_is_not_used(tmp_path: Path, name: str) -> None:
+    """Decimals vary: the file may be complete, so it is not damaged."""
+    write, read = _READERS[name]
+    path = tmp_path / name
+    lines = write(30, ".9f").splitlines()
+    lines[3] = lines[3][:-6]
+    path.write_text("\n".join(lines)[:-4])
+    count, notes = read(path)
+    assert count == 29
+    assert damage_notes(notes) == ()
+    assert any(note.startswith(f"{name}: line 30 is not used: no line feed ends it") for note in notes)
 
 
 def test_truncated_gzip(tmp_path: Path) -> None:

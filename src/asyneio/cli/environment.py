@@ -57,15 +57,19 @@ class _PipeWriter(io.RawIOBase):
         self._file_number = file_number
 
     def fileno(self) -> int:
+        """The number of the open file."""
         return self._file_number
 
     def writable(self) -> bool:
+        """True: the buffer of a text stream requires it."""
         return True
 
     def isatty(self) -> bool:
+        """Whether a terminal shows the output."""
         return os.isatty(self._file_number)
 
     def write(self, data: Any) -> int:
+        """Write the bytes; discard them once the pipe is closed, so that the exit status stays."""
         try:
             return os.write(self._file_number, data)
         except BrokenPipeError:

@@ -31,6 +31,7 @@ def share_progress(what: str, amount: float = 0.0, unit: str = "") -> Iterator[P
         task = bar.add_task(what, total=1.0, rate="")
 
         def advance(share: float) -> None:
+            """Show a share, 0 to 1, with the rate of the whole amount."""
             elapsed_s = bar.tasks[0].elapsed or 0.0
             rate = f"{share * amount / elapsed_s:.3g} {unit}" if amount and elapsed_s > 0.5 else ""
             bar.update(task, completed=share, rate=rate)
@@ -56,6 +57,7 @@ def task_progress(what: str) -> Iterator[TaskCallback]:
     with _bar(MofNCompleteColumn()) as bar, _counting(bar, what) as count:
 
         def advance(done: int, total: int, failed: int) -> None:
+            """Show the numbers of tasks that are done, in total and failed."""
             rate = count(done, total)
             shown = f"{rate:.2f}/s" if rate else ""
             bar.update(bar.tasks[0].id, rate=f"{shown}, {failed} failed" if failed else shown)
@@ -72,6 +74,7 @@ def event_progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
     with _bar(TaskProgressColumn()) as bar, _counting(bar, what) as count:
 
         def advance(done: int) -> None:
+            """Show the number of events that are done, with their rate."""
             rate = count(done, total)
             bar.update(bar.tasks[0].id, rate=f"{rate / 1e6:.1f} Mev/s" if rate else "")
 
@@ -104,6 +107,7 @@ def _counting(bar: Progress, what: str) -> Iterator[Callable[[int, int], float]]
     reused: list[int] = []
 
     def count(done: int, total: int) -> float:
+        """Update the progress; the rate [1/s] of what was done in this session, 0 in the first second."""
         if not reused:
             reused.append(done)
             bar.reset(task, total=total, completed=done)

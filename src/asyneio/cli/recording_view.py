@@ -41,6 +41,7 @@ def recording_view(recording: Recording | EventRecording, show: bool) -> Iterato
     shown = 0
 
     def watch(packet: Packet, landmarks: FloatArray, run: Run) -> None:
+        """Show a step of the run: estimates, newest events, measurements, landmarks (N,3) [m, world]."""
         nonlocal shown
         estimates = tuple(run.estimates[shown:])
         shown = len(run.estimates)

@@ -40,7 +40,7 @@ from asyneio.doctor.checks.imu_values import (
     check_spikes_and_saturation,
     check_stationary,
 )
-from asyneio.doctor.checks.intrinsics import check_calibration_there, check_focal_length, check_lens
+from asyneio.doctor.checks.intrinsics import check_calibration_there, check_distortion, check_focal_length
 from asyneio.doctor.checks.replay import check_replay
 from asyneio.doctor.checks.truth import check_truth
 from asyneio.doctor.folder_files import check_files
@@ -77,7 +77,7 @@ CHECKS: tuple[Callable[[Inspection], CheckResult | None], ...] = (
     check_replay,
     check_overlap_of_clocks,
     check_calibration_there,
-    check_lens,
+    check_distortion,
     check_focal_length,
     check_extrinsics,
     check_image_scale,

@@ -21,6 +21,7 @@ def borrowed(_context: Any, values: Any) -> Any:
         return None
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        """Emit the members without their owners, for the compiler."""
         return _without_owner(context, builder, signature.return_type, args[0])
 
     return values(values), codegen

@@ -72,7 +72,7 @@ class SampleGate:
         return samples[~stuck]
 
     @property
-    def refused(self) -> int:
+    def rejected(self) -> int:
         """Number of samples rejected so far."""
         return self.spikes + self.saturated + self.corrupt
 

@@ -70,14 +70,14 @@ class GravityWitness:
     span_s: float
 
     @property
-    def told(self) -> bool:
+    def observable(self) -> bool:
         """Whether gravity rotates enough to determine the gyroscope's scale."""
         return self.against_rest > EXCLUDED and np.isfinite(self.log_sigma)
 
     def gyroscope_complaint(self) -> str:
         """A certain error of the gyroscope's scale, as a phrase; empty if there is none."""
         factor = max(self.scale, 1.0 / self.scale)
-        if not self.told or factor < SAME_SCALE or self.against_one < EXCLUDED:
+        if not self.observable or factor < SAME_SCALE or self.against_one < EXCLUDED:
             return ""
         return (
             f"the gyroscope reads {self.scale:.3g} times the rotation of gravity in the accelerometer"

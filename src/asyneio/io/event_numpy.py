@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import zipfile
-import zlib
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -21,6 +20,7 @@ from asyneio.errors import RecordingError
 from asyneio.io.calibration import find_calibration
 from asyneio.io.hdf5.columns import PolarityCheck, blocks, nanoseconds, pixels, signed
 from asyneio.io.parsing.column_meaning import Meaning, columns_by_name, columns_by_values, unit_of_time
+from asyneio.io.parsing.safe_npz import DAMAGE, read_npz
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.recording.event_source import SAMPLE_DTYPE, pack_events
 from asyneio.io.recording.sidecar import find_ground_truth, find_samples
@@ -33,9 +33,6 @@ _EXPECTED = (
     "with these fields"
 )
 _SAMPLE = 4096
-#: A larger ratio of declared to stored bytes is a decompression bomb.
-_MAX_RATIO, _FREE_BYTES = 200, 2**24
-_DAMAGE = (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, MemoryError)
 
 
 class NumpyEvents:
@@ -75,8 +72,7 @@ def is_npz(path: Path) -> bool:
                 return False
             with archive.open(names[0]) as member:
                 return member.read(len(MAGIC)) == MAGIC
-    # RuntimeError: an encrypted archive.
-    except (OSError, RuntimeError, *_DAMAGE):
+    except (OSError, *DAMAGE):
         return False
 
 
@@ -110,7 +106,7 @@ def read_columns(path: Path) -> tuple[list[np.ndarray], Meaning, str]:
         arrays, cut = _load(path)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise RecordingError(
             f"{path} cannot be read as a NumPy file: {' '.join(str(error).split())[:200]}; expected "
             f"{_EXPECTED}"
@@ -161,22 +157,7 @@ def _load(path: Path) -> tuple[dict[str, np.ndarray], str]:
     if not is_npz(path):
         array, cut = _load_npy(path, size)
         return {"": array}, cut
-    with zipfile.ZipFile(path) as archive:
-        claimed = sum(entry.file_size for entry in archive.infolist())
-    if claimed > _MAX_RATIO * size + _FREE_BYTES:
-        raise ValueError(f"its arrays declare {claimed} bytes, but the file has {size}")
-    arrays: dict[str, np.ndarray] = {}
-    with np.load(path, allow_pickle=False) as archive:
-        for name in archive.files:
-            try:
-                array = archive[name]
-            except ValueError:
-                # Pickled objects are not events.
-                continue
-            # NumPy returns bytes for members that are not arrays.
-            if isinstance(array, np.ndarray):
-                arrays[name] = array
-    return arrays, ""
+    return read_npz(path, _EXPECTED), ""
 
 
 def _load_npy(path: Path, size: int) -> tuple[np.ndarray, str]:

@@ -184,6 +184,9 @@ def described(path: Path) -> str:
         reject_decimal_commas(path.name, 1, line.decode("utf-8", errors="replace"))
     except RecordingError as error:
         return f"unreadable ({error})"
+    if line.count(b" ") == 3 and line.replace(b".", b"").replace(b" ", b"").isdigit():
+        shown = line[:60].decode("ascii", errors="replace")
+        return f"text of four numbers, but no event t[s] x y p with polarity 0 and 1 or -1 and 1 ({shown!r})"
     for magic, text in _NOT_READ.items():
         if head.startswith(magic):
             return f"{text}, which is not supported"

@@ -26,6 +26,7 @@ def with_one_blas_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @wraps(function)
     def limited(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        """The function, with one BLAS thread while it runs."""
         with _libraries().limit(limits=1):
             return function(*args, **kwargs)
 

@@ -108,7 +108,7 @@ class MeasurementBuffer:
             return streams
         if rates_hz is None:
             rates_hz = rate_hz(streams[0]), rate_hz(streams[1])
-        before = [(gate.refused, gate.saturated) for gate in self._gates]
+        before = [(gate.rejected, gate.saturated) for gate in self._gates]
         densities = self._noise.gyroscope_density, self._noise.accelerometer_density
         first, second = (
             gate.passed(samples, SensorLimits(density * np.sqrt(rate), least))
@@ -116,7 +116,7 @@ class MeasurementBuffer:
                 self._gates, streams, densities, rates_hz, _LEAST_RANGES, strict=True
             )
         )
-        self.rejected_samples = sum(g.refused - b[0] for g, b in zip(self._gates, before, strict=True))
+        self.rejected_samples = sum(g.rejected - b[0] for g, b in zip(self._gates, before, strict=True))
         self.rejected_sample_share = self.rejected_samples / max(len(streams[0]) + len(streams[1]), 1)
         self.saturated = any(g.saturated > b[1] for g, b in zip(self._gates, before, strict=True))
         return first, second

@@ -223,6 +223,7 @@ class _Problem:
             _add_prior(normal, pairs, [-1.0, 1.0], steps, wander.ravel())
 
     def result(self, state: PathState) -> PathFit:
+        """The fitted path, with its residuals. Raises SimulationError: they are too large."""
         rms = [float(np.sqrt(np.mean(r**2))) for r in self.left_over(state)]
         sensors = rms[:-2] or [float("nan")] * 2
         sigmas = (np.array(rms[:-2]) / self.sheet()).tolist() or sensors

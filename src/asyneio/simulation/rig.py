@@ -80,15 +80,18 @@ def simulate_inertial(
     other = draw_unit(imu.accelerometer, of_accelerometer, defines_axes=False)
 
     def force(t_s: FloatArray) -> FloatArray:
+        """Specific force with vibration (N,3) [m/s^2, body] at times (N,) [s]."""
         return specific_force_b(motion, t_s, scenario.gravity) + pushing.at(t_s)
 
     def turning(t_s: FloatArray) -> FloatArray:
+        """Angular velocity as the gyroscope's axes measure it (N,3) [rad/s] at times (N,) [s]."""
         rate = (motion.angular_velocity_b(t_s) + shaking.at(t_s)) @ unit.gain.T
         if not unit.g_sensitivity.any():
             return rate
         return rate + force(t_s) @ unit.g_sensitivity.T
 
     def pulling(t_s: FloatArray) -> FloatArray:
+        """Specific force as the accelerometer's axes measure it (N,3) [m/s^2] at times (N,) [s]."""
         return force(t_s) @ other.gain.T
 
     ahead_s = group_delay_s(imu.gyroscope)

@@ -79,7 +79,7 @@ def _parse(path: Path, number: int, line: bytes) -> Record:
             name: math.nan if value is None else float(value) for name, value in content["measured"].items()
         }
         return Record(**{**content, "measured": measured})
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise StudyError(
             f"line {number} of {path} is not a result of a study ({error}); "
             "remove that line, or use another folder"

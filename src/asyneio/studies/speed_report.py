@@ -63,7 +63,7 @@ def read_baseline(path: Path) -> Figures:
             return dict(found)
     except OSError as error:
         raise StudyError(f"cannot read the baseline {path}: {error.strerror or error}") from error
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         pass
     raise StudyError(f"{path} is not a baseline; expected JSON written by `asyneio bench speed -o FILE`")
 

@@ -181,7 +181,7 @@ def test_missing_noise_key_is_named(files: tuple[Path, Path]) -> None:
         ("cam0: [1,\n", "not valid YAML"),
         ("cam0: !!python/object/apply:os.system [exit]\n", "not valid YAML"),
         ("cam0: !!int ''\n", "not valid YAML"),
-        ("[" * 900, "not valid YAML"),
+        ("[" * 900, "nested more than 32 levels"),
         ("[" * 5000, "brackets"),
         ("a: &a [1]\nb: [" + "*a," * 40 + "]\n", "aliases"),
         ("#" * 300_000, "larger than"),

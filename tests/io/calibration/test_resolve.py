@@ -100,7 +100,7 @@ def test_folders_full_of_yaml(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("found", PRESETS.values(), ids=PRESETS.keys())
 def test_presets_are_whole(found: Preset) -> None:
-    for part, source in (("noise", "noise"), ("lens", "lens"), ("T_b_c", "extrinsics")):
+    for part, source in (("noise", "noise"), ("intrinsics", "intrinsics"), ("T_b_c", "extrinsics")):
         assert (getattr(found, part) is None) == (source not in found.sources)
     assert (found.T_b_c is None) == bool(found.missing)
     if found.noise is not None:
@@ -112,8 +112,8 @@ def test_presets_are_whole(found: Preset) -> None:
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-9)
         assert np.linalg.det(R) > 0.0
         assert np.linalg.norm(found.T_b_c[:3, 3]) < 0.1
-    if found.lens is not None:
-        assert (found.lens.width, found.lens.height) == found.size
+    if found.intrinsics is not None:
+        assert (found.intrinsics.width, found.intrinsics.height) == found.size
 
 
 @pytest.fixture
@@ -142,7 +142,7 @@ def test_a_preset_fills_in_what_is_missing(folder: Path) -> None:
     (folder / "calib.txt").unlink()
     found = open_recording(folder, ReadOptions(preset="DAVIS240C"))
     assert found.calibration is not None
-    assert found.calibration.camera == preset.lens
+    assert found.calibration.camera == preset.intrinsics
 
 
 def test_a_preset_tells_the_size(folder: Path) -> None:

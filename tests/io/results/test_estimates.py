@@ -78,7 +78,7 @@ def test_other_archives_are_refused(
 def test_pickled_objects_are_refused(tmp_path: Path, estimates: list[Estimate]) -> None:
     write_estimates(tmp_path / "e.npz", estimates)
     damage(tmp_path / "e.npz", velocity_w=np.array([{"a": 1}] * 5, dtype=object))
-    with pytest.raises(RecordingError, match="not a readable"):
+    with pytest.raises(RecordingError, match="lacks the arrays velocity_w"):
         read_estimates(tmp_path / "e.npz")
 
 
@@ -90,11 +90,10 @@ def test_truncated_archive_is_refused(tmp_path: Path, estimates: list[Estimate],
         read_estimates(tmp_path / "e.npz")
 
 
-def test_archive_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("asyneio.io.results.estimates._MAX_BYTES", 1000)
+def test_archive_bomb_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "e.npz", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("t_ns.npy", b"0" * 1001)
-    with pytest.raises(RecordingError, match="unpacks to 1001 bytes"):
+        archive.writestr("t_ns.npy", bytes(2**26))
+    with pytest.raises(RecordingError, match="its arrays declare 67108864 bytes, but the file has"):
         read_estimates(tmp_path / "e.npz")
 
 

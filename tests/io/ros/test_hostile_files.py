@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from asyneio.io.ros.event_arrays import EventArrayDecoder, event_fields
 from asyneio.io.ros.field_offsets import LayoutFinder, find_layout
 from asyneio.io.ros.number_table import NumberTable
 from asyneio.io.ros.ros1_writer import write_rosbag
+from asyneio.io.ros.rosbag2 import SqliteBag
 from asyneio.io.ros.schema import parse_schema
 from asyneio.types import EventRecording
 
@@ -118,3 +120,18 @@ def test_writer_refuses(tmp_path: Path, recording: EventRecording) -> None:
     with pytest.raises(RecordingError, match="a bag stores 0 to"):
         write_rosbag(replace(recording, events=early), tmp_path / "run.bag")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", ["NULL", "'a'", "x'00ff'", "-5", "1e300"])
+def test_sqlite_rows_with_any_number(tmp_path: Path, number: str) -> None:
+    """A damaged schema makes the id of a message an ordinary column."""
+    database = sqlite3.connect(tmp_path / "run.db3")
+    database.execute("CREATE TABLE topics(id, name, type, serialization_format)")
+    database.execute("CREATE TABLE messages(id, topic_id, timestamp, data)")
+    database.execute("INSERT INTO topics VALUES(1, '/a', 'std_msgs/msg/Empty', 'cdr')")
+    database.execute(f"INSERT INTO messages VALUES({number}, 1, 5, x'00010000')")
+    database.commit()
+    database.close()
+    found = list(SqliteBag(tmp_path / "run.db3").messages([]))
+    assert [message.logged_ns for message, _ in found] == [5]
+    assert 0.0 <= found[0][1] <= 1.0

@@ -60,7 +60,7 @@ def check_image_scale(inspection: Inspection) -> CheckResult | None:
 def _cause_of_scale(inspection: Inspection, scale: float) -> str:
     """Which sensor is wrong if image roll and gyroscope differ."""
     gravity = inspection.gravity
-    if gravity is None or not gravity.told:
+    if gravity is None or not gravity.observable:
         return f"wrong scale of the gyroscope, or wrong unit of the camera's time{gyroscope_cause(scale)}"
     if abs(math.log(scale / gravity.scale)) < _AGREE:
         return f"wrong scale of the gyroscope, which gravity confirms{gyroscope_cause(scale)}"

@@ -17,12 +17,12 @@ def check_imu_scale(inspection: Inspection) -> CheckResult | None:
     if gravity is None:
         return None
     values = {
-        "gyroscope_scale": gravity.scale if gravity.told else None,
-        "log_sigma": gravity.log_sigma if gravity.told else None,
+        "gyroscope_scale": gravity.scale if gravity.observable else None,
+        "log_sigma": gravity.log_sigma if gravity.observable else None,
         "force": gravity.force,
         "seconds": gravity.seconds,
     }
-    if not gravity.told:
+    if not gravity.observable:
         return ok("imu scale", "not observable: gravity rotates too little in the body frame", **values)
     sigma = gravity.scale * gravity.log_sigma
     measured = f"the gyroscope reads {gravity.scale:.3g} times (sigma {sigma:.2g}) the rotation of gravity"

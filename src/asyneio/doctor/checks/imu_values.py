@@ -35,6 +35,8 @@ _BY_DEFINITION = {
 _BLOCK_S = 0.005
 #: Error of the accelerometer that is reported; gravity varies by 0.5 % over the earth.
 _GRAVITY_OFF = 0.015
+#: A stationary sensor outside this range [m/s^2] is not calibrated: no bias explains it.
+_GRAVITY_RANGE = (8.8, 10.8)
 _UNIT_HINT = "check its unit (per sqrt(Hz), rad, m/s^2)"
 
 
@@ -166,7 +168,8 @@ def check_gravity(inspection: Inspection) -> CheckResult | None:
     off = found.force / STANDARD_GRAVITY - 1.0
     if abs(off) <= _GRAVITY_OFF:
         return ok("imu gravity", measured, **values)
-    return note(
+    plausible = _GRAVITY_RANGE[0] <= found.force <= _GRAVITY_RANGE[1]
+    return (note if plausible or not found.count else fail)(
         "imu gravity",
         f"{measured}, {off:+.1%} of gravity",
         f"{STANDARD_GRAVITY:.4g} m/s^2 within {_GRAVITY_OFF:.1%}",

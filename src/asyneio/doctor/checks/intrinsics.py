@@ -52,7 +52,7 @@ def check_calibration_there(inspection: Inspection) -> CheckResult | None:
     )
 
 
-def check_lens(inspection: Inspection) -> CheckResult | None:
+def check_distortion(inspection: Inspection) -> CheckResult | None:
     """Undistort and distort all pixels: a wrong model fails towards the border of the image."""
     camera = inspection.camera
     if camera is None or inspection.intrinsics_guessed:
@@ -61,7 +61,10 @@ def check_lens(inspection: Inspection) -> CheckResult | None:
         model = CameraModel(camera)
     except GeometryError as error:
         return fail(
-            "lens", f"{camera.distortion} {list(camera.coefficients)}", "plausible coefficients", str(error)
+            "distortion",
+            f"{camera.distortion} {list(camera.coefficients)}",
+            "plausible coefficients",
+            str(error),
         )
     step = max(1, round(math.sqrt(camera.width * camera.height / 100_000)))
     u, v = np.meshgrid(np.arange(0, camera.width, step), np.arange(0, camera.height, step))
@@ -76,18 +79,18 @@ def check_lens(inspection: Inspection) -> CheckResult | None:
     expected = f"at most {_ROUND_TRIP_PX} px over the whole sensor"
     fix = "check for radtan and equidistant confused, or coefficients in another order"
     if away > _ROUND_TRIP_PX or folded > _FAR_FOLDED:
-        return fail("lens", measured, expected, fix, **values)
+        return fail("distortion", measured, expected, fix, **values)
     k1 = camera.coefficients[0] if camera.distortion is Distortion.EQUIDISTANT else 0.0
     if not _PROJECTIONS[0] <= k1 <= _PROJECTIONS[1]:
         expected = f"k1 from {_PROJECTIONS[0]:g} to {_PROJECTIONS[1]:g}"
-        return warning("lens", f"{measured}; k1 = {k1:.3g}", expected, fix, **values)
+        return warning("distortion", f"{measured}; k1 = {k1:.3g}", expected, fix, **values)
     tangential = max(map(abs, camera.coefficients[2:4])) if camera.distortion is Distortion.RADTAN else 0.0
     if tangential > _MOST_TANGENTIAL:
         measured += f"; tangential terms of {tangential:.2g}"
-        return warning("lens", measured, f"tangential terms below {_MOST_TANGENTIAL:g}", fix, **values)
+        return warning("distortion", measured, f"tangential terms below {_MOST_TANGENTIAL:g}", fix, **values)
     if folded > _FOLDED:
-        return warning("lens", measured, expected, f"features there are dropped; {fix}", **values)
-    return ok("lens", measured, **values)
+        return warning("distortion", measured, expected, f"features there are dropped; {fix}", **values)
+    return ok("distortion", measured, **values)
 
 
 def check_focal_length(inspection: Inspection) -> CheckResult | None:

@@ -21,6 +21,7 @@ def prefetch(_context: Any, array: Any, index: Any) -> Any:
         return None
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        """Emit LLVM's prefetch of the array element, for the compiler."""
         view = context.make_array(signature.args[0])(context, builder, args[0])
         address = builder.bitcast(builder.gep(view.data, [args[1]]), cgutils.voidptr_t)
         word = ir.IntType(32)

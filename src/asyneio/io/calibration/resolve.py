@@ -230,22 +230,23 @@ def _fill(
         return parts, noise, ()
     notes: list[str] = []
 
-    def note(label: str, key: str) -> None:
-        notes.append(f"{label} of the preset {preset.name}: {preset.sources[key]}")
+    def note(name: str) -> None:
+        """Record that a value is that of the preset, and where it was published."""
+        notes.append(f"{name} of the preset {preset.name}: {preset.sources[name]}")
 
-    if parts.intrinsics is None and preset.lens is not None:
-        parts = replace(parts, intrinsics=preset.lens)
-        note("intrinsics", "lens")
+    if parts.intrinsics is None and preset.intrinsics is not None:
+        parts = replace(parts, intrinsics=preset.intrinsics)
+        note("intrinsics")
     if parts.T_b_c is None and preset.T_b_c is not None:
         T_b_c, _ = check_rigid(preset.T_b_c[:3, :3], preset.T_b_c[:3, 3], "T_b_c", Path(preset.name))
         parts = replace(parts, T_b_c=T_b_c)
-        note("extrinsics", "extrinsics")
+        note("extrinsics")
     if parts.timeshift_ns is None and preset.timeshift_ns is not None:
         parts = replace(parts, timeshift_ns=preset.timeshift_ns)
-        note("time shift", "time shift")
+        note("time shift")
     if noise is None and preset.noise is not None:
         noise = preset.noise
-        note("noise", "noise")
+        note("noise")
     return parts, noise, tuple(notes)
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration files as plain mappings: YAML, OpenCV's dialect of YAML, JSON.
 
-Files are untrusted: the loader executes nothing and limits size, aliases and brackets. OpenCV starts its
-files with `%YAML:1.0`, which YAML does not allow, and tags matrices with `!!opencv-matrix`; both are
-accepted, and a matrix becomes a mapping of rows, cols and data.
+Files are untrusted, see `safe_yaml`. OpenCV starts its files with `%YAML:1.0`, which YAML does not allow,
+and tags matrices with `!!opencv-matrix`; both are accepted, and a matrix becomes a mapping of rows, cols and
+data.
 """
 
 from __future__ import annotations
@@ -16,15 +16,10 @@ import yaml
 
 from asyneio.errors import CalibrationError
 from asyneio.io.calibration.rejected_files import reject_known_text
+from asyneio.safe_yaml import MAX_BYTES, UnsafeYamlError, load_yaml
 
-#: Calibration files in YAML have a few kilobytes.
-MAX_BYTES = 64 * 1024
 #: Files in JSON may contain a vignette; the JSON parser takes linear time.
 MAX_JSON_BYTES = 1024 * 1024
-#: Many nested aliases expand without bound; a calibration needs a handful at most.
-MAX_ALIASES = 32
-#: PyYAML takes quadratic time for nested brackets; a calibration needs a few dozen.
-MAX_BRACKETS = 1000
 
 _OPENCV_HEADER = "%YAML:1.0"
 
@@ -83,45 +78,27 @@ def load_sibling(path: Path, name: Any) -> tuple[Path, dict[str, Any]]:
 
 def _parse_json(text: str, path: Path) -> Any:
     if len(text) > MAX_JSON_BYTES:
-        raise _too_large(path, MAX_JSON_BYTES)
+        raise CalibrationError(
+            f"{path} is larger than {MAX_JSON_BYTES // 1024} KiB; it is not a calibration file"
+        )
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
         if len(text) <= MAX_BYTES:
             # Text in braces may be YAML in flow style.
             return _parse_yaml(text, path)
-        raise _invalid(path, "JSON", error) from error
+        reason = " ".join(str(error).split())[:200]
+        raise CalibrationError(f"{path} is not valid JSON: {reason}; write the file again") from error
 
 
 def _parse_yaml(text: str, path: Path) -> Any:
-    if len(text) > MAX_BYTES:
-        raise _too_large(path, MAX_BYTES)
     if text.startswith(_OPENCV_HEADER):
         # Remove the first line but keep its line feed: line numbers in messages stay correct.
         text = text[text.find("\n") :] if "\n" in text else ""
-    if text.count("[") + text.count("{") > MAX_BRACKETS:
-        raise CalibrationError(
-            f"{path} contains more than {MAX_BRACKETS} brackets; it is not a calibration file"
-        )
     try:
-        aliases = sum(isinstance(token, yaml.AliasToken) for token in yaml.scan(text))
-        content = yaml.load(text, _Loader) if aliases <= MAX_ALIASES else None
-    except Exception as error:
-        # PyYAML raises IndexError, KeyError, AttributeError, ValueError or RecursionError for malformed tags
-        # and deep nesting; for the user all of them mean invalid YAML.
-        raise _invalid(path, "YAML", error) from error
-    if aliases > MAX_ALIASES:
-        raise CalibrationError(f"{path} uses more than {MAX_ALIASES} YAML aliases; write the values out")
-    return content
-
-
-def _invalid(path: Path, language: str, error: Exception) -> CalibrationError:
-    reason = " ".join(str(error).split())[:200] or type(error).__name__
-    return CalibrationError(f"{path} is not valid {language}: {reason}")
-
-
-def _too_large(path: Path, limit: int) -> CalibrationError:
-    return CalibrationError(f"{path} is larger than {limit // 1024} KiB; it is not a calibration file")
+        return load_yaml(text, _Loader)
+    except UnsafeYamlError as error:
+        raise CalibrationError(f"{path} {error}; expected a calibration file") from error
 
 
 def _read_capped(path: Path) -> str:

@@ -102,6 +102,7 @@ def contents_of(path: Path) -> str:
     listed: list[str] = []
 
     def note(name: str, member: object) -> bool | None:
+        """Record shape and type of a data set; true ends the walk of h5py."""
         if isinstance(member, h5py.Dataset):
             listed.append(f"{name} {member.shape} {member.dtype}")
         return True if len(listed) >= _MAX_LISTED else None

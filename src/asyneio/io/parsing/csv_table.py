@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.text_lines import FIRST, LastNumber, judge_last_number, open_end_note
 from asyneio.types import RecordArray
 
 #: A file with more unreadable lines is the wrong file, not a damaged table.
@@ -45,6 +46,7 @@ def read_csv(path: Path, columns: dict[str, str]) -> CsvTable:
     lines = _read_lines(path)
     names = _header(path, lines, columns)
     dtype = np.dtype([(name, columns[name]) for name in names])
+    notes = _drop_open_end(path, lines)
     rows = _parse_clean(lines[1:], dtype)
     bad: list[int] = []
     if rows is None:
@@ -54,7 +56,7 @@ def read_csv(path: Path, columns: dict[str, str]) -> CsvTable:
     ordered = np.empty(rows.size, dtype=np.dtype(list(columns.items())))
     for name in columns:
         ordered[name] = rows[name]
-    return CsvTable(ordered, bad_lines_note(path, bad))
+    return CsvTable(ordered, notes + bad_lines_note(path, bad))
 
 
 def has_columns(path: Path, columns: dict[str, str]) -> bool:
@@ -102,6 +104,22 @@ def _read_lines(path: Path) -> list[str]:
     if lines[0].startswith("\ufeff"):
         lines[0] = lines[0][1:]
     return lines
+
+
+def _drop_open_end(path: Path, lines: list[str]) -> tuple[str, ...]:
+    """Remove a last line without a line feed whose last number may lack digits; a note if it was removed."""
+    if not lines[-1].strip() or len(lines) < 2:
+        return ()
+    before = [line.rsplit(",", 1)[-1].strip() for line in lines[1:-1][:FIRST] if _is_row(line)]
+    state = judge_last_number(before, lines[-1].rsplit(",", 1)[-1].strip())
+    if state is LastNumber.COMPLETE or not _is_row(lines[-1]):
+        return ()
+    lines.pop()
+    return (open_end_note(path.name, len(lines) + 1, state),)
+
+
+def _is_row(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
 def _header(path: Path, lines: list[str], columns: dict[str, str]) -> list[str]:

@@ -25,21 +25,27 @@ class _FailSafeFile(io.RawIOBase):
         self.failure: OSError | None = None
 
     def readable(self) -> bool:
+        """True: HDF5 reads back what it wrote."""
         return True
 
     def writable(self) -> bool:
+        """True."""
         return True
 
     def seekable(self) -> bool:
+        """True."""
         return True
 
     def tell(self) -> int:
+        """The position [bytes]."""
         return self._stream.tell()
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Move to a position [bytes]."""
         return self._stream.seek(offset, whence)
 
     def readinto(self, buffer: Any) -> int:
+        """Fill the buffer; what was discarded after a failure reads as zeros."""
         view = memoryview(buffer).cast("B")
         count = self._stream.readinto(view) or 0
         # Discarded bytes read as zeros.
@@ -47,6 +53,7 @@ class _FailSafeFile(io.RawIOBase):
         return len(view)
 
     def write(self, data: Any) -> int:
+        """Write all bytes, or keep the failure and discard them: an exception inside HDF5 would crash it."""
         view = memoryview(data).cast("B")
         done = 0
         while self.failure is None and done < len(view):
@@ -57,6 +64,7 @@ class _FailSafeFile(io.RawIOBase):
         return len(view)
 
     def truncate(self, size: int | None = None) -> int:
+        """Set the size [bytes]; a failure is kept."""
         if self.failure is None:
             try:
                 return self._stream.truncate(size)
@@ -65,6 +73,7 @@ class _FailSafeFile(io.RawIOBase):
         return size or 0
 
     def close(self) -> None:
+        """Close the file."""
         self._stream.close()
         super().close()
 

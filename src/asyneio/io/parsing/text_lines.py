@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines of a text file with bounded length, and the header before its numbers."""
+"""Lines of a text file with bounded length, the header before its numbers, and an end without a line feed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from enum import Enum
 from io import TextIOWrapper
 from itertools import islice
 from pathlib import Path
@@ -17,16 +18,70 @@ FIRST = 1000
 _LONGEST_LINE = 4000
 
 
-def bounded_lines(stream: TextIOWrapper, path: Path | ZipMember, expected: str) -> Iterator[tuple[int, str]]:
-    """Number and text of every line that is not empty. Raises RecordingError: a line is too long."""
-    number = 0
-    while line := stream.readline(_LONGEST_LINE + 1):
-        number += 1
-        if len(line) > _LONGEST_LINE:
-            raise RecordingError(f"{path}: line {number} is too long; expected {expected}")
-        text = line.strip(" \t\r\n\0")
-        if text.strip(",;"):
-            yield number, text
+class BoundedLines:
+    """Iterator over number and text of every line that is not empty.
+
+    Attributes:
+        open_line: number of the last line if no line feed ends it, else 0; valid at the end of the file.
+    """
+
+    def __init__(self, stream: TextIOWrapper, path: Path | ZipMember, expected: str) -> None:
+        self._stream = stream
+        self._path = path
+        self._expected = expected
+        self._number = 0
+        self.open_line = 0
+
+    def __iter__(self) -> Iterator[tuple[int, str]]:
+        return self
+
+    def __next__(self) -> tuple[int, str]:
+        """The next line. Raises RecordingError: it is too long."""
+        while line := self._stream.readline(_LONGEST_LINE + 1):
+            self._number += 1
+            if len(line) > _LONGEST_LINE:
+                raise RecordingError(
+                    f"{self._path}: line {self._number} is too long; expected {self._expected}"
+                )
+            if not line.endswith("\n"):
+                self.open_line = self._number
+            text = line.strip(" \t\r\n\0")
+            if text.strip(",;"):
+                return self._number, text
+        raise StopIteration
+
+
+class LastNumber(Enum):
+    """Whether the number at the end of a file without a final line feed is complete."""
+
+    COMPLETE = "complete"
+    UNKNOWN = "unknown"
+    CUT = "cut"
+
+
+def judge_last_number(before: Iterable[str], last: str) -> LastNumber:
+    """Compare the last number of a file with the texts of its column: a cut leaves fewer decimals.
+
+    Decimals, with an exponent, are counted; in integers, all digits. As many as in the longest text:
+    complete. Fewer than in the shortest: cut. In between, as where trailing zeros are not printed: unknown.
+    """
+    lengths = [_decimals(text) for text in before]
+    found = _decimals(last)
+    if not lengths or found >= max(lengths):
+        return LastNumber.COMPLETE
+    return LastNumber.CUT if found < min(lengths) else LastNumber.UNKNOWN
+
+
+def open_end_note(name: str, line: int, state: LastNumber) -> str:
+    """The note on a last line that is not used."""
+    if state is LastNumber.CUT:
+        return f"{name} ends inside line {line}: truncated? read up to there"
+    return f"{name}: line {line} is not used: no line feed ends it, and its last number may lack digits"
+
+
+def _decimals(text: str) -> int:
+    whole, point, decimals = text.replace(",", ".").partition(".")
+    return len(decimals) if point else len(whole.lstrip("+-"))
 
 
 def head_of(

@@ -7,7 +7,6 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal
 from io import TextIOWrapper
@@ -29,7 +28,14 @@ from asyneio.io.parsing.text_dialect import (
     is_number,
     numbers_of,
 )
-from asyneio.io.parsing.text_lines import FIRST, bounded_lines, head_of
+from asyneio.io.parsing.text_lines import (
+    FIRST,
+    BoundedLines,
+    LastNumber,
+    head_of,
+    judge_last_number,
+    open_end_note,
+)
 from asyneio.io.parsing.zip_member import DAMAGE, ZipMember
 from asyneio.types import NS_PER_S, FloatArray, IntArray
 
@@ -144,7 +150,7 @@ def read_text_rows(
             raise RecordingError(f"{path} is too large ({size} bytes); expected {expected}")
         with path.open("rb") if isinstance(path, Path) else path.open() as raw:
             stream = TextIOWrapper(raw, encoding="utf-8-sig", errors="replace")
-            rows = _collect(path, bounded_lines(stream, path, expected), expected, columns)
+            rows = _collect(path, BoundedLines(stream, path, expected), expected, columns)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     except DAMAGE as error:
@@ -157,7 +163,7 @@ def read_text_rows(
     return rows
 
 
-def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected: str, given: str) -> TextRows:
+def _collect(path: Path | ZipMember, lines: BoundedLines, expected: str, given: str) -> TextRows:
     header, start = head_of(path, lines, expected)
     texts = [text.split("#", 1)[0] for _, text in start if not is_comment(text)]
     dialect = dialect_of(texts[:50])
@@ -174,6 +180,7 @@ def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected:
     times: list[str] = []
     values = array("d")
     bad: list[int] = []
+    last = 0
     for number, text in chain(start, lines):
         if is_comment(text):
             continue
@@ -182,6 +189,7 @@ def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected:
         if row is not None and math.isfinite(row[time.index]):
             times.append(_time_text(tokens, time))
             values.extend(row)
+            last = number
             continue
         bad.append(number)
         if len(bad) > MAX_BAD_LINES:
@@ -189,9 +197,25 @@ def _collect(path: Path | ZipMember, lines: Iterator[tuple[int, str]], expected:
                 f"{path} has more than {MAX_BAD_LINES} unreadable lines, the last at {number}: "
                 f"{text[:60]!r}; expected {expected}{_date_hint(tokens, time)}"
             )
+    notes = _comma_notes(path.name, dialect)
+    if last and last == lines.open_line and count - 1 not in texts_in:
+        state = _state_of_end(dialect, texts[: len(times) - 1], tokens)
+        if state is not LastNumber.COMPLETE:
+            times.pop()
+            del values[-count:]
+            notes += (open_end_note(path.name, last, state),)
     table = np.array(values, dtype=np.float64).reshape(-1, count)
-    notes = (f"{path.name}: commas read as decimal points",) if dialect.decimal_comma else ()
     return TextRows(path, columns, time, times, table, bad, notes, texts[0], dialect.mark)
+
+
+def _comma_notes(name: str, dialect: Dialect) -> tuple[str, ...]:
+    return (f"{name}: commas read as decimal points",) if dialect.decimal_comma else ()
+
+
+def _state_of_end(dialect: Dialect, texts: list[str], tokens: list[str]) -> LastNumber:
+    """Whether the last of `tokens`, where a file ends without a line feed, is complete."""
+    rows = (dialect.split(text) for text in texts)
+    return judge_last_number([row[-1] for row in rows if len(row) == len(tokens)], tokens[-1])
 
 
 def _text_columns(dialect: Dialect, texts: list[str], count: int, time: TimeColumn) -> frozenset[int]:

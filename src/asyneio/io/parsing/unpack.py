@@ -69,10 +69,15 @@ def _zstd_step() -> Callable[[bytes, int], bytes]:
 
 class _Unpacker(Protocol):
     @property
-    def eof(self) -> bool: ...
+    def eof(self) -> bool:
+        """Whether the end of the stream was reached."""
+
     @property
-    def needs_input(self) -> bool: ...
-    def decompress(self, data: bytes, max_length: int = -1) -> bytes: ...
+    def needs_input(self) -> bool:
+        """Whether more can be unpacked only from further data."""
+
+    def decompress(self, data: bytes, max_length: int = -1) -> bytes:
+        """The next unpacked bytes, at most `max_length`."""
 
 
 def _drain(unpacker: _Unpacker, data: bytes, room: int) -> bytes:

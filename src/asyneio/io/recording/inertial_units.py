@@ -12,6 +12,8 @@ from asyneio.errors import RecordingError
 from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
 STANDARD_GRAVITY = 9.80665
+#: Absurd values overflow to inf, which quantiles cannot interpolate; this is outside all bounds too.
+_LARGEST_NORM = 1e300
 _DEGREE = float(np.pi / 180.0)
 
 #: Bounds on the median specific force [m/s^2]: outside the first, a note; outside the second, an error.
@@ -195,9 +197,8 @@ def _scaled(stream: RecordArray, factor: float) -> RecordArray:
 
 
 def _norms(stream: RecordArray) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    # Absurd values overflow to inf, which is outside the bounds.
     with np.errstate(over="ignore"):
-        return np.asarray(np.sqrt((stream["xyz"] ** 2).sum(axis=1)))
+        return np.minimum(np.sqrt((stream["xyz"] ** 2).sum(axis=1)), _LARGEST_NORM)
 
 
 def _median_norm(stream: RecordArray) -> float:

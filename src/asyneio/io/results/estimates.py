@@ -16,8 +16,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,6 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_file
+from asyneio.io.parsing.safe_npz import read_npz
 from asyneio.state import DOF
 from asyneio.types import STATE_BLOCKS, Estimate, FloatArray, PoseTrajectory, split_segments
 
@@ -38,8 +37,6 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "bias_accelerometer": (3,),
     "covariance": (DOF, DOF),
 }
-#: A day at 20 knots per second needs 9 GB; a larger unpacked size is hostile.
-_MAX_BYTES = 16 * 2**30
 
 
 def stack_estimates(estimates: Sequence[Estimate]) -> dict[str, FloatArray]:
@@ -118,23 +115,10 @@ def to_trajectory(estimates: Sequence[Estimate]) -> PoseTrajectory:
 
 
 def _load(path: Path) -> dict[str, np.ndarray]:
-    """All arrays of the archive; the total size is checked before decompression."""
+    """All arrays of the archive. Raises RecordingError: unreadable, or an array is missing."""
     names = ("t_ns", "segment", "state_blocks", *_SHAPES)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > _MAX_BYTES:
-            raise RecordingError(f"{path} unpacks to {size} bytes; at most {_MAX_BYTES} are read")
-        with np.load(path, allow_pickle=False) as archive:
-            missing = [name for name in names if name not in archive.files]
-            if missing:
-                raise RecordingError(
-                    f"{path} lacks the arrays {', '.join(missing)}; expected an estimates.npz"
-                )
-            return {name: archive[name] for name in names}
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}; check the path") from error
-    except (ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
-        raise RecordingError(
-            f"{path} is not a readable estimates.npz: {error}; expected the output of `asyneio run`"
-        ) from error
+    arrays = read_npz(path, "an estimates.npz, as `asyneio run` writes it")
+    missing = [name for name in names if name not in arrays]
+    if missing:
+        raise RecordingError(f"{path} lacks the arrays {', '.join(missing)}; expected an estimates.npz")
+    return arrays

@@ -97,6 +97,7 @@ class _Form:
 
     @classmethod
     def of(cls, schema: Schema, field: FieldOffset, cdr: bool, fields: EventFields, order: str) -> _Form:
+        """The layout of the events of a field. Raises ValueError: an event lacks a field, or is irregular."""
         time = [f"{fields.time}.sec", f"{fields.time}.nanosec"] if fields.split else [fields.time]
         names_in = ["x", "y", *time, fields.polarity]
         start = field.offset % 8 + 8
@@ -113,6 +114,7 @@ class _Form:
         ends = offsets + np.array([int(kind[1]) for kind in types])
 
         def dtype(k: int) -> np.dtype[np.void]:
+            """The layout of event `k` from its first field on."""
             first = int(offsets[k].min())
             formats = [order + kind for kind in types]
             return np.dtype(
@@ -131,6 +133,7 @@ class _Form:
         return cls(singles, dtype(regular), int(offsets[regular].min()), stride, fields.split)
 
     def read(self, data: bytes | memoryview, field: FieldOffset) -> RecordArray:
+        """The events of a message, EVENT_DTYPE. Raises ValueError: the message is too short."""
         even = max(field.count - len(self.singles), 0)
         last = field.offset + self.offset + (even - 1) * self.stride + self.dtype.itemsize
         if even and last > len(data):

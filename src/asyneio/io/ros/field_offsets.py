@@ -89,10 +89,12 @@ class _Walk:
     ended: bool = False
 
     def align(self, size: int) -> None:
+        """Skip the padding of CDR before a field of `size` bytes."""
         if self.cdr:
             self.at += -(self.at - 4) % size
 
     def length(self) -> int:
+        """The length of a sequence or text. Raises ValueError: the message ends before it."""
         self.align(4)
         if self.at + 4 > len(self.data):
             raise ValueError("the message is too short")
@@ -102,6 +104,7 @@ class _Walk:
         return int(count)
 
     def put(self, name: str, dtype: str, count: int) -> None:
+        """Note a field of `count` numbers and skip them. Raises ValueError: the message is too short."""
         size = int(dtype[1])
         if count:
             self.align(size)
@@ -114,6 +117,7 @@ class _Walk:
         self.open_end = ""
 
     def walk(self, kind: str, prefix: str, within: str, depth: int) -> None:
+        """Record the fields of a type, recursively. Raises ValueError: the message does not fit."""
         if depth > MAX_DEPTH:
             raise ValueError("the definition is too deep")
         for part in fields_of(self.types, kind, within):

@@ -31,6 +31,7 @@ class _ImuTopic:
 
     @property
     def whole(self) -> bool:
+        """Whether the topic has both sensors."""
         return self.has_gyroscope and self.has_accelerometer
 
 

@@ -23,15 +23,18 @@ class _Ros1:
     """An Encoding without padding."""
 
     def header(self, number: int, t_ns: int, frame: bytes) -> bytes:
+        """A std_msgs/Header: number, time [ns], frame."""
         return struct.pack("<IIII3s", number, *divmod(t_ns, NS_PER_S), len(frame), frame)
 
     def events(self, events: RecordArray) -> bytes:
+        """A sequence of dvs_msgs/Event of 13 bytes each, from EVENT_DTYPE (N,)."""
         packed = np.empty(events.size, dtype=_PACKED)
         packed["x"], packed["y"], packed["polarity"] = events["x"], events["y"], events["p"]
         packed["sec"], packed["nsec"] = np.divmod(events["t_ns"], NS_PER_S)
         return struct.pack("<I", events.size) + packed.tobytes()
 
     def intrinsics(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
+        """The part of CameraInfo from the model on: distortion `d`, then the matrices K, R and P."""
         numbers = struct.pack(f"<I{len(d)}d{len(others)}d", len(d), *d, *others)
         return struct.pack("<I", len(model)) + model + numbers
 

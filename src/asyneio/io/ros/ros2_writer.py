@@ -33,9 +33,11 @@ class _Cdr:
     bytes."""
 
     def header(self, number: int, t_ns: int, frame: bytes) -> bytes:
+        """The start of CDR and a std_msgs/Header: time [ns] and frame."""
         return struct.pack("<BBBBiII4s", 0, 1, 0, 0, *divmod(t_ns, NS_PER_S), len(frame) + 1, frame)
 
     def events(self, events: RecordArray) -> bytes:
+        """A sequence of dvs_msgs/Event of 16 bytes each, from EVENT_DTYPE (N,)."""
         rows = np.zeros(events.size, dtype=_ROW)
         rows["y"], rows["polarity"] = events["y"], events["p"]
         rows["sec"], rows["nsec"] = np.divmod(events["t_ns"], NS_PER_S)
@@ -45,6 +47,7 @@ class _Cdr:
         return first + rows.tobytes()[4:-3]
 
     def intrinsics(self, model: bytes, d: tuple[float, ...], others: tuple[float, ...]) -> bytes:
+        """The part of CameraInfo from the model on: distortion `d`, then the matrices K, R and P, aligned."""
         # A header and the size take 24 bytes.
         name = struct.pack("<I", len(model) + 1) + model + b"\0"
         name += bytes(-len(name) % 4)

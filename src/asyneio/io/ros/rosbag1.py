@@ -75,6 +75,7 @@ class Rosbag1:
         at = 0
 
         def read(length: int) -> bytes:
+            """The next bytes of the chunk."""
             nonlocal at
             at += length
             return bytes(content[at - length : at])

@@ -48,14 +48,14 @@ class SqliteBag:
         try:
             database.execute("PRAGMA trusted_schema=OFF")
             self._read_topics(database)
-            last = database.execute("SELECT max(id) FROM messages").fetchone()[0] or 1
+            last = database.execute("SELECT max(id) FROM messages").fetchone()[0]
             rows = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY id")
             for number, topic_id, logged_ns, data in rows:
                 topic = self._topics.get(topic_id)
                 if topic is None or not isinstance(data, bytes) or not isinstance(logged_ns, int):
                     continue
                 count += 1
-                yield Message(topic, logged_ns, data), min(number / last, 1.0)
+                yield Message(topic, logged_ns, data), _fraction(number, last)
         except (sqlite3.Error, UnicodeDecodeError) as error:
             if count == 0:
                 raise RecordingError(
@@ -81,6 +81,13 @@ class SqliteBag:
         ):
             if encoding == "cdr":
                 self._topics[number] = Topic(str(name), str(kind), definitions.get(kind, ""), cdr=True)
+
+
+def _fraction(number: object, last: object) -> float:
+    """The fraction of the messages up to a row; a damaged table may number its rows with anything."""
+    if isinstance(number, int) and isinstance(last, int) and last > 0:
+        return min(max(number / last, 0.0), 1.0)
+    return 0.0
 
 
 class SplitBag:

@@ -37,6 +37,7 @@ def read_uzh_zip(path: Path, options: ReadOptions) -> Contents:
     folder = member.rpartition("/")[0]
 
     def file(name: str) -> ZipMember:
+        """A file in the folder of the events."""
         return ZipMember(path, f"{folder}/{name}" if folder else name)
 
     calibration = find_calibration(path.parent, options.calibration, options.imu)

@@ -55,6 +55,7 @@ def filled_window(
     """
 
     def knot(k: int) -> States:
+        """The states of knot `k` alone, as a copy."""
         return states.chosen(slice(k, k + 1)).copied()
 
     known = first_prior(knot(0), settings.initialization.bias_sigma) if prior is None else prior

@@ -138,7 +138,9 @@ def _without_tracks(duration: float, reckoning: DeadReckoning, gravity: float) -
 def _of_span(t: FloatArray, reckoning: DeadReckoning, adjusted: Adjusted, ids: IntArray) -> SpanMotion:
     increments = reckoning.increments(t, adjusted.motion.bias)
     displacement, row = _displacement(t, adjusted, increments)
-    sigma = float(np.sqrt(row @ _given_time_offset(adjusted.covariance) @ row))
+    variance = float(row @ _given_time_offset(adjusted.covariance) @ row)
+    # Rounding may leave a negative variance where nothing is observable.
+    sigma = float(np.sqrt(variance)) if variance >= 0.0 else np.inf
     return SpanMotion(adjusted, increments, displacement, sigma, ids[~adjusted.agreeing])
 
 

@@ -190,6 +190,7 @@ def event_chunks(
             def events_of(
                 work: tuple[tuple[int, int], EventBuffer], block: Block = block
             ) -> list[EventBuffer]:
+                """Events of a range of tiles in this block; runs in a thread."""
                 tiles, buffer = work
                 return _events_of_tiles(tiles, block, scene, frame, circuit, pixels, buffer)
 
