@@ -433,9 +433,7 @@ def main() -> None:
     parser.add_argument("--piece", type=float, default=12.0, help="length of a piece [s]")
     parser.add_argument("--only", nargs="+", type=int, help="play these pieces alone")
     parser.add_argument("--leave-out", nargs="+", default=(), help="faults and errors to leave out, by name")
-    parser.add_argument(
-        "--no-imu-scale", action="store_true", help="without calibration.estimate_imu_scale"
-    )
+    parser.add_argument("--no-imu-scale", action="store_true", help="without calibration.estimate_imu_scale")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     parser.add_argument("--results", type=Path, help="also write the tables here")
     options = parser.parse_args()

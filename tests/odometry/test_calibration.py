@@ -99,8 +99,8 @@ def test_wrong_scale_factors_of_the_gyroscope_are_found() -> None:
     assert (found.imu.accelerometer_sigma > 0.0).all()
 
 
-def test_readings_are_taken_as_they_are_unless_asked() -> None:
-    found = plain_run().odometry.calibration()
+def test_readings_are_taken_as_they_are_if_asked() -> None:
+    found = run(simulated().recording, switched(estimate_imu_scale=False)).odometry.calibration()
     assert found is not None
     assert found.imu is not None
     np.testing.assert_array_equal(found.imu.gyroscope, np.eye(3))
