@@ -7,9 +7,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
-from asyneio.config import Config
+from asyneio.config import CalibrationConfig, Config
 from asyneio.odometry import Odometry
 from asyneio.types import Health, Recording
 from tests.odometry.runs import Outcome, configured, errors, plain_run, run, simulated
@@ -99,7 +100,22 @@ def test_wrong_scale_factors_of_the_gyroscope_are_found() -> None:
     assert (found.imu.accelerometer_sigma > 0.0).all()
 
 
-def test_readings_are_taken_as_they_are_unless_asked() -> None:
+@pytest.mark.parametrize("estimated", [True, False])
+def test_covariance_with_a_wrong_scale_of_the_accelerometer(estimated: bool) -> None:
+    """One percent of gravity looks like a bias: its covariance has to allow for that, and does by default."""
+    simulation = simulated()
+    accelerometer = simulation.recording.accelerometer.copy()
+    accelerometer["xyz"] *= 1.01
+    switches = {} if estimated else {"estimate_imu_scale": False}
+    config = Config(calibration=CalibrationConfig(**switches))
+    last = run(replace(simulation.recording, accelerometer=accelerometer), config).estimates[-1]
+    true = simulation.truth.at(last.t_ns).bias_accelerometer[0]
+    off = last.bias_accelerometer - true
+    squared = off @ np.linalg.solve(last.covariance[21:24, 21:24], off)
+    assert (squared < 16.3) == estimated  # 99.9 % of chi-square with three degrees of freedom
+
+
+def test_readings_are_taken_as_they_are_if_asked() -> None:
     found = plain_run().odometry.calibration()
     assert found is not None
     assert found.imu is not None

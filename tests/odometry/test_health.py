@@ -11,15 +11,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from asyneio.config import HealthConfig
+from asyneio.config import Config, HealthConfig
 from asyneio.odometry.health.continuity import Continuity, Jumps, field_of_view
 from asyneio.odometry.health.metrics import ScaleChanges
 from asyneio.odometry.health.state_machine import HealthMetrics, HealthStateMachine
 from asyneio.odometry.intervals import sample_gap_s
 from asyneio.odometry.raw_measurements import RawMeasurements
+from asyneio.odometry.segment import Segment
 from asyneio.simulation.faults import held
 from asyneio.simulation.tracks.scenario import DAVIS240C
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, OBSERVATION_DTYPE, Health, Packet, RecordArray
+from tests.odometry.runs import plain_run, simulated
 
 STEP_NS = 100_000_000
 WELL = HealthMetrics(
@@ -52,6 +54,7 @@ def test_well_stays_tracking() -> None:
         ({"rejected_samples": 0.3}, "30 % of the inertial samples were rejected"),
         ({"scale_change": -0.2}, "scale was revised by -20 %"),
         ({"scale_change": 0.25}, r"scale was revised by +25 %"),
+        ({"velocity_revision": 25.0}, "velocity was revised by 5.0 standard deviations"),
         ({"scale_sigma": 0.15}, "the standard deviation of scale is 15 %"),
         ({"rejected_observations": 0.6}, "60 % of the observations contradict"),
         ({"visual_ratio": 9.0}, "observations deviate by 3.0 standard deviations"),
@@ -144,6 +147,15 @@ def test_gaps_count_from_the_last_sample_to_the_next_or_to_the_end() -> None:
     assert sample_gap_s((stamped(0.7, 1.05, 1.1), dense), second, second + STEP_NS) == pytest.approx(0.35)
     assert sample_gap_s((dense, stamped(0.99, 1.02)), second, second + STEP_NS) == pytest.approx(0.08)
     assert sample_gap_s((dense, stamped()), second, second + STEP_NS) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("sigma", "health"), [(0.0, Health.TRACKING), (0.12, Health.DEGRADED)])
+def test_a_start_with_an_uncertain_scale_is_degraded(sigma: float, health: Health) -> None:
+    monitor = Segment(0, Config(), simulated().recording.calibration).health
+    status = monitor.begin(plain_run().estimates[0], sigma)
+    assert status == monitor.status
+    assert status.health is health
+    assert ("standard deviation of scale is 12 %" in status.reason) == (sigma > 0.0)
 
 
 @given(scale=st.floats(0.84, 1.19), seed=st.integers(0, 100))

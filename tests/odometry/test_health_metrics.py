@@ -8,7 +8,13 @@ import pytest
 from asyneio.estimation.linearization.linear_system import evaluate_cost, linearize
 from asyneio.estimation.problem.problem import Problem
 from asyneio.estimation.problem.schemes import SCHEMES
-from asyneio.odometry.health.metrics import VisualChiSquare, inertial_ratio, visual_chi_square
+from asyneio.odometry.health.metrics import (
+    VisualChiSquare,
+    inertial_ratio,
+    velocity_revision,
+    visual_chi_square,
+)
+from asyneio.odometry.outputs import estimate_of
 from tests.estimation.toy import Array, make_toy, with_dof
 
 every_scheme = pytest.mark.parametrize("scheme", ["gpif", "preint", "gpp"])
@@ -91,3 +97,17 @@ def test_no_measurements_no_deviation() -> None:
         for name in ("gyroscope", "accelerometer")
     }
     assert inertial_ratio(problem._replace(**bare)) == 1.0
+
+
+def test_a_revision_of_the_velocity_is_measured_by_its_covariance() -> None:
+    """Only the velocity of the knot before the newest counts, in the body frame."""
+    toy = make_toy(count=4, landmarks=8)
+    window = toy.window(toy.truth)
+    covariance = np.diag(np.repeat([1.0, 1.0, 1.0, 0.04, 1.0, 1.0, 1.0, 1.0], 3))
+    before = estimate_of(window, -2, covariance, 0)
+    states = window.states.copied()
+    assert velocity_revision(before, states) == pytest.approx(0.0, abs=1e-12)
+    states.varpi[-1] += 5.0
+    states.r[:] += 3.0
+    states.varpi[-2, 0, 3:] += [0.6, 0.0, -0.8]
+    assert velocity_revision(before, states) == pytest.approx(1.0 / 0.04)

@@ -115,6 +115,13 @@ class ScaleChanges:
         return float(np.expm1(change))
 
 
+def velocity_revision(before: Estimate, states: States) -> float:
+    """Squared Mahalanobis distance by which a new knot, the last of `states`, revised the velocity of the
+    knot before it, whose previous estimate is `before`."""
+    change = states.varpi[-2, 0, 3:] - before.T_w_b[:3, :3].T @ before.velocity_w
+    return float(change @ np.linalg.solve(before.covariance[NU : NU + 3, NU : NU + 3], change))
+
+
 def with_estimate(
     metrics: HealthMetrics, solution: Solution, estimate: Estimate, bias_sigma: FloatArray
 ) -> HealthMetrics:

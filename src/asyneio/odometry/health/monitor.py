@@ -11,7 +11,7 @@ from asyneio.config import HealthConfig
 from asyneio.estimation.solver.covariance import relative_scale_sigma
 from asyneio.estimation.solver.optimizer import Solution
 from asyneio.odometry.health.continuity import Continuity, Jumps, field_of_view
-from asyneio.odometry.health.metrics import ScaleChanges, with_estimate
+from asyneio.odometry.health.metrics import ScaleChanges, velocity_revision, with_estimate
 from asyneio.odometry.health.state_machine import HealthMetrics, HealthStateMachine, HealthStatus
 from asyneio.odometry.intervals import Interval
 from asyneio.odometry.raw_measurements import RawMeasurements
@@ -49,6 +49,8 @@ class HealthMonitor:
         self._bias_sigma = bias_sigma
         self._max_scale_sigma = config.max_scale_sigma
         self._scale_uncertain = False
+        #: The newest estimate; None after a stationary interval.
+        self._previous: Estimate | None = None
         self._packet_ns: int | None = None
         self._observed_ns: int | None = None
         self.scene_changed = False
@@ -58,10 +60,12 @@ class HealthMonitor:
         """Health after the newest knot, and the reason."""
         return HealthStatus(self._state.health, self._state.reason)
 
-    def begin(self, t_ns: int, scale_sigma: float) -> HealthStatus:
-        """Health after an initialization that ends at `t_ns` with a relative standard deviation of scale."""
+    def begin(self, first: Estimate, scale_sigma: float) -> HealthStatus:
+        """Health after an initialization: its newest estimate, and its relative standard deviation of
+        scale."""
+        self._previous = first
         self._scale_uncertain = scale_sigma > self._max_scale_sigma
-        return self._state.update(t_ns, HealthMetrics(scale_sigma=scale_sigma))
+        return self._state.update(first.t_ns, HealthMetrics(scale_sigma=scale_sigma))
 
     def append(self, packet: Packet, raw: RawMeasurements) -> None:
         """Take a packet; `raw` ends with its samples."""
@@ -86,6 +90,10 @@ class HealthMonitor:
         elif self._observed_ns is None or step.stationary:
             self._observed_ns = t_ns
         positions = step.solution.problem.states.r[: len(step.positions)]
+        revision = 0.0
+        if self._previous is not None and not step.stationary:
+            revision = velocity_revision(self._previous, step.solution.problem.states)
+        self._previous = None if step.stationary else step.estimate
         scale_sigma = relative_scale_sigma(step.solution) if self._scale_uncertain else 0.0
         self._scale_uncertain = scale_sigma > self._max_scale_sigma
         metrics = HealthMetrics(
@@ -95,6 +103,7 @@ class HealthMonitor:
             saturated=interval.saturated,
             scene_changed=self.scene_changed,
             scale_change=self._scale_changes.add(t_ns, step.positions, positions),
+            velocity_revision=revision,
             scale_sigma=scale_sigma,
             stationary=step.stationary,
         )

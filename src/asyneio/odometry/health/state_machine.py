@@ -7,6 +7,7 @@ INITIALIZING ends with the first window; from then on each knot brings `HealthMe
 |--------------------------------------------------------------|--------------------------------------------|
 | something required is missing: vision, landmarks, samples    | DEGRADED; the covariance grows accordingly |
 | scale was revised by more than its uncertainty allows        | DEGRADED; earlier estimates were wrong     |
+| velocity was revised by more than its covariance allows      | DEGRADED; earlier estimates were wrong     |
 | scale is too uncertain after an initialization in motion     | DEGRADED; it may still change              |
 | measurements contradict the estimate, or it is too uncertain | DEGRADED; LOST if it lasts                 |
 | the estimate is impossible                                   | LOST                                       |
@@ -44,6 +45,10 @@ MAX_BIAS_SIGMAS = 7.0
 #: than two such standard deviations within `SCALE_MEMORY_S` shows that earlier estimates were wrong.
 MAX_SCALE_CHANGE = 1.2
 SCALE_MEMORY_S = 2.0
+#: A new knot revises the velocity of the knot before by less than its covariance allows: the variance of a
+#: revision is the difference of the variances before and after. Quantile 0.9999 of chi-square with 3 degrees
+#: of freedom.
+MAX_VELOCITY_REVISION = 21.1
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,8 @@ class HealthMetrics:
         velocity_sigma: largest standard deviation of the velocity over all directions [m/s].
         tilt_sigma_rad: the same of roll and pitch [rad].
         scale_change: relative change of the window's scale within `SCALE_MEMORY_S`.
+        velocity_revision: squared Mahalanobis distance of the velocity of the knot before from its previous
+            value; 0 after a stationary interval, whose end is detected late.
         scale_sigma: relative standard deviation of scale; 0 once it has been small enough.
         finite: pose, velocity and covariance are finite.
         stationary: the sensor is stationary, so that observations are not required.
@@ -84,6 +91,7 @@ class HealthMetrics:
     velocity_sigma: float = 0.0
     tilt_sigma_rad: float = 0.0
     scale_change: float = 0.0
+    velocity_revision: float = 0.0
     scale_sigma: float = 0.0
     finite: bool = True
     stationary: bool = False
@@ -162,6 +170,8 @@ class HealthStateMachine:
             yield f"{100.0 * m.rejected_samples:.0f} % of the inertial samples were rejected"
         if abs(math.log1p(m.scale_change)) > math.log(MAX_SCALE_CHANGE):
             yield f"scale was revised by {100.0 * m.scale_change:+.0f} % within {SCALE_MEMORY_S:g} s"
+        if m.velocity_revision > MAX_VELOCITY_REVISION:
+            yield f"velocity was revised by {math.sqrt(m.velocity_revision):.1f} standard deviations"
         if m.scale_sigma > config.max_scale_sigma:
             yield f"the standard deviation of scale is {100.0 * min(m.scale_sigma, 9.99):.0f} %"
 
