@@ -27,8 +27,9 @@ from asyneio.frontend import Frontend
 from asyneio.pipeline import CheckpointSettings, run_recording
 from asyneio.pipeline.checkpoint import LOG_FILE, Checkpoints
 from asyneio.pipeline.delayed import DelayedObservations
-from asyneio.pipeline.frontend_thread import ObservationStream, SourceState, TrackingState
+from asyneio.pipeline.frontend_thread import ObservationStream, TrackingState
 from asyneio.pipeline.safe_pickle import dump
+from asyneio.pipeline.track_source import SourceState
 from asyneio.types import EventRecording
 from sequences import DEFAULT_CACHE, sequence
 

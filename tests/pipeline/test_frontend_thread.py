@@ -14,8 +14,9 @@ import pytest
 from asyneio.config import Config, FrontendConfig
 from asyneio.errors import RecordingError
 from asyneio.pipeline import RunResult, compilation, run_recording
-from asyneio.pipeline.frontend_thread import AHEAD, ObservationStream, ReplayedStream
+from asyneio.pipeline.frontend_thread import AHEAD, ObservationStream
 from asyneio.pipeline.packets import calibration_of, usable_span
+from asyneio.pipeline.track_source import ReplayedStream
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events
 from asyneio.types import (
     INERTIAL_DTYPE,

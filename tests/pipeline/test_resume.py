@@ -91,6 +91,19 @@ def test_a_checkpoint_of_another_run_is_rejected(recording: Recording, tmp_path:
             run_recording(other, config, checkpoints=settings)
 
 
+def test_slow_checkpoints_are_rare(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A checkpoint of 2 s is followed by a pause of 200 s, unless the user sets another one."""
+    clock = iter([0.0, 10.0, 12.0, 12.0])
+    monkeypatch.setattr(checkpoint.time, "monotonic", lambda: next(clock))
+    automatic = checkpoint.Checkpoints(CheckpointSettings(tmp_path), {}, print)
+    automatic.write(None, None, 0.0)
+    assert automatic._due_s == 212.0
+    clock = iter([0.0, 10.0, 12.0, 12.0])
+    chosen = checkpoint.Checkpoints(CheckpointSettings(tmp_path, 3.0), {}, print)
+    chosen.write(None, None, 0.0)
+    assert chosen._due_s == 15.0
+
+
 def test_a_damaged_log_is_rejected(recording: Recording, tmp_path: Path) -> None:
     with pytest.raises(Killed):
         run_recording(recording, Config(), KillsAfter(4), checkpoints=CheckpointSettings(tmp_path, 1e-9))

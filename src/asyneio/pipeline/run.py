@@ -15,10 +15,11 @@ from asyneio.odometry import Odometry
 from asyneio.pipeline.checkpoint import Checkpoints, CheckpointSettings
 from asyneio.pipeline.compilation import Compilation, compile_ahead, watch_compilation
 from asyneio.pipeline.fingerprint import fingerprint_of
-from asyneio.pipeline.frontend_thread import ObservationStream, ReplayedStream, TrackSource
+from asyneio.pipeline.frontend_thread import ObservationStream
 from asyneio.pipeline.packets import calibration_of, check_inertial_scales, packets, usable_span
 from asyneio.pipeline.summarize import Costs, Grid, Outcome, summarize
 from asyneio.pipeline.summary import Summary
+from asyneio.pipeline.track_source import ReplayedStream, TrackSource
 from asyneio.progress import SILENT, RunProgress
 from asyneio.types import (
     NS_PER_S,

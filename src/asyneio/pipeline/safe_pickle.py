@@ -33,6 +33,7 @@ _PACKAGES = (
     "asyneio.trajectory",
     "asyneio.pipeline.delayed",
     "asyneio.pipeline.frontend_thread",
+    "asyneio.pipeline.track_source",
 )
 #: What constructs arrays and scalars, in NumPy 1 and 2.
 _NUMPY = {
