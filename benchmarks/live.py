@@ -104,6 +104,10 @@ class Collect:
         """See `Output`."""
         self._stop.set()
 
+    def notes(self) -> tuple[str, ...]:
+        """See `Output`."""
+        return ()
+
     def _watch(self) -> None:
         while not self._stop.wait(1.0):
             pages = int(Path("/proc/self/statm").read_text().split()[1])

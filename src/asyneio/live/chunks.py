@@ -80,9 +80,12 @@ class Source(Protocol):
         """
         ...
 
-    def chunks(self, stop: threading.Event) -> Iterator[Chunk | None]:
-        """Chunks as they arrive; None at least every 0.2 s while nothing arrives. Ends when the source has
-        ended for good or `stop` is set; a connection that is lost and can come back does not end it."""
+    def chunks(self, stop: threading.Event) -> Iterator[Chunk | Break | None]:
+        """Chunks as they arrive; None at least every 0.2 s while nothing arrives.
+
+        A `Break` where the source itself notices that the stream does not continue. Ends when the source has
+        ended for good or `stop` is set; a connection that is lost and can come back does not end it.
+        """
         ...
 
     def notes(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
@@ -10,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from asyneio.config import Config
-from asyneio.errors import AsyneioError
+from asyneio.errors import AsyneioError, LiveError
 from asyneio.live.chunks import Sensor, Source
 from asyneio.live.gravity import GravityCheck
 from asyneio.live.inbox import Inbox
@@ -34,19 +35,32 @@ from asyneio.types import Estimate, Health, Packet, StepReport
 
 #: A source that is silent for so long is reported as DEGRADED, and again at this interval.
 _SILENCE_S = 0.5
+#: How long [s] a source is waited for at the end.
+_DRIVER_S = 2.0
 
 
 @dataclass(frozen=True)
 class LiveOptions:
     """How a live run treats time.
 
-    `max_backlog_s`: load is shed so that no data wait longer. `duration_s`: stop after so much sensor time.
-    `landmarks`: outputs are given landmarks.
+    `max_backlog_s`: load is shed so that no data wait longer. `duration_s`: stop after this sensor time; None:
+    never. `landmarks`: outputs receive landmarks.
+
+    Raises:
+        LiveError: a time is not positive and finite.
     """
 
     max_backlog_s: float = 0.5
     duration_s: float | None = None
     landmarks: bool = False
+
+    def __post_init__(self) -> None:
+        given = {"longest backlog (--max-backlog)": self.max_backlog_s}
+        if self.duration_s is not None:
+            given["duration (--duration)"] = self.duration_s
+        for name, value in given.items():
+            if not 0.0 < value < math.inf:
+                raise LiveError(f"found {value:g} for the {name}, expected seconds above 0")
 
 
 class LiveInterrupted(KeyboardInterrupt):
@@ -126,40 +140,54 @@ class _Engine:
         self._first_segment = 0
         self._last: StepReport | None = None
         self._reported_silence_s = 0.0
+        self._ending_since_s: float | None = None
+        self._reported_ending = False
         self._tally = Tally(sensor.name)
         self._gravity = GravityCheck()
 
     def run(self) -> LiveSummary:
+        self._begin()
         error = ""
-        for output in self._outputs:
-            output.begin(self._sensor)
-        self._tracking.start()
-        self._intake.start()
         with ending_softly(self._end) as interrupts:
             try:
                 self._work()
             except AsyneioError as caught:
                 error = str(caught)
             except KeyboardInterrupt:
-                error = "ended at once by a second Ctrl-C"
+                error = "ended at once by a second interrupt"
             finally:
                 self._intake.stop()
                 self._tracking.abort()
-                self._intake.join(timeout_s=2.0)
-                notes = (*self._sensor.notes, *self._notes())
-                summary = self._tally.summary(error, notes, self._tracking.busy_s)
+                self._intake.join(timeout_s=_DRIVER_S)
                 for output in self._outputs:
                     output.end()
+            summary = self._tally.summary(error, self._notes(), self._tracking.busy_s)
         if interrupts.count:
             raise LiveInterrupted(summary)
         return summary
 
+    def _begin(self) -> None:
+        """Start outputs and threads; where one output cannot start, end those that have."""
+        started: list[Output] = []
+        try:
+            for output in self._outputs:
+                output.begin(self._sensor)
+                started.append(output)
+        except BaseException:
+            for output in started:
+                output.end()
+            raise
+        self._tracking.start()
+        self._intake.start()
+
     def _end(self) -> None:
-        self._progress.message("ending: processing what has arrived (Ctrl-C again: at once)")
+        """Called by a signal handler: no output here, which it may have interrupted."""
+        self._ending_since_s = time.perf_counter()
         self._intake.stop()
 
     def _work(self) -> None:
         while True:
+            self._check_ending()
             try:
                 item = self._tracking.queue.get(timeout=0.1)
             except queue.Empty:
@@ -175,6 +203,17 @@ class _Engine:
                 self._step(item)
         if self._intake.failure is not None:
             raise self._intake.failure
+
+    def _check_ending(self) -> None:
+        """After an interrupt, report it, and do not wait for a driver that does not return."""
+        since_s = self._ending_since_s
+        if since_s is None:
+            return
+        if not self._reported_ending:
+            self._reported_ending = True
+            self._progress.message("ending: processing what has arrived (Ctrl-C again: at once)")
+        if time.perf_counter() - since_s > _DRIVER_S:
+            self._intake.abandon()
 
     def _step(self, tracked: Tracked) -> None:
         estimates, report = self._process(tracked.packet)
@@ -241,14 +280,15 @@ class _Engine:
             output.step(step)
 
     def _notes(self) -> tuple[str, ...]:
-        """Notes on data dropped at the input."""
+        """Notes on the sensor, on data dropped at the input, and on outputs that are not complete."""
         counts = self._intake.guard.counts
-        said = {
+        dropped = {
             "event(s) outside the sensor or without a polarity dropped": counts.rejected_events,
             "row(s) with an isolated wrong time stamp dropped": counts.isolated_stamps,
             "sample(s) that are not finite dropped": counts.not_finite,
             "jump(s) of the sensor's clock": counts.jumps,
         }
-        counted = (f"{count} {what}" for what, count in said.items() if count)
+        counted = (f"{count} {what}" for what, count in dropped.items() if count)
         complaint = (self._gravity.complaint,) if self._gravity.complaint else ()
-        return (*complaint, *self._source.notes(), *counted)
+        outputs = (note for output in self._outputs for note in output.notes())
+        return (*self._sensor.notes, *complaint, *self._source.notes(), *counted, *outputs)

@@ -45,6 +45,11 @@ class IntakeThread:
         self._stop.set()
         self._inbox.stop_waiting()
 
+    def abandon(self) -> None:
+        """Hand over the end of the source if a driver still holds up the thread."""
+        if self._thread.is_alive():
+            self._inbox.put(EndOfSource())
+
     def join(self, timeout_s: float) -> None:
         """Wait for the thread, which a driver may hold up."""
         self._thread.join(timeout_s)
@@ -58,6 +63,9 @@ class IntakeThread:
             for chunk in self._source.chunks(self._stop):
                 if chunk is None:
                     self._listen()
+                elif isinstance(chunk, Break):
+                    self.guard.reset()
+                    self._inbox.put(chunk)
                 elif self._take(chunk):
                     break
         except BaseException as error:  # for the thread that waits

@@ -54,7 +54,7 @@ class RawFile:
             ]
 
     def add(self, rows: Rows) -> None:
-        """Append rows and hand them to the operating system."""
+        """Append rows and hand them to the operating system. Raises OSError: a row could not be written."""
         for name, columns in self._columns.items():
             _append(columns, getattr(rows, name))
         self._file.flush()

@@ -53,5 +53,9 @@ class Output(Protocol):
         ...
 
     def end(self) -> None:
-        """Write what is held back, and close."""
+        """Write what is held back, and close. Raises nothing: see `notes`."""
+        ...
+
+    def notes(self) -> tuple[str, ...]:
+        """Notes on output that is missing or incomplete; after `end`."""
         ...

@@ -3,17 +3,16 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from array import array
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
 from asyneio.live.step import LiveStep, Transition
 from asyneio.live.tracking import Shed
+from asyneio.pipeline.json_text import to_json
 from asyneio.types import NS_PER_S, Health
 from asyneio.version import __version__
 
@@ -53,7 +52,7 @@ class LiveSummary:
 
     def to_json(self) -> str:
         """The summary as JSON text; what is not finite becomes null."""
-        return json.dumps(_plain(asdict(self)), indent=2) + "\n"
+        return to_json(asdict(self), indent=2)
 
 
 class Tally:
@@ -147,14 +146,3 @@ def _quantiles_ms(seconds: array[float]) -> tuple[float, float, float]:
         return math.nan, math.nan, math.nan
     median, high, most = np.percentile(np.frombuffer(seconds, dtype=np.float64), [50.0, 99.0, 100.0]).tolist()
     return 1e3 * median, 1e3 * high, 1e3 * most
-
-
-def _plain(value: Any) -> Any:
-    match value:
-        case dict():
-            return {key: _plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_plain(item) for item in value]
-        case float():
-            return value if math.isfinite(value) else None
-    return value

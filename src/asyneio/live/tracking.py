@@ -44,6 +44,10 @@ class Shed:
     late_events: int = 0
     late_samples: int = 0
 
+    def all_events(self) -> int:
+        """Events that were left out, for any reason but lateness."""
+        return self.thinned + self.dropped + self.events + self.feature_events
+
     def nothing(self) -> bool:
         """No event, feature or sample was left out."""
         return self == Shed()

@@ -3,14 +3,10 @@
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
-from asyneio.types import (
-    Health,
-)
+from asyneio.pipeline.json_text import to_json
+from asyneio.types import Health
 
 
 @dataclass(frozen=True)
@@ -124,15 +120,4 @@ class Summary:
 
     def to_json(self) -> str:
         """The summary as JSON text; numbers that are not finite become null."""
-        return json.dumps(_plain(asdict(self)), indent=2) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    match value:
-        case dict():
-            return {key: _plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_plain(item) for item in value]
-        case float():
-            return value if math.isfinite(value) else None
-    return value
+        return to_json(asdict(self), indent=2)

@@ -59,7 +59,9 @@ class OnlineClock:
             self.offset_ns = 0
         if self.offset_ns == 0:
             return
-        self._since_ns = sensor_ns if self._since_ns is None else self._since_ns
+        if self._since_ns is None or sensor_ns < self._since_ns:
+            # The first message, or a recording that is played again: times and stamps jump back together.
+            self._delays, self._lows, self._since_ns = [], [], sensor_ns
         self._delays.append(stamp_ns - sensor_ns)
         span_ns = sensor_ns - self._since_ns
         if span_ns < (_FIRST_NS if self.offset_ns is None else _UPDATE_NS):

@@ -21,7 +21,10 @@ _CHUNK_NS, _LARGE_CHUNK_NS = 4_000_000, 50_000_000
 
 
 class FileSource:
-    """A recording of events, at its own pace or another one.
+    """A recording of events, at its own pace or another one. See `live.chunks.Source`.
+
+    Attributes:
+        path: of the recording.
 
     Args:
         path: of any kind that `asyneio run` reads.
@@ -40,15 +43,15 @@ class FileSource:
                 f"found --speed {speed:g}, expected a positive number, or 0 for as fast as possible"
             )
         self.can_wait = speed == 0.0
-        self._path, self._speed, self._options = path, speed, options
+        self.path, self._speed, self._options = path, speed, options
         self._recording: EventRecording | None = None
 
     def open(self, stop: threading.Event) -> Sensor:
         """See `Source`. Raises RecordingError as `open_recording` does."""
-        recording = open_recording(self._path, self._options)
+        recording = open_recording(self.path, self._options)
         if not isinstance(recording, EventRecording):
             raise LiveError(
-                f"{self._path} holds feature tracks, no events: a live run follows features itself; use "
+                f"{self.path} holds feature tracks, no events: a live run follows features itself; use "
                 "`asyneio run` for it"
             )
         usable_span(recording)
