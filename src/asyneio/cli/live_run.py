@@ -47,7 +47,7 @@ def execute_live(job: LiveJob) -> None:
     Raises:
         LiveError, CalibrationError: the source or an output cannot be opened.
         EstimationError: the trajectory is missing or incomplete.
-        RecordingError: the folder cannot be used, or the recording is incomplete.
+        RecordingError: the folder cannot be used, or the recording or standard output is incomplete.
         LiveInterrupted: Ctrl-C or SIGTERM; everything is written.
     """
     # A service manager ends a program with SIGTERM. It has the effect of Ctrl-C.
@@ -63,8 +63,9 @@ def execute_live(job: LiveJob) -> None:
     status.finish(summary)
     if summary.failure:
         raise EstimationError(summary.failure)
-    if spool is not None and spool.failure:
-        raise RecordingError(spool.failure)
+    for output in (*outputs, spool):
+        if isinstance(output, LineOutput | Spool) and output.failure:
+            raise RecordingError(output.failure)
 
 
 def _spool_of(job: LiveJob) -> Spool | None:

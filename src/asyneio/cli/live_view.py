@@ -40,20 +40,19 @@ class StatusLine:
         self._console = Console(stderr=True)
         self._next_s = 0.0
         self._poses = 0
-        self._warned = False
+        self._reported: set[str] = set()
 
     def begin(self, sensor: Sensor) -> None:
         """See `Output`."""
         for note in sensor.notes:
-            self.message(f"note: {note}")
+            self._note(note)
         self.message(f"{sensor.name}: {sensor.width} x {sensor.height} pixels")
 
     def step(self, step: LiveStep) -> None:
         """See `Output`."""
         self._poses += len(step.estimates)
-        if self._spool is not None and self._spool.failure and not self._warned:
-            self._warned = True
-            self.message(f"warning: {self._spool.failure}; the run continues")
+        if self._spool is not None and self._spool.failure:
+            self._note(self._spool.failure)
         now_s = time.perf_counter()
         if now_s >= self._next_s:
             self._next_s = now_s + _INTERVAL_S
@@ -91,9 +90,15 @@ class StatusLine:
             f"{latency}{_shed_text(summary.shed)}"
         )
         for note in summary.notes:
-            self.message(f"note: {note}")
+            self._note(note)
         for path in self._spool.finish(summary) if self._spool else ():
             self.message(f"wrote {path}")
+
+    def _note(self, note: str) -> None:
+        """Print a note, once."""
+        if note not in self._reported:
+            self._reported.add(note)
+            self.message(f"note: {note}")
 
     def _show(self, text: str) -> None:
         """Replace the line of a terminal."""

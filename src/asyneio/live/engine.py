@@ -43,8 +43,8 @@ _DRIVER_S = 2.0
 class LiveOptions:
     """How a live run treats time.
 
-    `max_backlog_s`: load is shed so that no data wait longer. `duration_s`: stop after this sensor time; None:
-    never. `landmarks`: outputs receive landmarks.
+    `max_backlog_s`: load is shed so that no data wait longer. `duration_s`: stop after this sensor time;
+    None: never. `landmarks`: outputs receive landmarks.
 
     Raises:
         LiveError: a time is not positive and finite.

@@ -105,10 +105,15 @@ class LineOutput:
             return ()
         if isinstance(self._writer.error, BrokenPipeError):
             return ("standard output was closed by its reader: the later lines are missing there",)
-        if self._writer.error is not None:
-            reason = self._writer.error.strerror or self._writer.error
-            return (f"standard output cannot be written ({reason}): the later lines are missing there",)
-        return _missed_note(self._writer.missed, "standard output")
+        return (self.failure,) if self.failure else _missed_note(self._writer.missed, "standard output")
+
+    @property
+    def failure(self) -> str:
+        """Why lines are missing that a reader was ready to take; empty if there is no such reason."""
+        error = self._writer.error if self._writer is not None else None
+        if error is None or isinstance(error, BrokenPipeError):
+            return ""
+        return f"cannot write to standard output: {error.strerror or error}; the later lines are missing"
 
     def _write(self, line: bytes) -> None:
         if self._descriptor is None:

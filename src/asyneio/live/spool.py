@@ -170,8 +170,10 @@ class Spool:
         self._batches.put(None)
         if self._raw.is_alive():
             self._raw.join()
-        for file in (*self._files.values(), *(self._trajectory or ())[1:]):
+        for file in self._files.values():
             file.close()
+        if self._trajectory is not None:
+            self._trajectory[1].close()
         states = self.results / _STATES
         if self._files and self._files[_STATES].size:
             try:
