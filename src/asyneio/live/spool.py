@@ -47,6 +47,8 @@ RECORDING, RESULTS = "recording", "live"
 _LINES, _HEALTH, _STATES = "poses.jsonl", "health.csv", ".states"
 #: Recording stops while this space is left on the disk, so that all files can be closed.
 RESERVE_BYTES = 64 * 2**20
+#: How often [s] the free space is checked.
+_CHECK_S = 1.0
 #: Largest number of batches of raw rows that wait for the disk; further ones are lost, with a note.
 _MOST_BATCHES = 50
 
@@ -197,9 +199,9 @@ class Spool:
         return (*lost, self.failure) if self.failure else lost
 
     def _has_room(self) -> bool:
-        """Whether enough of the disk is free to close all files, checked once a second."""
+        """Whether enough of the disk is free to close all files, checked now and then."""
         now_s = time.perf_counter()
-        if now_s - self._checked_s > 1.0:
+        if now_s - self._checked_s > _CHECK_S:
             self._checked_s = now_s
             wanted = RESERVE_BYTES + self._files[_STATES].size
             if shutil.disk_usage(self.folder).free < wanted:

@@ -57,7 +57,7 @@ class LiveView:
 
     def end(self) -> None:
         """See `Output`."""
-        if self._scene is None:
+        if self._scene is None or self._failure:
             return
         try:
             self._steps.put(None, timeout=_LAST_S)
@@ -79,7 +79,7 @@ class LiveView:
                 self._scene.add(scene_step(step))
             self._scene.close()
         except Exception as error:  # of rerun: the run does not depend on its picture
-            self._failure = f"{type(error).__name__}: {error}"
+            self._failure = str(error) or type(error).__name__
 
 
 def scene_step(step: LiveStep) -> SceneStep:
