@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live run: source, front end and estimator in threads, steps to all outputs."""
+"""The live run: source, front end and estimator, each in a thread, and all outputs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from asyneio.pipeline.kernels import (
 from asyneio.progress import SILENT, RunProgress
 from asyneio.types import Estimate, Health, Packet, StepReport
 
-#: A source that is silent for so long is reported as DEGRADED, and again at this interval.
+#: A source that is silent for this time [s] is reported as DEGRADED, and again at this interval.
 _SILENCE_S = 0.5
 #: How long [s] a source is waited for at the end.
 _DRIVER_S = 2.0
@@ -64,7 +64,7 @@ class LiveOptions:
 
 
 class LiveInterrupted(KeyboardInterrupt):
-    """A live run was ended by Ctrl-C; `summary` is what there was until then, all of it written."""
+    """A live run was ended by Ctrl-C or SIGTERM; `summary` has the figures, and all files are written."""
 
     def __init__(self, summary: LiveSummary) -> None:
         super().__init__("interrupted")
@@ -87,19 +87,20 @@ def run_live(
     Args:
         source: not yet open; it is closed at the end.
         config: all settings.
-        outputs: are given every step.
+        outputs: receive every step.
         spool: keeps the raw stream and the results.
         options: how time is treated.
         progress: receives messages on compilation and changes of health.
 
     Raises:
         LiveError, CalibrationError: the source cannot be opened, or its sensor has no calibration.
-        LiveInterrupted: Ctrl-C; what had arrived until then is processed and written.
+        LiveInterrupted: Ctrl-C or SIGTERM; data that had arrived are processed and written.
+        AsyneioError: an output cannot begin; see its class.
     """
     options = options or LiveOptions()
     stop = threading.Event()
     try:
-        # What is wrong with a file is reported at once; a camera would fill the queues meanwhile.
+        # Errors of a file are reported at once. A camera would fill the queues during compilation.
         sensor = source.open(stop) if source.starts_when_read else None
         with watch_compilation(progress) as compilation:
             compile_ahead(compilation, progress)
@@ -181,7 +182,7 @@ class _Engine:
         self._intake.start()
 
     def _end(self) -> None:
-        """Called by a signal handler: no output here, which it may have interrupted."""
+        """Called by a signal handler, which may have interrupted output: nothing is printed here."""
         self._ending_since_s = time.perf_counter()
         self._intake.stop()
 
@@ -217,9 +218,11 @@ class _Engine:
 
     def _step(self, tracked: Tracked) -> None:
         estimates, report = self._process(tracked.packet)
-        tracked.tell(report.outlier_share)
+        tracked.feedback(report.outlier_share)
         if self._gravity.add(tracked.packet):
-            self._progress.message(f"warning: {self._gravity.complaint}; the poses are wrong by metres")
+            self._progress.message(
+                f"warning: {self._gravity.complaint}; the positions will be wrong by metres"
+            )
         now_s = time.perf_counter()
         self._reported_silence_s = 0.0
         self._publish(
@@ -236,7 +239,7 @@ class _Engine:
         )
 
     def _process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
-        """One packet, with segments counted over all stretches."""
+        """Estimates and report of a packet, with segments counted over all stretches."""
         started = time.perf_counter()
         estimates, report = self._estimator.process(packet)
         segment = report.segment + self._first_segment

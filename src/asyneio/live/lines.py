@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps as lines of JSON: what programs that follow a live run read."""
+"""Steps as lines of JSON, for other programs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def step_lines(step: LiveStep) -> Iterator[str]:
     if not step.estimates:
         yield to_json({"type": "state", "t_ns": step.report.t_ns, **_attitude(step), **state})
     for estimate in step.estimates:
-        # An estimate of an earlier knot than the packet's end is that much older.
+        # An estimate of a knot before the end of the packet is older by the difference.
         age_s = max(step.report.t_ns - estimate.t_ns, 0) / NS_PER_S
         timing = {"latency_s": step.latency_s + age_s}
         yield to_json({"type": "pose", "t_ns": estimate.t_ns, **_pose(estimate), **state, **timing})

@@ -16,7 +16,7 @@
 | `I` | samples of both sensors, 56 bytes: int64 t [ns], 3 float64 [rad/s], 3 float64 [m/s^2] |
 | `G`, `A` | samples of one of them, 32 bytes each: int64 t [ns], float64 x, y, z |
 | `T` | int64 t [ns]: all events up to this time have been sent (optional; a static scene makes no events) |
-| `Z` | the end: the source closes for good; no payload |
+| `Z` | the end: no more data follow; no payload |
 """
 
 from __future__ import annotations

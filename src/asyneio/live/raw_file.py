@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A raw stream on disk in our HDF5 layout, row by row."""
+"""A raw stream in a file of our HDF5 layout, which grows with each packet."""
 
 from __future__ import annotations
 

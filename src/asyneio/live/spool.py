@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of a live run: raw stream and results, written as they come, in bounded memory.
+"""The folder of a live run: raw stream and results, written with each packet, in bounded memory.
 
 | file | content |
 |---|---|
 | `recording.h5` | the raw stream (our HDF5 layout): `asyneio run FOLDER` gives the same estimates |
 | `recording_1.h5`, ... | stretches after a break of the stream |
-| `live/poses.jsonl` | the lines that were published |
+| `live/poses.jsonl` | the lines of all steps (`live.lines`) |
 | `live/trajectory.tum`, `live/trajectory_1.tum`, ... | poses of each segment |
 | `live/health.csv` | state at each step |
-| `live/estimates.npz` | states with covariance, without loss; made at the end |
+| `live/estimates.npz` | states with covariances; made at the end |
 | `live/config.yaml`, `live/summary.json` | settings and figures |
 """
 
@@ -103,8 +103,8 @@ class _WholeRows:
 class Spool:
     """Keeps a live run in a folder. See `live.step.Output`.
 
-    Where the disk is nearly full or cannot be written, recording stops with files that are whole so far, and
-    the run continues.
+    If the disk is nearly full or cannot be written, recording stops with files that are complete up to then,
+    and the run continues.
 
     Attributes:
         failure: why the recording is incomplete; empty while it is complete.
@@ -230,8 +230,8 @@ class Spool:
         while (batch := self._batches.get()) is not None:
             try:
                 if current is not None and (self.failure or batch.stretch != stretch):
-                    current, closed = None, current
-                    closed.close()
+                    finished, current = current, None
+                    finished.close()
                 if self.failure:
                     continue
                 if current is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a live run, added up in bounded memory."""
+"""Figures of a live run, collected in bounded memory."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOST_LATENCIES, _MOST_TRANSITIONS = 1_000_000, 1000
 class LiveSummary:
     """Figures of a live run.
 
-    `duration_s`: sensor time of all packets; `wall_s`: on the wall, from the first packet on. Latencies as in
+    `duration_s`: sensor time of all packets. `wall_s`: real time since the first packet. Latencies as in
     `LiveStep`: median, 99th percentile and largest. `health_s`: seconds in each state. `failure` says why the
     output is missing or incomplete; empty when it is complete.
     """
@@ -51,12 +51,12 @@ class LiveSummary:
     notes: tuple[str, ...]
 
     def to_json(self) -> str:
-        """The summary as JSON text; what is not finite becomes null."""
+        """The summary as JSON text; numbers that are not finite become null."""
         return to_json(asdict(self), indent=2)
 
 
 class Tally:
-    """Adds up what `LiveSummary` tells."""
+    """Collects the figures of `LiveSummary`."""
 
     def __init__(self, source: str) -> None:
         self._source = source
@@ -99,7 +99,7 @@ class Tally:
             self._processing.append(step.processing_s)
 
     def summary(self, error: str, notes: tuple[str, ...], frontend_s: float) -> LiveSummary:
-        """The figures so far; `error` is what stopped the run, if anything."""
+        """The figures so far; `error` is the reason why the run stopped, or empty."""
         wall_s = time.perf_counter() - self._started_s if self._started_s else 0.0
         return LiveSummary(
             source=self._source,
@@ -132,11 +132,11 @@ class Tally:
             return "the source sent no complete packet: no events, or no inertial samples"
         because = f": {last.reason}" if last.reason else ""
         if not self._knots:
-            return f"the estimator never started, so there is no trajectory{because}"
+            return f"the estimator did not initialize, so there is no trajectory{because}"
         if last.health in (Health.LOST, Health.INITIALIZING):
             return f"the estimator lost track and did not recover{because}"
         if self.segments > 1:
-            return f"the trajectory is in {self.segments} segments, each in a world of its own"
+            return f"the trajectory has {self.segments} segments, each with its own world frame"
         return ""
 
 

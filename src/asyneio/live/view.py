@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The viewer of a live run, in a thread of its own: when it cannot keep up, it misses steps."""
+"""The viewer of a live run, in a thread of its own; a slow viewer misses steps."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _LAST_S = 10.0
 
 
 class LiveView:
-    """Steps in rerun's window, or into a file. See `live.step.Output`.
+    """Steps in the window of rerun, in a file, or both. See `live.step.Output`.
 
     Args:
         show: open the window.
-        file: where the `.rrd` file goes; None: nowhere.
+        file: path of the `.rrd` file; None: no file.
     """
 
     def __init__(self, show: bool, file: Path | None) -> None:
@@ -78,12 +78,12 @@ class LiveView:
             while (step := self._steps.get()) is not None:
                 self._scene.add(scene_step(step))
             self._scene.close()
-        except Exception as error:  # of rerun: the run does not depend on its picture
+        except Exception as error:  # An error of rerun does not end the run.
             self._failure = str(error) or type(error).__name__
 
 
 def scene_step(step: LiveStep) -> SceneStep:
-    """What the viewer shows of a step that a packet led to."""
+    """The content of a step with a packet, for the viewer."""
     assert step.tracked is not None
     raw, packet = step.tracked.raw, step.tracked.packet
     figures = {"latency_ms": 1e3 * step.latency_s, "waiting_ms": 1e3 * step.backlog_s}

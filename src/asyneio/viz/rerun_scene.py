@@ -38,7 +38,7 @@ _PLOTTED_HZ = 100
 #: Poses per piece of the drawn trajectory: a new pose redraws its piece only.
 _PIECE_POSES = 50
 _BACKGROUND, _BRIGHTER, _DARKER = 32, 255, 128
-#: Bounds of biases.
+#: Drawn bounds of biases, in standard deviations.
 _SIGMAS = 3.0
 _COLOURS = {
     Health.INITIALIZING: (120, 120, 120),
@@ -46,8 +46,9 @@ _COLOURS = {
     Health.DEGRADED: (230, 160, 30),
     Health.LOST: (210, 50, 50),
 }
-#: Of the curve of health.
+#: Colours of the axes x, y, z.
 _AXES = ((200, 70, 60), (70, 160, 80), (60, 110, 210))
+#: Values of the curve of health.
 _LEVELS = {Health.LOST: 0, Health.INITIALIZING: 1, Health.DEGRADED: 2, Health.TRACKING: 3}
 
 
@@ -58,7 +59,7 @@ def available() -> bool:
 
 @dataclass(frozen=True)
 class SceneStep:
-    """What one packet adds. `events` EVENT_DTYPE, `observations` OBSERVATION_DTYPE, `gyroscope` and
+    """The content of one packet. `events` EVENT_DTYPE, `observations` OBSERVATION_DTYPE, `gyroscope` and
     `accelerometer` INERTIAL_DTYPE, `landmarks` (N,3) [m] or None; `figures`: further curves by name."""
 
     report: StepReport
@@ -104,7 +105,7 @@ class RerunScene:
         self._log_static()
 
     def add(self, step: SceneStep) -> None:
-        """Log what a packet adds. Raises RuntimeError: no data can be shown or written any more."""
+        """Log one packet. Raises RuntimeError: no data can be shown or written any more."""
         self._at(step.report.t_ns)
         self._log_events(step.events)
         self._log_tracks(step.observations, step.report.t_ns)
@@ -119,7 +120,7 @@ class RerunScene:
         self._flush()
 
     def close(self) -> None:
-        """Write everything that is held back. Raises RuntimeError: as `add`."""
+        """Send or write all waiting data. Raises RuntimeError: as `add`."""
         self._flush()
         self._stream.disconnect()
 
