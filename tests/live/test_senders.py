@@ -17,9 +17,10 @@ from asyneio.errors import LiveError
 from asyneio.io.recording.event_source import pack_events
 from asyneio.live import engine
 from asyneio.live.chunks import Break, Chunk, Sensor, Source
-from asyneio.live.engine import LiveInterrupted, LiveOptions, run_live
+from asyneio.live.engine import LiveInterrupted, run_live
 from asyneio.live.inbox import EndOfSource, Inbox
 from asyneio.live.intake import IntakeThread
+from asyneio.live.options import LiveOptions
 from asyneio.live.protocol import frame
 from asyneio.live.sources import CalibrationOptions
 from asyneio.live.sources import sender as sender_module

@@ -15,9 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from asyneio.cli import recording_view as recording_view_module
+from asyneio.cli.live_view import viewer_of
+from asyneio.config import Config
 from asyneio.errors import LiveError
 from asyneio.live.chunks import Sensor
 from asyneio.live.view import LiveView
+from asyneio.pipeline import run_recording
 from asyneio.types import OBSERVATION_DTYPE, EventRecording, Health, StepReport
 
 pytest.importorskip("rerun")
@@ -164,3 +168,33 @@ def test_no_screen_is_reported(recording: EventRecording, monkeypatch: pytest.Mo
     sensor = Sensor("test", recording.width, recording.height, recording.calibration)
     with pytest.raises(LiveError, match="it needs a screen"):
         LiveView(True, None).begin(sensor)
+
+
+def test_rerun_missing_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(rerun_scene, "available", lambda: False)
+    with pytest.raises(LiveError, match=r"asyneio\[viz\]"):
+        viewer_of(True, None)
+    # A recording does not need it.
+    assert viewer_of(False, tmp_path / "view.rrd") is None
+
+
+def test_a_closed_viewer_does_not_end_a_run_over_a_recording(
+    recording: EventRecording, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Closing:
+        def __init__(self, *_: object, **__: object) -> None:
+            self.steps = 0
+
+        def add(self, step: object) -> None:
+            self.steps += 1
+            if self.steps == 3:
+                raise RuntimeError("the window of the viewer was closed")
+
+        def close(self) -> None:
+            raise AssertionError("closed already")
+
+    monkeypatch.setattr(recording_view_module, "RerunScene", Closing)
+    with recording_view_module.recording_view(recording, show=True) as watch:
+        result = run_recording(recording, Config(), watch=watch)
+    assert result.run.estimates
+    assert capsys.readouterr().err.count("closed") == 1

@@ -70,7 +70,7 @@ def live(
     """
     from asyneio.cli.live_run import LiveJob, execute_live
     from asyneio.io import ReadOptions
-    from asyneio.live.engine import LiveOptions
+    from asyneio.live.options import LiveOptions
     from asyneio.live.sources import CalibrationOptions, open_source
 
     settings = with_scheme(with_tracker(settings_of(config, preset), tracker), scheme)

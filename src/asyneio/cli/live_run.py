@@ -14,7 +14,8 @@ from asyneio.cli.live_view import StatusLine, viewer_of
 from asyneio.config import Config
 from asyneio.errors import EstimationError, RecordingError
 from asyneio.live.chunks import Source
-from asyneio.live.engine import LiveInterrupted, LiveOptions, run_live
+from asyneio.live.engine import LiveInterrupted, run_live
+from asyneio.live.options import LiveOptions
 from asyneio.live.publisher import LineOutput, SocketOutput
 from asyneio.live.sources.address import host_and_port
 from asyneio.live.sources.file import FileSource

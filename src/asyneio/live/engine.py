@@ -3,20 +3,20 @@
 
 from __future__ import annotations
 
-import math
 import queue
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from asyneio.config import Config
-from asyneio.errors import AsyneioError, LiveError
+from asyneio.errors import AsyneioError
 from asyneio.live.chunks import Sensor, Source
 from asyneio.live.gravity import GravityCheck
 from asyneio.live.inbox import Inbox
 from asyneio.live.intake import IntakeThread
 from asyneio.live.interrupts import ending_softly
+from asyneio.live.options import LiveOptions
 from asyneio.live.spool import Spool
 from asyneio.live.step import LiveStep, Output
 from asyneio.live.summary import LiveSummary, Tally
@@ -37,30 +37,6 @@ from asyneio.types import Estimate, Health, Packet, StepReport
 _SILENCE_S = 0.5
 #: How long [s] a source is waited for at the end.
 _DRIVER_S = 2.0
-
-
-@dataclass(frozen=True)
-class LiveOptions:
-    """How a live run treats time.
-
-    `max_backlog_s`: load is shed so that no data wait longer. `duration_s`: stop after this sensor time;
-    None: never. `landmarks`: outputs receive landmarks.
-
-    Raises:
-        LiveError: a time is not positive and finite.
-    """
-
-    max_backlog_s: float = 0.5
-    duration_s: float | None = None
-    landmarks: bool = False
-
-    def __post_init__(self) -> None:
-        given = {"longest backlog (--max-backlog)": self.max_backlog_s}
-        if self.duration_s is not None:
-            given["duration (--duration)"] = self.duration_s
-        for name, value in given.items():
-            if not 0.0 < value < math.inf:
-                raise LiveError(f"found {value:g} for the {name}, expected seconds above 0")
 
 
 class LiveInterrupted(KeyboardInterrupt):

@@ -20,17 +20,13 @@ import queue
 import shutil
 import threading
 import time
-import zipfile
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from asyneio.config import Config, dump_config
 from asyneio.errors import RecordingError
-from asyneio.io.parsing.atomic import atomic_file, make_folder, write_text
+from asyneio.io.parsing.atomic import make_folder, write_text
 from asyneio.io.parsing.decimal_seconds import format_seconds
 from asyneio.io.recording.tum import HEADER
 from asyneio.io.results.health import HEALTH_COLUMNS
@@ -38,10 +34,10 @@ from asyneio.live.chunks import Sensor
 from asyneio.live.lines import quaternion, step_lines
 from asyneio.live.packetizer import Rows
 from asyneio.live.raw_file import RawFile
+from asyneio.live.spool_files import RowFile, state_row, write_estimates
 from asyneio.live.step import LiveStep
 from asyneio.live.summary import LiveSummary
-from asyneio.state import DOF
-from asyneio.types import STATE_BLOCKS, Estimate
+from asyneio.types import Estimate
 
 RECORDING, RESULTS = "recording", "live"
 _LINES, _HEALTH, _STATES = "poses.jsonl", "health.csv", ".states"
@@ -52,52 +48,11 @@ _CHECK_S = 1.0
 #: Largest number of batches of raw rows that wait for the disk; further ones are lost, with a note.
 _MOST_BATCHES = 50
 
-_STATE_DTYPE = np.dtype(
-    [
-        ("t_ns", "<i8"),
-        ("segment", "<i8"),
-        ("T_w_b", "<f8", (4, 4)),
-        ("velocity_w", "<f8", (3,)),
-        ("angular_velocity_b", "<f8", (3,)),
-        ("generalized_acceleration", "<f8", (6,)),
-        ("bias_gyroscope", "<f8", (3,)),
-        ("bias_accelerometer", "<f8", (3,)),
-        ("covariance", "<f8", (DOF, DOF)),
-    ]
-)
-
 
 @dataclass(frozen=True)
 class _Batch:
     stretch: int
     rows: Rows
-
-
-class _WholeRows:
-    """A file that holds whole rows only: a row that does not fit is cut off again.
-
-    Raises OSError on every failure.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("wb", buffering=0)
-        self.size = 0
-
-    def add(self, row: bytes) -> None:
-        """Append one row or several, and hand them to the operating system."""
-        view = memoryview(row)
-        try:
-            while view:
-                view = view[self._file.write(view) :]
-        except OSError:
-            with suppress(OSError):
-                self._file.truncate(self.size)
-            raise
-        self.size += len(row)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
 
 class Spool:
@@ -123,8 +78,8 @@ class Spool:
         make_folder(self.results)
         self._batches: queue.Queue[_Batch | None] = queue.Queue(_MOST_BATCHES)
         self._raw = threading.Thread(target=self._write_raw, name="recorder", daemon=True)
-        self._files: dict[str, _WholeRows] = {}
-        self._trajectory: tuple[int, _WholeRows] | None = None
+        self._files: dict[str, RowFile] = {}
+        self._trajectory: tuple[int, RowFile] | None = None
         self._lost_batches = 0
         self._checked_s = 0.0
         self.failure = ""
@@ -145,7 +100,7 @@ class Spool:
             (self.results / name).unlink(missing_ok=True)
         write_text(self.results / "config.yaml", dump_config(self._config))
         try:
-            self._files = {name: _WholeRows(self.results / name) for name in (_LINES, _HEALTH, _STATES)}
+            self._files = {name: RowFile(self.results / name) for name in (_LINES, _HEALTH, _STATES)}
             self._files[_HEALTH].add(_csv_row(HEALTH_COLUMNS))
         except OSError as error:
             raise RecordingError(
@@ -179,7 +134,7 @@ class Spool:
         states = self.results / _STATES
         if self._files and self._files[_STATES].size:
             try:
-                write_states(self.results / "estimates.npz", np.memmap(states, dtype=_STATE_DTYPE, mode="r"))
+                write_estimates(self.results / "estimates.npz", states)
             except (RecordingError, OSError) as error:
                 self._fail(str(error))
         states.unlink(missing_ok=True)
@@ -209,15 +164,12 @@ class Spool:
         return not self.failure
 
     def _add(self, estimate: Estimate) -> None:
-        row = np.zeros(1, dtype=_STATE_DTYPE)
-        for name in _STATE_DTYPE.names or ():
-            row[0][name] = getattr(estimate, name)
-        self._files[_STATES].add(row.tobytes())
+        self._files[_STATES].add(state_row(estimate))
         if self._trajectory is None or self._trajectory[0] != estimate.segment:
             if self._trajectory is not None:
                 self._trajectory[1].close()
             suffix = f"_{estimate.segment}" if estimate.segment else ""
-            file = _WholeRows(self.results / f"trajectory{suffix}.tum")
+            file = RowFile(self.results / f"trajectory{suffix}.tum")
             self._trajectory = estimate.segment, file
             file.add(HEADER.encode())
         pose = (*estimate.T_w_b[:3, 3].tolist(), *quaternion(estimate.T_w_b[:3, :3]))
@@ -257,21 +209,6 @@ def _csv_row(values: Sequence[str]) -> bytes:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow(values)
     return text.getvalue().encode()
-
-
-def write_states(path: Path, states: np.ndarray) -> None:
-    """`estimates.npz` from rows of states, which may be larger than memory; whole or not at all.
-
-    Raises:
-        RecordingError: the file cannot be written.
-    """
-    with atomic_file(path) as stream, zipfile.ZipFile(stream, "w", allowZip64=True) as archive:
-        for name in states.dtype.names or ():
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, states[name], allow_pickle=False)
-        blocks = io.BytesIO()
-        np.lib.format.write_array(blocks, np.array(STATE_BLOCKS), allow_pickle=False)
-        archive.writestr("state_blocks.npy", blocks.getvalue())
 
 
 def check_folder(folder: Path, played: Path | None = None) -> None:

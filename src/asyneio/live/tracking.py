@@ -30,7 +30,7 @@ class Shed:
     """Load that was shed since the start.
 
     `thinned`, `dropped`: events left out before the front end, the latter because the queue was full or the
-    backlog was given up, with `dropped_samples`. `events` (near no feature), `feature_events` (near features),
+    backlog was given up, with `dropped_samples`. `events` (near no feature), `feature_events` (near one),
     `features`: shed by the front end. `observations`: not handed to the estimator. `late_events`,
     `late_samples`: rows that came after their packet.
     """

@@ -8,7 +8,8 @@ import threading
 from collections.abc import Callable
 
 from asyneio.errors import AsyneioError
-from asyneio.live.engine import LiveOptions, run_live
+from asyneio.live.engine import run_live
+from asyneio.live.options import LiveOptions
 from asyneio.live.spool import Spool, check_folder
 from asyneio.progress import SilentProgress
 from asyneio.ros2.messages import ERROR, STALE, Status, status_of

@@ -262,11 +262,19 @@ def _blueprint() -> Any:
     """Image and tracks on the left, the world in the middle, curves on the right."""
     import rerun.blueprint as rrb
 
+    # Nine curves have the colours of the axes above; their legend would cover them.
+    hidden = rrb.PlotLegend(visible=False)
     curves = (
         rrb.TimeSeriesView(origin="imu/gyroscope", name="gyroscope [rad/s]"),
         rrb.TimeSeriesView(origin="imu/accelerometer", name="accelerometer [m/s^2]"),
-        rrb.TimeSeriesView(origin="bias/gyroscope", name="gyroscope bias, three sigma [rad/s]"),
-        rrb.TimeSeriesView(origin="bias/accelerometer", name="accelerometer bias, three sigma [m/s^2]"),
+        rrb.TimeSeriesView(
+            origin="bias/gyroscope", name="gyroscope bias, three sigma [rad/s]", plot_legend=hidden
+        ),
+        rrb.TimeSeriesView(
+            origin="bias/accelerometer",
+            name="accelerometer bias, three sigma [m/s^2]",
+            plot_legend=hidden,
+        ),
     )
     left = rrb.Vertical(
         rrb.Spatial2DView(origin="camera", name="events and tracks"),
