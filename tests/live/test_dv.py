@@ -206,6 +206,6 @@ def test_a_missing_port_is_said(recording: EventRecording, rig: CalibrationOptio
     ports = free_ports()
     with writer("arrays", tmp_path / "data.npz", ports):
         source = open_source(f"dv:{ports[0]}", rig)
-        with pytest.raises(LiveError, match="hold no inertial samples"):
+        with pytest.raises(LiveError, match="contain no inertial samples"):
             source.open(threading.Event())
         source.close()
