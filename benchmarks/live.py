@@ -29,7 +29,8 @@ from asyneio.config import Config
 from asyneio.io.calibration.kalibr_writer import camchain_text, imu_noise_text
 from asyneio.io.recording.event_source import SAMPLE_DTYPE
 from asyneio.live.chunks import Sensor
-from asyneio.live.engine import LiveOptions, run_live
+from asyneio.live.engine import run_live
+from asyneio.live.options import LiveOptions
 from asyneio.live.protocol import HEADER, MAGIC, frame
 from asyneio.live.sources import CalibrationOptions
 from asyneio.live.sources.socket import SocketSource
@@ -103,6 +104,10 @@ class Collect:
     def end(self) -> None:
         """See `Output`."""
         self._stop.set()
+
+    def notes(self) -> tuple[str, ...]:
+        """See `Output`."""
+        return ()
 
     def _watch(self) -> None:
         while not self._stop.wait(1.0):

@@ -87,7 +87,7 @@ def test_benchmarks_that_are_named_exist() -> None:
 def test_the_order_of_packages_is_that_of_the_contracts() -> None:
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     layers = [layer.replace("asyneio.", "") for layer in contracts[0]["layers"]]
-    block = re.search(r"^    cli\n(?:    .+\n)+", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE)
+    block = re.search(r"^    cli.*\n(?:    .+\n)+", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE)
     assert block is not None
     assert block.group().replace("    ", "").splitlines() == layers
 

@@ -36,6 +36,9 @@ class Remember:
     def end(self) -> None:
         self.ended = True
 
+    def notes(self) -> tuple[str, ...]:
+        return ()
+
     @property
     def estimates(self) -> list[Estimate]:
         return [estimate for step in self.steps for estimate in step.estimates]

@@ -61,11 +61,12 @@ def test_lines_and_files(file: Path, wanted: RunResult, tmp_path: Path) -> None:
     assert summary["knots"] == len(wanted.run.estimates)
 
 
-def test_ctrl_c_writes_everything(file: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_writes_everything(file: Path, tmp_path: Path, number: signal.Signals) -> None:
     process = started(f"file:{file}", "--record", str(tmp_path), "--max-backlog", "1000")
     assert process.stdout is not None
     first = next(line for line in process.stdout if json.loads(line)["type"] == "pose")
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     out, said = process.communicate(timeout=300)
     assert process.returncode == 130, said
     assert "interrupted" in said
@@ -126,6 +127,24 @@ def test_wrong_use_is_explained(arguments: list[str], said: str) -> None:
     assert process.returncode == 1
     assert said in errors
     assert "defect" not in errors
+
+
+def test_the_recording_that_is_played_is_not_replaced(file: Path, tmp_path: Path) -> None:
+    (tmp_path / "live").mkdir()
+    (tmp_path / "recording.h5").write_bytes(file.read_bytes())
+    process = started(f"file:{tmp_path}", "--record", str(tmp_path))
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert "name another folder" in errors
+    assert (tmp_path / "recording.h5").read_bytes() == file.read_bytes()
+
+
+def test_a_pipe_that_is_not_read_does_not_keep_the_process(file: Path) -> None:
+    process = started(f"file:{file}", "--speed", "0")
+    # The process ends while its output waits in the pipe.
+    assert process.wait(timeout=300) == 0
+    out, _ = process.communicate()
+    assert all(json.loads(line) for line in out.splitlines(keepends=True) if line.endswith("\n"))
 
 
 def test_a_foreign_recording_is_not_replaced(file: Path, tmp_path: Path) -> None:

@@ -22,7 +22,8 @@ from asyneio.io import ReadOptions, open_recording
 from asyneio.io.calibration.kalibr_writer import camchain_text, imu_noise_text
 from asyneio.live import tracking
 from asyneio.live.chunks import Chunk, Source
-from asyneio.live.engine import LiveOptions, run_live
+from asyneio.live.engine import run_live
+from asyneio.live.options import LiveOptions
 from asyneio.live.sources import CalibrationOptions, open_source
 from asyneio.live.sources import dv as dv_module
 from asyneio.live.spool import Spool
@@ -205,6 +206,6 @@ def test_a_missing_port_is_said(recording: EventRecording, rig: CalibrationOptio
     ports = free_ports()
     with writer("arrays", tmp_path / "data.npz", ports):
         source = open_source(f"dv:{ports[0]}", rig)
-        with pytest.raises(LiveError, match="hold no inertial samples"):
+        with pytest.raises(LiveError, match="contain no inertial samples"):
             source.open(threading.Event())
         source.close()

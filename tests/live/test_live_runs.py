@@ -15,7 +15,8 @@ from asyneio.errors import CalibrationError, LiveError
 from asyneio.io import open_recording, read_estimates, read_trajectory
 from asyneio.io.hdf5.asyneio_writer import write_events_hdf5
 from asyneio.live import intake
-from asyneio.live.engine import LiveOptions, run_live
+from asyneio.live.engine import run_live
+from asyneio.live.options import LiveOptions
 from asyneio.live.protocol import MAGIC, frame
 from asyneio.live.sources import CalibrationOptions, open_source
 from asyneio.live.sources.socket import SocketSource

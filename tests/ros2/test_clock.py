@@ -54,3 +54,13 @@ def test_a_clock_that_is_set_is_reported() -> None:
     stamps = ROS_NS + sensor_ns + (sensor_ns > 2 * NS_PER_S) * 30 * NS_PER_S
     with pytest.raises(ClockJumpError, match=r"jump relative to each other by 30\.000 s"):
         run(OnlineClock(), sensor_ns, stamps)
+
+
+def test_a_recording_that_is_played_again_needs_no_memory() -> None:
+    """Sensor times and stamps jump back together, and everything that was collected is forgotten."""
+    sensor_ns = np.arange(0, 10 * NS_PER_S, 10_000_000, dtype=np.int64)
+    twice = np.concatenate([sensor_ns, sensor_ns])
+    clock = OnlineClock()
+    found = run(clock, twice, ROS_NS + twice)
+    np.testing.assert_allclose(found[-sensor_ns.size :], ROS_NS + sensor_ns, atol=1000)
+    assert len(clock._delays) <= 100

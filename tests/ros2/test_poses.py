@@ -10,6 +10,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from asyneio.errors import ConfigError
+from asyneio.live.step import LiveStep
 from asyneio.ros2.messages import Frames, Status, fill_diagnostics, fill_odometry, fill_transform, status_of
 from asyneio.ros2.poses import PosesInOdom, transform_of
 from asyneio.types import Estimate, FloatArray, Health, StepReport
@@ -121,7 +122,7 @@ def test_messages_have_the_types_of_ros(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize(("health", "level"), [(Health.TRACKING, 0), (Health.DEGRADED, 1), (Health.LOST, 2)])
 def test_diagnostics(health: Health, level: int) -> None:
-    status = status_of(StepReport(1, health, "no events", segment=3), {"late rows": 4})
+    status = status_of(LiveStep(StepReport(1, health, "no events", segment=3)), {"damaged messages": 4})
     assert isinstance(status, Status)
     kind, item = "diagnostic_msgs/msg/DiagnosticArray", "diagnostic_msgs/msg/DiagnosticStatus"
     filled = fill_diagnostics(
@@ -129,7 +130,7 @@ def test_diagnostics(health: Health, level: int) -> None:
     )
     found = frozen(kind, filled).status[0]
     assert (found.level, found.message) == (level, f"{health}: no events")
-    assert {value.key: value.value for value in found.values}["late rows"] == "4"
+    assert {value.key: value.value for value in found.values}["damaged messages"] == "4"
 
 
 @pytest.mark.parametrize("values", [[0.0] * 7, [0.0] * 6, [0, 0, 0, 0, 0, 0, np.nan]])

@@ -40,7 +40,7 @@ class AsyneioNode(Node):
         self._odometry = self.create_publisher(Odometry, "odometry", 10)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._tf = TransformBroadcaster(self) if self._settings.publish_tf else None
-        self._thread = OdometryThread(self._settings, self._publish)
+        self._thread = OdometryThread(self._settings, self._publish, self.get_logger().info)
         events = get_message(self._settings.events_type)
         self.create_subscription(events, "events", self._thread.put_events, _SENSORS, raw=True)
         self.create_subscription(Imu, "imu", self._thread.put_imu, _SENSORS, raw=True)

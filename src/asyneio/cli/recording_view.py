@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
 
+from asyneio.cli import console
 from asyneio.errors import RecordingError
 from asyneio.pipeline.packets import calibration_of
 from asyneio.pipeline.run import Watch
@@ -38,21 +39,42 @@ def recording_view(recording: Recording | EventRecording, show: bool) -> Iterato
         raise RecordingError(
             f"rerun's viewer could not be started ({error}): it needs a screen; leave out --view"
         ) from error
-    shown = 0
-
-    def watch(packet: Packet, landmarks: FloatArray, run: Run) -> None:
-        """Show a step of the run: estimates, newest events, measurements, landmarks (N,3) [m, world]."""
-        nonlocal shown
-        estimates = tuple(run.estimates[shown:])
-        shown = len(run.estimates)
-        events = _newest_events(recording, packet.t_end_ns - calibration.timeshift_ns)
-        streams = packet.observations, packet.gyroscope, packet.accelerometer
-        scene.add(SceneStep(run.reports[-1], estimates, events, *streams, landmarks))
-
+    shown = _Shown(scene, recording, calibration.timeshift_ns)
     try:
-        yield watch
+        yield shown.watch
     finally:
-        scene.close()
+        shown.close()
+
+
+class _Shown:
+    """The packets of a run in the viewer; a viewer that is closed does not end the run."""
+
+    def __init__(self, scene: RerunScene, recording: Recording | EventRecording, timeshift_ns: int) -> None:
+        self._scene, self._recording, self._timeshift_ns = scene, recording, timeshift_ns
+        self._estimates = 0
+        self._open = True
+
+    def watch(self, packet: Packet, landmarks: FloatArray, run: Run) -> None:
+        """Show a packet; see `pipeline.run.Watch`."""
+        if not self._open:
+            return
+        estimates = tuple(run.estimates[self._estimates :])
+        self._estimates = len(run.estimates)
+        events = _newest_events(self._recording, packet.t_end_ns - self._timeshift_ns)
+        streams = packet.observations, packet.gyroscope, packet.accelerometer
+        self._try(lambda: self._scene.add(SceneStep(run.reports[-1], estimates, events, *streams, landmarks)))
+
+    def close(self) -> None:
+        """Send what is held back."""
+        if self._open:
+            self._try(self._scene.close)
+
+    def _try(self, show: Callable[[], None]) -> None:
+        try:
+            show()
+        except RuntimeError as error:
+            self._open = False
+            console.say(f"note: {error}: the run continues without it")
 
 
 def _newest_events(recording: Recording | EventRecording, end_ns: int) -> RecordArray:

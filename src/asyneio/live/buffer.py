@@ -22,12 +22,12 @@ class RowBuffer:
     Attributes:
         first_ns, newest_ns: stamps of all rows so far; None before the first one.
         disorder_ns: the largest backward step so far.
-        late: rows that came too late, with a repeated stamp where stamps are unique, or while the buffer was
+        late: number of rows that came too late, with a repeated stamp where stamps are unique, or while the buffer was
             full.
 
     Args:
         dtype: of the rows.
-        unique: of rows with equal stamps only the first one counts.
+        unique: of rows with equal stamps only the first one is kept.
         most: largest number of rows that wait; further ones are dropped.
     """
 
@@ -44,7 +44,7 @@ class RowBuffer:
         self.late = 0
 
     def add(self, rows: RecordArray) -> None:
-        """Add rows; those before what was taken out already are dropped and counted."""
+        """Add rows; those up to the last `take` are dropped and counted."""
         if rows.size and self._floor_ns is not None:
             late = rows["t_ns"] <= self._floor_ns
             if late.any():
@@ -68,7 +68,7 @@ class RowBuffer:
         self.newest_ns = newest_ns if self.newest_ns is None else max(self.newest_ns, newest_ns)
 
     def take(self, until_ns: int) -> RecordArray:
-        """Rows up to and including a time, ascending; later rows stay, earlier ones come no more."""
+        """Rows up to and including a time, ascending. Later rows stay; from now on earlier rows are late."""
         self._sort()
         self._floor_ns = until_ns if self._floor_ns is None else max(until_ns, self._floor_ns)
         taken = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What flows from a source to the front end, and what every source offers."""
+"""Data from a source to the front end, and the interface of a source."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Chunk:
     """Data that arrived together.
 
     `events` EVENT_DTYPE (camera clock); `gyroscope`, `accelerometer` INERTIAL_DTYPE (IMU clock). `arrived_s`
-    is the time of arrival on the clock of `time.perf_counter`. `complete_ns`: the source declares that all
-    events up to this stamp (camera clock) have been sent; None where it declares nothing.
+    is the time of arrival on the clock of `time.perf_counter`. `complete_ns`: the source has sent all events
+    up to this stamp (camera clock); None if it does not state one.
     """
 
     arrived_s: float
@@ -41,7 +41,7 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Break:
-    """The stream does not continue where it was: what follows belongs to a new stretch.
+    """The stream does not continue where it was: later data belong to a new stretch.
 
     `reason` is a clause for messages, such as "time jumps back by 3.000 s".
     """
@@ -51,7 +51,7 @@ class Break:
 
 @dataclass(frozen=True)
 class Sensor:
-    """The sensor behind a source: a name, width and height [px], and the calibration of its rig."""
+    """The sensor of a source: name, width and height [px], calibration of its rig, and notes on it."""
 
     name: str
     width: int
@@ -80,13 +80,16 @@ class Source(Protocol):
         """
         ...
 
-    def chunks(self, stop: threading.Event) -> Iterator[Chunk | None]:
-        """Chunks as they arrive; None at least every 0.2 s while nothing arrives. Ends when the source has
-        ended for good or `stop` is set; a connection that is lost and can come back does not end it."""
+    def chunks(self, stop: threading.Event) -> Iterator[Chunk | Break | None]:
+        """Chunks as they arrive; None at least every 0.2 s while nothing arrives.
+
+        A `Break` where the source itself notices that the stream does not continue. Ends when the source has
+        ended for good or `stop` is set; a connection that is lost and can come back does not end it.
+        """
         ...
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on data lost or rejected at the input so far."""
+        """Notes on data that were lost or rejected so far."""
         ...
 
     def close(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live run: source, front end and estimator in threads, steps to all outputs."""
+"""The live run: source, front end and estimator, each in a thread, and all outputs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import queue
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from asyneio.config import Config
 from asyneio.errors import AsyneioError
@@ -16,6 +16,7 @@ from asyneio.live.gravity import GravityCheck
 from asyneio.live.inbox import Inbox
 from asyneio.live.intake import IntakeThread
 from asyneio.live.interrupts import ending_softly
+from asyneio.live.options import LiveOptions
 from asyneio.live.spool import Spool
 from asyneio.live.step import LiveStep, Output
 from asyneio.live.summary import LiveSummary, Tally
@@ -32,25 +33,14 @@ from asyneio.pipeline.kernels import (
 from asyneio.progress import SILENT, RunProgress
 from asyneio.types import Estimate, Health, Packet, StepReport
 
-#: A source that is silent for so long is reported as DEGRADED, and again at this interval.
+#: A source that is silent for this time [s] is reported as DEGRADED, and again at this interval.
 _SILENCE_S = 0.5
-
-
-@dataclass(frozen=True)
-class LiveOptions:
-    """How a live run treats time.
-
-    `max_backlog_s`: load is shed so that no data wait longer. `duration_s`: stop after so much sensor time.
-    `landmarks`: outputs are given landmarks.
-    """
-
-    max_backlog_s: float = 0.5
-    duration_s: float | None = None
-    landmarks: bool = False
+#: How long [s] a source is waited for at the end.
+_DRIVER_S = 2.0
 
 
 class LiveInterrupted(KeyboardInterrupt):
-    """A live run was ended by Ctrl-C; `summary` is what there was until then, all of it written."""
+    """A live run was ended by Ctrl-C or SIGTERM; `summary` has the figures, and all files are written."""
 
     def __init__(self, summary: LiveSummary) -> None:
         super().__init__("interrupted")
@@ -73,19 +63,20 @@ def run_live(
     Args:
         source: not yet open; it is closed at the end.
         config: all settings.
-        outputs: are given every step.
+        outputs: receive every step.
         spool: keeps the raw stream and the results.
         options: how time is treated.
         progress: receives messages on compilation and changes of health.
 
     Raises:
         LiveError, CalibrationError: the source cannot be opened, or its sensor has no calibration.
-        LiveInterrupted: Ctrl-C; what had arrived until then is processed and written.
+        LiveInterrupted: Ctrl-C or SIGTERM; data that had arrived are processed and written.
+        AsyneioError: an output cannot begin; see its class.
     """
     options = options or LiveOptions()
     stop = threading.Event()
     try:
-        # What is wrong with a file is reported at once; a camera would fill the queues meanwhile.
+        # Errors of a file are reported at once. A camera would fill the queues during compilation.
         sensor = source.open(stop) if source.starts_when_read else None
         with watch_compilation(progress) as compilation:
             compile_ahead(compilation, progress)
@@ -126,40 +117,54 @@ class _Engine:
         self._first_segment = 0
         self._last: StepReport | None = None
         self._reported_silence_s = 0.0
+        self._ending_since_s: float | None = None
+        self._reported_ending = False
         self._tally = Tally(sensor.name)
         self._gravity = GravityCheck()
 
     def run(self) -> LiveSummary:
+        self._begin()
         error = ""
-        for output in self._outputs:
-            output.begin(self._sensor)
-        self._tracking.start()
-        self._intake.start()
         with ending_softly(self._end) as interrupts:
             try:
                 self._work()
             except AsyneioError as caught:
                 error = str(caught)
             except KeyboardInterrupt:
-                error = "ended at once by a second Ctrl-C"
+                error = "ended at once by a second interrupt"
             finally:
                 self._intake.stop()
                 self._tracking.abort()
-                self._intake.join(timeout_s=2.0)
-                notes = (*self._sensor.notes, *self._notes())
-                summary = self._tally.summary(error, notes, self._tracking.busy_s)
+                self._intake.join(timeout_s=_DRIVER_S)
                 for output in self._outputs:
                     output.end()
+            summary = self._tally.summary(error, self._notes(), self._tracking.busy_s)
         if interrupts.count:
             raise LiveInterrupted(summary)
         return summary
 
+    def _begin(self) -> None:
+        """Start outputs and threads; where one output cannot start, end those that have."""
+        started: list[Output] = []
+        try:
+            for output in self._outputs:
+                output.begin(self._sensor)
+                started.append(output)
+        except BaseException:
+            for output in started:
+                output.end()
+            raise
+        self._tracking.start()
+        self._intake.start()
+
     def _end(self) -> None:
-        self._progress.message("ending: processing what has arrived (Ctrl-C again: at once)")
+        """Called by a signal handler, which may have interrupted output: nothing is printed here."""
+        self._ending_since_s = time.perf_counter()
         self._intake.stop()
 
     def _work(self) -> None:
         while True:
+            self._check_ending()
             try:
                 item = self._tracking.queue.get(timeout=0.1)
             except queue.Empty:
@@ -176,11 +181,24 @@ class _Engine:
         if self._intake.failure is not None:
             raise self._intake.failure
 
+    def _check_ending(self) -> None:
+        """After an interrupt, report it, and do not wait for a driver that does not return."""
+        since_s = self._ending_since_s
+        if since_s is None:
+            return
+        if not self._reported_ending:
+            self._reported_ending = True
+            self._progress.message("ending: processing what has arrived (Ctrl-C again: at once)")
+        if time.perf_counter() - since_s > _DRIVER_S:
+            self._intake.abandon()
+
     def _step(self, tracked: Tracked) -> None:
         estimates, report = self._process(tracked.packet)
-        tracked.tell(report.outlier_share)
+        tracked.feedback(report.outlier_share)
         if self._gravity.add(tracked.packet):
-            self._progress.message(f"warning: {self._gravity.complaint}; the poses are wrong by metres")
+            self._progress.message(
+                f"warning: {self._gravity.complaint}; the positions will be wrong by metres"
+            )
         now_s = time.perf_counter()
         self._reported_silence_s = 0.0
         self._publish(
@@ -197,7 +215,7 @@ class _Engine:
         )
 
     def _process(self, packet: Packet) -> tuple[list[Estimate], StepReport]:
-        """One packet, with segments counted over all stretches."""
+        """Estimates and report of a packet, with segments counted over all stretches."""
         started = time.perf_counter()
         estimates, report = self._estimator.process(packet)
         segment = report.segment + self._first_segment
@@ -241,14 +259,15 @@ class _Engine:
             output.step(step)
 
     def _notes(self) -> tuple[str, ...]:
-        """Notes on data dropped at the input."""
+        """Notes on the sensor, on data dropped at the input, and on outputs that are not complete."""
         counts = self._intake.guard.counts
-        said = {
+        dropped = {
             "event(s) outside the sensor or without a polarity dropped": counts.rejected_events,
             "row(s) with an isolated wrong time stamp dropped": counts.isolated_stamps,
             "sample(s) that are not finite dropped": counts.not_finite,
             "jump(s) of the sensor's clock": counts.jumps,
         }
-        counted = (f"{count} {what}" for what, count in said.items() if count)
+        counted = (f"{count} {what}" for what, count in dropped.items() if count)
         complaint = (self._gravity.complaint,) if self._gravity.complaint else ()
-        return (*complaint, *self._source.notes(), *counted)
+        outputs = (note for output in self._outputs for note in output.notes())
+        return (*self._sensor.notes, *complaint, *self._source.notes(), *counted, *outputs)

@@ -8,7 +8,7 @@ import numpy as np
 from asyneio.inertial.gravity_witness import ask_gravity
 from asyneio.types import NS_PER_S, Packet, RecordArray
 
-#: So much sensor time is looked at, once.
+#: Sensor time of the samples that are checked.
 _SPAN_NS = 10 * NS_PER_S
 
 
@@ -20,11 +20,11 @@ class GravityCheck:
         self._accelerometer: list[RecordArray] = []
         self._first_ns: int | None = None
         self._done = False
-        #: What is wrong; empty while nothing is known to be.
+        #: The problem that was found; empty if none is known.
         self.complaint = ""
 
     def add(self, packet: Packet) -> bool:
-        """Take a packet; whether a complaint was found just now."""
+        """Take a packet; whether it led to a complaint."""
         if self._done:
             return False
         self._first_ns = packet.t_end_ns if self._first_ns is None else self._first_ns

@@ -12,15 +12,16 @@ import numpy as np
 from asyneio.live.chunks import Break, Chunk
 from asyneio.types import NS_PER_S, BoolArray, IntArray, RecordArray
 
-#: A stamp this far behind the newest one is disorder of the transport; further back is wrong or a jump.
+#: A stamp up to this far behind the newest one is disorder of the transport; an earlier one is wrong, or a
+#: jump.
 DISORDER_NS = 10_000_000
-#: A stamp this far ahead of all that arrived so far is wrong, or a gap, or a jump.
+#: A stamp more than this ahead of all others is wrong, or after a gap, or a jump.
 FAR_NS = NS_PER_S
 #: A longer gap begins a new stretch; over a shorter one the stretch continues with empty packets.
 LONGEST_GAP_NS = 10 * NS_PER_S
 #: This number of suspicious stamps in a row that agree with each other are not isolated errors.
 _EVENTS_AGREE, _SAMPLES_AGREE = 200, 50
-#: Stamps that cannot be subtracted from each other without overflow.
+#: Bounds of stamps whose differences do not overflow.
 _EARLIEST_NS, _LATEST_NS = -(10**18), 3 * 10**18
 _NEVER_NS = -(2**62)
 
@@ -31,8 +32,8 @@ _NEWEST, _RUN, _LAST, _REJECTED, _ISOLATED = range(5)
 
 @dataclass
 class GuardCounts:
-    """What was dropped: events outside the sensor or without a polarity, rows with isolated wrong stamps,
-    samples that are not finite; and the number of jumps of the clock."""
+    """Numbers of dropped rows: events outside the sensor or without a polarity, rows with isolated wrong
+    stamps, samples that are not finite; and of jumps of the clock."""
 
     rejected_events: int = 0
     isolated_stamps: int = 0
@@ -41,9 +42,9 @@ class GuardCounts:
 
 
 class StreamGuard:
-    """Passes chunks of one sensor on without what would stop the estimator, and finds jumps of the clock.
+    """Removes unusable rows from the chunks of one sensor, and detects jumps of its clock.
 
-    Rows up to 10 ms out of order are passed on as they are; the packetizer sorts them.
+    Rows up to 10 ms out of order are kept; the packetizer sorts them.
 
     Args:
         width, height: of the sensor [px].

@@ -26,8 +26,8 @@ Item = Chunk | Break | EndOfSource
 
 @dataclass
 class InboxCounts:
-    """Events that arrived, were left out by thinning, and were dropped because the queue was full; chunks
-    with inertial samples that were dropped."""
+    """Numbers of events that arrived, that were left out by thinning, and that were dropped because the queue
+    was full; number of inertial samples that were dropped."""
 
     events: int = 0
     thinned: int = 0
@@ -38,10 +38,10 @@ class InboxCounts:
 class Inbox:
     """Chunks in order of arrival, in bounded memory.
 
-    One of `stride` events is taken in, evenly over each chunk; where MOST_EVENTS are waiting, none.
+    Every `stride`-th event of a chunk is kept; no event is kept while MOST_EVENTS are waiting.
 
     Args:
-        can_wait: the source loses nothing by waiting: `put` blocks instead.
+        can_wait: the source loses nothing by waiting: `put` blocks, and nothing is dropped.
     """
 
     def __init__(self, can_wait: bool) -> None:
@@ -54,7 +54,7 @@ class Inbox:
         self.counts = InboxCounts()
 
     def put(self, item: Item) -> None:
-        """Add an item; events are thinned or dropped where the queue is long."""
+        """Add an item; events are thinned or dropped if the queue is long."""
         with self._changed:
             if self._can_wait:
                 self._changed.wait_for(self._has_room)
@@ -62,7 +62,7 @@ class Inbox:
             self._changed.notify_all()
 
     def get(self, timeout_s: float) -> Item | None:
-        """The next item, or None where there is none in time."""
+        """The next item; None if there is none in time."""
         with self._changed:
             if not self._changed.wait_for(lambda: bool(self._items), timeout_s):
                 return None
@@ -78,7 +78,7 @@ class Inbox:
             return self._backlog_s()
 
     def drop_chunks(self) -> None:
-        """Throw away all chunks that wait; what else waits stays."""
+        """Drop all waiting chunks; breaks and the end stay."""
         with self._changed:
             chunks = [item for item in self._items if isinstance(item, Chunk)]
             self.counts.dropped += sum(int(chunk.events.size) for chunk in chunks)
@@ -89,7 +89,7 @@ class Inbox:
             self._changed.notify_all()
 
     def stop_waiting(self) -> None:
-        """Block no `put` any more: nothing will be taken out."""
+        """End all waiting in `put`: nothing is taken out any more."""
         with self._changed:
             self._stopped = True
             self._changed.notify_all()

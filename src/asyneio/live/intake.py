@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The source's thread: reads, checks, and puts chunks into the inbox."""
+"""The thread of the source: reads and checks chunks and puts them into the inbox."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from asyneio.live.guard import StreamGuard
 from asyneio.live.inbox import EndOfSource, Inbox
 from asyneio.types import NS_PER_S
 
-#: A source that is silent for so long has stopped: what comes later belongs to a new stretch.
+#: A source that is silent for this time [s] has stopped: later data belong to a new stretch.
 LONGEST_SILENCE_S = 2.0
 
 
@@ -41,12 +41,17 @@ class IntakeThread:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the source to end; what has arrived is still handed over."""
+        """End the source; data that have arrived are still handed over."""
         self._stop.set()
         self._inbox.stop_waiting()
 
+    def abandon(self) -> None:
+        """Hand over the end of the source if a driver still keeps the thread."""
+        if self._thread.is_alive():
+            self._inbox.put(EndOfSource())
+
     def join(self, timeout_s: float) -> None:
-        """Wait for the thread, which a driver may hold up."""
+        """Wait for the thread; a driver may keep it longer."""
         self._thread.join(timeout_s)
 
     def silence_s(self) -> float:
@@ -58,6 +63,9 @@ class IntakeThread:
             for chunk in self._source.chunks(self._stop):
                 if chunk is None:
                     self._listen()
+                elif isinstance(chunk, Break):
+                    self.guard.reset()
+                    self._inbox.put(chunk)
                 elif self._take(chunk):
                     break
         except BaseException as error:  # for the thread that waits
@@ -73,7 +81,7 @@ class IntakeThread:
             self._inbox.put(Break(f"no data from the source for {silence_s:.1f} s"))
 
     def _take(self, chunk: Chunk) -> bool:
-        """Hand a chunk over; whether the wanted duration is reached."""
+        """Hand over a chunk; whether the duration has elapsed."""
         self._heard_s, self._broken = time.perf_counter(), False
         for part in self.guard.passed(chunk):
             self._inbox.put(part)

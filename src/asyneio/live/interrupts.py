@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C that ends a live run at a place where nothing is half done."""
+"""Signals that end a live run between two steps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupts:
-    """How often Ctrl-C was pressed."""
+    """Number of signals so far."""
 
     count = 0
 
@@ -23,8 +23,8 @@ class Interrupts:
 def ending_softly(end: Callable[[], None]) -> Iterator[Interrupts]:
     """Inside the block, the first Ctrl-C or SIGTERM calls `end`; the second one raises KeyboardInterrupt.
 
-    A step of the estimator that is cut off would leave it in a state of its own. Outside the main thread,
-    where no signal arrives, nothing is changed.
+    An interrupted step would leave the estimator in an inconsistent state. Outside the main thread, where no
+    signal arrives, nothing is changed.
     """
     seen = Interrupts()
     if threading.current_thread() is not threading.main_thread():

@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps as lines of JSON: what programs that follow a live run read."""
+"""Steps as lines of JSON, for other programs."""
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.live.step import LiveStep
+from asyneio.pipeline.json_text import to_json
 from asyneio.types import NS_PER_S, Estimate, FloatArray
 
 
@@ -20,12 +18,12 @@ def step_lines(step: LiveStep) -> Iterator[str]:
     """A line of type `pose` for each estimate; without any, one of type `state`. Each ends with a newline."""
     state = _state(step)
     if not step.estimates:
-        yield _line({"type": "state", "t_ns": step.report.t_ns, **_attitude(step), **state})
+        yield to_json({"type": "state", "t_ns": step.report.t_ns, **_attitude(step), **state})
     for estimate in step.estimates:
-        # An estimate of an earlier knot than the packet's end is that much older.
+        # An estimate of a knot before the end of the packet is older by the difference.
         age_s = max(step.report.t_ns - estimate.t_ns, 0) / NS_PER_S
         timing = {"latency_s": step.latency_s + age_s}
-        yield _line({"type": "pose", "t_ns": estimate.t_ns, **_pose(estimate), **state, **timing})
+        yield to_json({"type": "pose", "t_ns": estimate.t_ns, **_pose(estimate), **state, **timing})
 
 
 def _pose(estimate: Estimate) -> dict[str, Any]:
@@ -64,22 +62,3 @@ def _attitude(step: LiveStep) -> dict[str, Any]:
 def quaternion(C: FloatArray) -> list[float]:
     """A rotation (3,3) as x y z w, w not negative."""
     return [float(v) for v in Rotation.from_matrix(C).as_quat(canonical=True)]
-
-
-def _line(fields: dict[str, Any]) -> str:
-    try:
-        return json.dumps(fields, allow_nan=False) + "\n"
-    except ValueError:
-        return json.dumps(_finite(fields)) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    """The value with null for what is not finite, which JSON cannot tell."""
-    match value:
-        case dict():
-            return {key: _finite(item) for key, item in value.items()}
-        case list():
-            return [_finite(item) for item in value]
-        case float() | np.floating():
-            return float(value) if math.isfinite(value) else None
-    return value

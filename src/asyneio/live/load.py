@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is left out when the machine is too slow, by what the clock on the wall shows."""
+"""Decides what is left out when the machine is too slow for the data."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy as np
 
 from asyneio.types import RecordArray
 
-#: Load is shed while data wait for more than this share of the longest backlog, and less, step by step,
-#: while they wait for less than the second share.
+#: Shares of the longest backlog: load is shed while data wait longer than the first one, and less and less is
+#: shed while they wait shorter than the second one.
 _HIGH, _LOW = 0.5, 0.15
 #: Factors on a limit for each packet.
 _LESS, _MORE = 0.8, 1.05
-#: The front end's first limit, the least one that leaves odometry, and the one that is no longer needed.
+#: Limit of the front end: the first one, the smallest one, and the one that is equal to none.
 _FIRST, _LEAST, _ENOUGH = 1.0, 0.05, 2.0
-#: The least share of the tracks that the estimator is given.
+#: Smallest share of the tracks that the estimator receives.
 _LEAST_TRACKS = 0.3
 #: Largest stride of thinning.
 _MOST_THINNED = 16
@@ -23,13 +23,13 @@ _MOST_THINNED = 16
 class LoadControl:
     """Decides, packet by packet, what is left out.
 
-    Where packets wait for the estimator, it is given fewer tracks. Where they wait for the front end, its
-    load is limited (`Frontend.limit_load`), and beyond the longest backlog events are thinned before it.
-    While no data wait, nothing is changed: results are those of a recording.
+    If packets wait for the estimator, it receives fewer tracks. If they wait for the front end, its load is
+    limited (`Frontend.limit_load`), and beyond the longest backlog events are thinned before it. While no
+    data wait, nothing is left out, and the results are those of a recording.
 
     Attributes:
         share: the front end's limit, as a share of a processor core; 0: any.
-        tracks: share of the tracks that the estimator is given.
+        tracks: share of the tracks that the estimator receives.
         stride: every stride-th event is processed.
 
     Args:
@@ -67,7 +67,7 @@ class LoadControl:
                 self.share = self._configured if raised >= (self._configured or _ENOUGH) else raised
 
     def kept(self, observations: RecordArray) -> RecordArray:
-        """The observations of the tracks that the estimator is given; with a larger share, more tracks."""
+        """The observations that the estimator receives; a larger share adds tracks and removes none."""
         if self.tracks >= 1.0:
             return observations
         # A hash of the track's number: neighbouring ones are of neighbouring features.

@@ -19,10 +19,10 @@ _PRELUDE_NS = 5_000_000_000
 
 @dataclass(frozen=True)
 class RawPacket:
-    """What the sensors delivered for one packet.
+    """Data of the sensors for one packet.
 
-    `end_ns`: its end, IMU clock. `events` EVENT_DTYPE (camera clock): those that the front end sees next,
-    which reach `frontend.max_delay_s` beyond the end. `turning` INERTIAL_DTYPE: gyroscope in the camera frame
+    `end_ns`: its end, IMU clock. `events` EVENT_DTYPE (camera clock): the next ones for the front end, which
+    reach `frontend.max_delay_s` beyond the end. `turning` INERTIAL_DTYPE: gyroscope in the camera frame
     and the camera clock, of the same time. `gyroscope`, `accelerometer`: of the packet itself. `event_count`:
     events of the packet itself. `complete_s`, `knot_s`: when (`time.perf_counter`) the last datum that the
     packet needed arrived, and the first one that is not older than its end.
@@ -40,7 +40,7 @@ class RawPacket:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of the three streams that no packet handed over: before the first one, or after the last."""
+    """Rows of the three streams before the first packet, or after the last one."""
 
     events: RecordArray
     gyroscope: RecordArray
@@ -50,9 +50,9 @@ class Rows:
 class Packetizer:
     """Cuts one stretch of a live stream into packets.
 
-    The grid begins where all three streams have begun, as that of a recording does. A packet is complete when
-    events, gyroscope and accelerometer have arrived beyond what it needs. A stream that pauses while another
-    one is `patience_ns` further is not waited for.
+    The first packet begins when all three streams have begun, as for a recording. A packet is complete when
+    events, gyroscope and accelerometer have arrived beyond what it needs, or when another stream is
+    `patience_ns` ahead of one that pauses.
 
     Args:
         calibration: of the rig.
@@ -93,7 +93,7 @@ class Packetizer:
         return self._start_ns
 
     def late(self) -> tuple[int, int]:
-        """Events, and inertial samples, that came after their packet or with a repeated stamp."""
+        """Numbers of events and of inertial samples that came after their packet or with a repeated stamp."""
         return self._events.late, self._gyroscope.late + self._accelerometer.late
 
     def feed(self, chunk: Chunk) -> None:
@@ -110,8 +110,10 @@ class Packetizer:
             self._begin()
 
     def next(self, final: bool = False) -> RawPacket | None:
-        """The next packet, if it is complete; with `final`, also packets that nothing more will come for, as
-        far as all streams reach."""
+        """The next packet; None if it is not complete.
+
+        With `final`, no more data follow, and packets are complete as far as all streams reach.
+        """
         if self._start_ns is None:
             return None
         end_ns = self._start_ns + (self._number + 1) * self._interval_ns
@@ -152,7 +154,7 @@ class Packetizer:
                     stream.forget_before(newest_ns - _PRELUDE_NS)
             return
         self._start_ns = max(firsts[0] + self._shift_ns, *firsts[1:])
-        # A recording's first packet holds its start.
+        # The first packet of a recording contains its start.
         before_ns = self._start_ns - 1
         self.prelude = Rows(
             self._events.take(before_ns - self._shift_ns),
@@ -228,7 +230,7 @@ class Packetizer:
 
 def _in_camera(gyroscope: RecordArray, calibration: Calibration, size: tuple[int, int]) -> RecordArray:
     """The samples in the camera frame and clock."""
-    # A product with one row would be rounded otherwise than the same row among others.
+    # A product with a single row is rounded differently from the same row among others.
     rows = np.concatenate([gyroscope, gyroscope]) if gyroscope.size == 1 else gyroscope
     recording = EventRecording("", no_events(), *size, rows, no_samples(), None, calibration)
     return gyroscope_in_camera(recording)[: gyroscope.size]

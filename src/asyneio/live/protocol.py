@@ -16,7 +16,7 @@
 | `I` | samples of both sensors, 56 bytes: int64 t [ns], 3 float64 [rad/s], 3 float64 [m/s^2] |
 | `G`, `A` | samples of one of them, 32 bytes each: int64 t [ns], float64 x, y, z |
 | `T` | int64 t [ns]: all events up to this time have been sent (optional; a static scene makes no events) |
-| `Z` | the end: the source closes for good; no payload |
+| `Z` | the end: no more data follow; no payload |
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ ROWS: dict[bytes, np.dtype[Any]] = {
     b"T": np.dtype("<i8"),
 }
 HELLO, END = b"H", b"Z"
+_MOST_HELLO_BYTES = 4096
 
 
 def frame(kind: bytes, payload: bytes | memoryview = b"") -> bytes:
@@ -51,7 +52,7 @@ def frame(kind: bytes, payload: bytes | memoryview = b"") -> bytes:
     return HEADER.pack(MAGIC, kind, len(payload)) + payload
 
 
-def parse_header(header: bytes) -> tuple[bytes, int]:
+def parse_header(header: bytes | memoryview) -> tuple[bytes, int]:
     """Kind and length of the payload. Raises LiveError: no header of this protocol."""
     magic, kind, length = HEADER.unpack(header)
     if magic != MAGIC:
@@ -60,8 +61,9 @@ def parse_header(header: bytes) -> tuple[bytes, int]:
         )
     if kind not in (*ROWS, HELLO, END):
         raise LiveError(f"a frame is of kind {kind!r}, expected one of H, E, I, G, A, T, Z")
-    if length > MOST_BYTES:
-        raise LiveError(f"a frame has {length} bytes, at most {MOST_BYTES} are taken: send smaller ones")
+    most = _MOST_HELLO_BYTES if kind in (HELLO, END) else MOST_BYTES
+    if length > most:
+        raise LiveError(f"a frame of kind {kind.decode()} has {length} bytes, expected at most {most}")
     size = ROWS[kind].itemsize if kind in ROWS else 1
     if length % size:
         raise LiveError(f"a frame of kind {kind.decode()} has {length} bytes, expected a multiple of {size}")
@@ -69,7 +71,7 @@ def parse_header(header: bytes) -> tuple[bytes, int]:
 
 
 def parse_hello(payload: bytes) -> tuple[str, tuple[int, int]]:
-    """Name and size (width, height) of the sensor. Raises LiveError: it tells none."""
+    """Name and size (width, height) of the sensor. Raises LiveError: the payload is no hello."""
     try:
         hello = json.loads(payload)
         size = int(hello["width"]), int(hello["height"])
@@ -79,5 +81,5 @@ def parse_hello(payload: bytes) -> tuple[str, tuple[int, int]]:
             f"the hello is {payload[:80]!r}, expected a JSON object with width and height in pixels"
         ) from error
     if not all(0 < length < 2**16 for length in size):
-        raise LiveError(f"the hello tells a sensor of {size[0]} x {size[1]} pixels, expected 1 to 65535")
+        raise LiveError(f"the hello states a sensor of {size[0]} x {size[1]} pixels, expected 1 to 65535")
     return name, size

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A raw stream on disk in our HDF5 layout, row by row."""
+"""A raw stream in a file of our HDF5 layout, which grows with each packet."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CHUNK = 2**16
 
 
 class RawFile:
-    """Events and samples of one stretch.
+    """Events and samples of one stretch. After a failed write, the rows written before remain readable.
 
     Args:
         path: created; an existing file is replaced.
@@ -29,6 +29,7 @@ class RawFile:
     """
 
     def __init__(self, path: Path, sensor: Sensor) -> None:
+        self._path, self._closed = path, False
         self._context = new_hdf5(path)
         file = self._context.__enter__()
         self._file = file
@@ -54,14 +55,19 @@ class RawFile:
             ]
 
     def add(self, rows: Rows) -> None:
-        """Append rows and hand them to the operating system."""
+        """Append rows and hand them to the operating system. Raises OSError: a row could not be written."""
         for name, columns in self._columns.items():
             _append(columns, getattr(rows, name))
         self._file.flush()
+        if self._path.stat().st_size < self._file.id.get_filesize():
+            # A write failed, which HDF5 does not notice; the error comes when the file is closed.
+            self.close()
 
     def close(self) -> None:
-        """End the file. Raises OSError: it could not be written whole."""
-        self._context.__exit__(None, None, None)
+        """End the file, once. Raises OSError: it could not be written completely."""
+        if not self._closed:
+            self._closed = True
+            self._context.__exit__(None, None, None)
 
     def _column(self, group: str, name: str, kind: str, shape: tuple[int, ...] = ()) -> Any:
         section = self._file.require_group(group)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one packet led to, and the counters of a live run, for all who show or keep them."""
+"""The result of one packet, and the interface of the outputs that receive it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class LiveStep:
 
     `latency_s`: from the arrival of the first datum as new as the packet's end to the estimate; it contains
     `frontend.max_delay_s`. `processing_s`: from the arrival of the last datum that the packet needed.
-    `tracked` is None for a state that no packet led to (a silent source, the end of a stretch). `landmarks`
+    `tracked` is None for a state without a packet (a silent source, the end of a stretch). `landmarks`
     (N,3): in the world, if an output requires them.
     """
 
@@ -42,16 +42,20 @@ class Transition:
 
 
 class Output(Protocol):
-    """Who is given every step."""
+    """Receives every step."""
 
     def begin(self, sensor: Sensor) -> None:
-        """The source is open."""
+        """The source is open. An output that cannot begin raises an AsyneioError."""
         ...
 
     def step(self, step: LiveStep) -> None:
-        """Take a step; it must return at once."""
+        """Take a step. It must return at once."""
         ...
 
     def end(self) -> None:
-        """Write what is held back, and close."""
+        """Write waiting data, and close. It raises nothing; failures are in `notes`."""
+        ...
+
+    def notes(self) -> tuple[str, ...]:
+        """Notes on output that is missing or incomplete; after `end`."""
         ...

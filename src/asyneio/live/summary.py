@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a live run, added up in bounded memory."""
+"""Figures of a live run, collected in bounded memory."""
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from array import array
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
 from asyneio.live.step import LiveStep, Transition
 from asyneio.live.tracking import Shed
+from asyneio.pipeline.json_text import to_json
 from asyneio.types import NS_PER_S, Health
 from asyneio.version import __version__
 
@@ -25,7 +24,7 @@ _MOST_LATENCIES, _MOST_TRANSITIONS = 1_000_000, 1000
 class LiveSummary:
     """Figures of a live run.
 
-    `duration_s`: sensor time of all packets; `wall_s`: on the wall, from the first packet on. Latencies as in
+    `duration_s`: sensor time of all packets. `wall_s`: real time since the first packet. Latencies as in
     `LiveStep`: median, 99th percentile and largest. `health_s`: seconds in each state. `failure` says why the
     output is missing or incomplete; empty when it is complete.
     """
@@ -52,12 +51,12 @@ class LiveSummary:
     notes: tuple[str, ...]
 
     def to_json(self) -> str:
-        """The summary as JSON text; what is not finite becomes null."""
-        return json.dumps(_plain(asdict(self)), indent=2) + "\n"
+        """The summary as JSON text; numbers that are not finite become null."""
+        return to_json(asdict(self), indent=2)
 
 
 class Tally:
-    """Adds up what `LiveSummary` tells."""
+    """Collects the figures of `LiveSummary`."""
 
     def __init__(self, source: str) -> None:
         self._source = source
@@ -100,7 +99,7 @@ class Tally:
             self._processing.append(step.processing_s)
 
     def summary(self, error: str, notes: tuple[str, ...], frontend_s: float) -> LiveSummary:
-        """The figures so far; `error` is what stopped the run, if anything."""
+        """The figures so far; `error` is the reason why the run stopped, or empty."""
         wall_s = time.perf_counter() - self._started_s if self._started_s else 0.0
         return LiveSummary(
             source=self._source,
@@ -133,11 +132,11 @@ class Tally:
             return "the source sent no complete packet: no events, or no inertial samples"
         because = f": {last.reason}" if last.reason else ""
         if not self._knots:
-            return f"the estimator never started, so there is no trajectory{because}"
+            return f"the estimator did not initialize, so there is no trajectory{because}"
         if last.health in (Health.LOST, Health.INITIALIZING):
             return f"the estimator lost track and did not recover{because}"
         if self.segments > 1:
-            return f"the trajectory is in {self.segments} segments, each in a world of its own"
+            return f"the trajectory has {self.segments} segments, each with its own world frame"
         return ""
 
 
@@ -147,14 +146,3 @@ def _quantiles_ms(seconds: array[float]) -> tuple[float, float, float]:
         return math.nan, math.nan, math.nan
     median, high, most = np.percentile(np.frombuffer(seconds, dtype=np.float64), [50.0, 99.0, 100.0]).tolist()
     return 1e3 * median, 1e3 * high, 1e3 * most
-
-
-def _plain(value: Any) -> Any:
-    match value:
-        case dict():
-            return {key: _plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_plain(item) for item in value]
-        case float():
-            return value if math.isfinite(value) else None
-    return value

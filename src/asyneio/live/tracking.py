@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The front end's thread: chunks in, packets of observations and inertial samples out."""
+"""The thread of the front end: chunks in, packets of observations and inertial samples out."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from asyneio.pipeline.frontend_thread import AHEAD
 from asyneio.types import NS_PER_S, Packet
 
 #: Data that wait for more than this multiple of the longest backlog are dropped, and a new stretch begins.
-_HOPELESS = 4.0
-#: How long to wait for a stream that pauses while the others continue, in sensor time.
+_GIVE_UP = 4.0
+#: How long a stream that pauses is waited for while another continues, in sensor time.
 PATIENCE_NS = 200_000_000
 
 
@@ -29,9 +29,10 @@ PATIENCE_NS = 200_000_000
 class Shed:
     """Load that was shed since the start.
 
-    Events left out before the front end (`thinned`, and `dropped` where the queue was full); events, events
-    near features and features that the front end shed; observations that the estimator was not given; events
-    and samples that came too late for their packet; samples that were given up with the data that waited.
+    `thinned`, `dropped`: events left out before the front end, the latter because the queue was full or the
+    backlog was given up, with `dropped_samples`. `events` (near no feature), `feature_events` (near one),
+    `features`: shed by the front end. `observations`: not handed to the estimator. `late_events`,
+    `late_samples`: rows that came after their packet.
     """
 
     thinned: int = 0
@@ -44,6 +45,10 @@ class Shed:
     late_events: int = 0
     late_samples: int = 0
 
+    def all_events(self) -> int:
+        """Events that were left out, for any reason but lateness."""
+        return self.thinned + self.dropped + self.events + self.feature_events
+
     def nothing(self) -> bool:
         """No event, feature or sample was left out."""
         return self == Shed()
@@ -53,14 +58,14 @@ class Shed:
 class Tracked:
     """A packet for the estimator, with the raw one behind it.
 
-    `tell` takes the share of its tracks that are outliers. `stretch` counts the stretches of the stream.
-    `backlog_s`, `shed`, `load_limit`: how the front end keeps up.
+    `feedback` takes the share of its tracks that are outliers. `stretch`: number of the stretch. `backlog_s`:
+    how long data wait for the front end. `load_limit`: `LoadControl.share`. `interval_ns`: between packets.
     """
 
     packet: Packet
     raw: RawPacket
     stretch: int
-    tell: Callable[[float], None]
+    feedback: Callable[[float], None]
     backlog_s: float
     shed: Shed
     load_limit: float
@@ -69,29 +74,29 @@ class Tracked:
 
 @dataclass(frozen=True)
 class StretchEnd:
-    """The stretch ended; empty reason: with the source."""
+    """A stretch ended for a reason, which is empty at the end of the source."""
 
     stretch: int
     reason: str
 
 
-#: Where raw rows go as the front end takes them: number of the stretch and the rows.
+#: Receives the number of the stretch and its raw rows, when the front end takes them.
 Keep = Callable[[int, Rows], None]
 
 
 class TrackingThread:
     """Takes chunks from the inbox, cuts packets, follows features, hands packets to the estimator.
 
-    The share of useless tracks that the estimator reports of a packet takes effect a fixed number of packets
-    later, for which the front end waits: results do not depend on how the threads are scheduled, and at most
-    largest number of packets that wait for the estimator.
+    The share of outlier tracks that the estimator reports for a packet takes effect AHEAD packets later. The
+    front end waits for it, so results do not depend on the scheduling of threads, and at most AHEAD packets
+    wait for the estimator.
 
     Args:
         inbox: where chunks come from.
         sensor: what sends them.
         config: all settings.
-        keep: is given all raw rows as the front end takes them.
-        max_backlog_s: load is shed so that data do not wait longer; None: never.
+        keep: receives all raw rows; None: they are not kept.
+        max_backlog_s: load is shed so that data do not wait longer; None: nothing is shed.
     """
 
     def __init__(
@@ -133,7 +138,7 @@ class TrackingThread:
         self._frontend = Frontend(frontend, *size)
         self._frontend.limit_load(self._load.share)
         self._delayed: DelayedObservations | None = None
-        self._words: queue.SimpleQueue[float] = queue.SimpleQueue()
+        self._shares: queue.SimpleQueue[float] = queue.SimpleQueue()
         self._count = 0
 
     def _work(self) -> None:
@@ -148,18 +153,18 @@ class TrackingThread:
                     self._finish(item)
                 if isinstance(item, EndOfSource):
                     return
-        except BaseException as error:  # for the thread that waits
+        except BaseException as error:  # The estimator's thread raises it.
             self._inbox.stop_waiting()
             self.queue.put(error)
 
     def _give_up_backlog(self) -> None:
-        """Drop the waiting data if the machine cannot keep up: old poses help no one."""
+        """Drop the waiting data if the machine cannot keep up: late poses are useless."""
         if self._max_backlog_s is None:
             return
         backlog_s = self._inbox.backlog_s()
-        if backlog_s > _HOPELESS * self._max_backlog_s:
+        if backlog_s > _GIVE_UP * self._max_backlog_s:
             self._inbox.drop_chunks()
-            self._finish(Break(f"the machine cannot keep up: {backlog_s:.1f} s of data are given up"))
+            self._finish(Break(f"the machine cannot keep up: {backlog_s:.1f} s of data are dropped"))
 
     def _finish(self, item: Break | EndOfSource) -> None:
         """End the stretch and begin the next one."""
@@ -181,10 +186,10 @@ class TrackingThread:
                     self._keep_rows(self._packetizer.prelude)
             self._keep_rows(Rows(raw.events, raw.gyroscope, raw.accelerometer))
             if self._count >= AHEAD:
-                word = self._wait_for_word()
-                if word is None:
+                share = self._wait_for_feedback()
+                if share is None:
                     return
-                self._frontend.set_outlier_share(word)
+                self._frontend.set_outlier_share(share)
             self.queue.put(self._tracked(raw, self._delayed))
             self._count += 1
 
@@ -204,7 +209,7 @@ class TrackingThread:
             packet,
             raw,
             self._stretch,
-            self._words.put,
+            self._shares.put,
             backlog_s,
             self._shed(),
             self._load.share,
@@ -220,17 +225,17 @@ class TrackingThread:
         if self._load.share != before:
             self._frontend.limit_load(self._load.share)
 
-    def _wait_for_word(self) -> float | None:
+    def _wait_for_feedback(self) -> float | None:
         started = time.perf_counter()
         try:
-            return self._word()
+            return self._feedback()
         finally:
             self._last_waited_s = time.perf_counter() - started
 
-    def _word(self) -> float | None:
+    def _feedback(self) -> float | None:
         while not self._abort.is_set():
             try:
-                return self._words.get(timeout=0.1)
+                return self._shares.get(timeout=0.1)
             except queue.Empty:
                 continue
         return None

@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
+from asyneio.pipeline.json_text import to_json
 from asyneio.types import Health
 
 #: Fields of `Summary` that depend on the machine and its load.
@@ -132,15 +130,4 @@ class Summary:
         fields = asdict(self)
         timing = {name: fields.pop(name) for name in _TIMING}
         status = "incomplete" if self.failure else "complete"
-        return json.dumps(_plain({"status": status, **fields, "timing": timing}), indent=2) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    match value:
-        case dict():
-            return {key: _plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_plain(item) for item in value]
-        case float():
-            return value if math.isfinite(value) else None
-    return value
+        return to_json({"status": status, **fields, "timing": timing}, indent=2)

@@ -14,13 +14,13 @@ from asyneio.types import NS_PER_S, IntArray
 
 #: Sensor time over which the first offset is determined, and between two updates.
 _FIRST_NS, _UPDATE_NS = NS_PER_S // 2, NS_PER_S
-#: Updates of which the median is taken.
+#: Number of updates whose median is used.
 _MEDIAN_OF = 5
 #: An offset error is removed over this time, at most at this rate.
 _SLEW_NS, _MAX_DRIFT = 10 * NS_PER_S, 1e-3
 #: Gain of the integral of the offset error, which becomes the drift: critically damped.
 _INTEGRAL = 0.25 * (_UPDATE_NS / _SLEW_NS) / _SLEW_NS
-#: Stamps that deviate by more, this number of times in succession, show that a clock was set.
+#: A clock was set if the stamps of this number of successive messages deviate by more than this.
 _JUMP_NS, _JUMPS = 2 * NS_PER_S, 3
 
 
@@ -59,7 +59,9 @@ class OnlineClock:
             self.offset_ns = 0
         if self.offset_ns == 0:
             return
-        self._since_ns = sensor_ns if self._since_ns is None else self._since_ns
+        if self._since_ns is None or sensor_ns < self._since_ns:
+            # The first message, or a recording that is played again: times and stamps jump back together.
+            self._delays, self._lows, self._since_ns = [], [], sensor_ns
         self._delays.append(stamp_ns - sensor_ns)
         span_ns = sensor_ns - self._since_ns
         if span_ns < (_FIRST_NS if self.offset_ns is None else _UPDATE_NS):
@@ -92,7 +94,7 @@ class OnlineClock:
 
     def _slew(self, sensor_ns: int, low_ns: float) -> None:
         """Change the rate so that the error vanishes; the map has no step at the present time."""
-        # The lower decile of an update is that of its middle.
+        # The lower decile of an update is assigned to its middle.
         self._lows = [*self._lows, (sensor_ns - _UPDATE_NS / 2, low_ns)][-_MEDIAN_OF:]
         # The newest anchor keeps the map continuous.
         present = int(self.to_ros(np.array([sensor_ns]))[0])

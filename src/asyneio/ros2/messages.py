@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from asyneio.live.step import LiveStep
 from asyneio.ros2.poses import RosPose
-from asyneio.types import NS_PER_S, FloatArray, Health, StepReport
+from asyneio.types import NS_PER_S, FloatArray, Health
 
 #: Levels of diagnostic_msgs/DiagnosticStatus.
 OK, WARN, ERROR, STALE = b"\x00", b"\x01", b"\x02", b"\x03"
@@ -79,8 +80,9 @@ def fill_diagnostics(
     return message
 
 
-def status_of(report: StepReport, counts: Mapping[str, int | float]) -> Status:
-    """The state after a packet, with further counts by name."""
+def status_of(step: LiveStep, counts: Mapping[str, int]) -> Status:
+    """The state after a step of the live engine, with further counts by name."""
+    report, shed = step.report, step.shed
     reason = f": {report.reason}" if report.reason else ""
     values = {
         "segment": str(report.segment),
@@ -89,7 +91,13 @@ def status_of(report: StepReport, counts: Mapping[str, int | float]) -> Status:
         "observations": str(report.observations),
         "rejected observations": str(report.rejected),
         "stationary": str(report.stationary),
-        **{name: f"{count:g}" for name, count in counts.items()},
+        "latency [ms]": f"{1e3 * step.latency_s:.0f}",
+        "waiting [ms]": f"{1e3 * step.backlog_s:.0f}",
+        "shed events": str(shed.all_events()),
+        "shed features": str(shed.features),
+        "shed observations": str(shed.observations),
+        "late rows": str(shed.late_events + shed.late_samples),
+        **{name: str(count) for name, count in counts.items()},
     }
     return Status(_LEVELS[report.health], f"{report.health}{reason}", values)
 

@@ -27,6 +27,7 @@ _NODE: dict[str, Any] = {
     "base_from_imu": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
     "publish_tf": True,
     "max_backlog_s": 0.5,
+    "record_folder": "",
 }
 
 
@@ -34,7 +35,9 @@ _NODE: dict[str, Any] = {
 class NodeSettings:
     """Resolved parameters.
 
-    `events_type`: type of the event messages; `max_backlog_s`: event messages that wait longer are dropped.
+    `events_type`: type of the event messages; `T_base_imu` (4,4): maps IMU to base coordinates;
+    `max_backlog_s`: load is shed so that data wait no longer; `record_folder`: for raw stream and results,
+    None: nowhere; `notes`: on the calibration.
     """
 
     config: Config
@@ -44,6 +47,7 @@ class NodeSettings:
     T_base_imu: FloatArray
     publish_tf: bool
     max_backlog_s: float
+    record_folder: Path | None
     notes: tuple[str, ...]
 
 
@@ -89,6 +93,7 @@ def resolve_parameters(values: Mapping[str, Any]) -> NodeSettings:
         T_base_imu=transform_of(list(given["base_from_imu"])),
         publish_tf=bool(given["publish_tf"]),
         max_backlog_s=_positive(given["max_backlog_s"]),
+        record_folder=Path(given["record_folder"]) if given["record_folder"] else None,
         notes=notes,
     )
 

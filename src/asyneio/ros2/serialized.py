@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Serialized ROS 2 messages (CDR), as `rclpy` hands them to raw subscriptions, to event and sample records.
 
-Raw subscriptions are used because a message with an array of events as Python objects costs about a
-microsecond for each field of each event.
+Raw subscriptions are used because rclpy turns an array of events into Python objects, which takes about a
+microsecond per field and event.
 """
 
 from __future__ import annotations

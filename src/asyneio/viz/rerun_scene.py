@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run in rerun's viewer: events, tracks, landmarks, trajectory, IMU, biases and health over sensor time.
 
-Needs the package rerun-sdk (extra `viz`). What is logged is thinned: an hour takes about 1 GB at 240 x 180
-pixels.
+Needs the package rerun-sdk (extra `viz`). Of the events, an image of the last 10 ms of each packet is logged;
+of the inertial samples, 100 per second.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import os
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,17 +27,18 @@ from asyneio.types import (
     StepReport,
 )
 from asyneio.viz.rerun_shapes import ellipses, near, newest_of_tracks, strips
+from asyneio.viz.rerun_viewer import Viewer, start_viewer
 
-#: The viewer forgets the oldest data beyond this.
-MEMORY_LIMIT = "1GB"
 #: The event image shows the last events of a packet, over this time [ns]; tracks are drawn for longer.
 _PICTURE_NS, _TRAIL_NS = 10_000_000, 300_000_000
+#: The viewer must receive a step within this time [s].
+_ANSWER_S = 5.0
 #: Largest rate of plotted IMU samples.
 _PLOTTED_HZ = 100
 #: Poses per piece of the drawn trajectory: a new pose redraws its piece only.
 _PIECE_POSES = 50
 _BACKGROUND, _BRIGHTER, _DARKER = 32, 255, 128
-#: Bounds of biases.
+#: Drawn bounds of biases, in standard deviations.
 _SIGMAS = 3.0
 _COLOURS = {
     Health.INITIALIZING: (120, 120, 120),
@@ -43,8 +46,9 @@ _COLOURS = {
     Health.DEGRADED: (230, 160, 30),
     Health.LOST: (210, 50, 50),
 }
-#: Of the curve of health.
+#: Colours of the axes x, y, z.
 _AXES = ((200, 70, 60), (70, 160, 80), (60, 110, 210))
+#: Values of the curve of health.
 _LEVELS = {Health.LOST: 0, Health.INITIALIZING: 1, Health.DEGRADED: 2, Health.TRACKING: 3}
 
 
@@ -55,7 +59,7 @@ def available() -> bool:
 
 @dataclass(frozen=True)
 class SceneStep:
-    """What one packet adds. `events` EVENT_DTYPE, `observations` OBSERVATION_DTYPE, `gyroscope` and
+    """The content of one packet. `events` EVENT_DTYPE, `observations` OBSERVATION_DTYPE, `gyroscope` and
     `accelerometer` INERTIAL_DTYPE, `landmarks` (N,3) [m] or None; `figures`: further curves by name."""
 
     report: StepReport
@@ -85,20 +89,23 @@ class RerunScene:
     def __init__(
         self, name: str, size: tuple[int, int], calibration: Calibration, show: bool, file: Path | None
     ) -> None:
+        # rerun warns that a file has no footer, and of much else.
+        os.environ.setdefault("RUST_LOG", "error")
         import rerun
 
         self._rr: Any = rerun
-        self._size, self._calibration = size, calibration
+        self._size, self._calibration, self._file = size, calibration, file
         self._stream = rerun.RecordingStream("asyneio")
         self._stream.send_recording_name(name)
         self._trail = np.empty(0, dtype=OBSERVATION_DTYPE)
         self._path: list[FloatArray] = []
         self._segment, self._piece = -1, 0
+        self._viewer: Viewer | None = None
         self._connect(show, file)
         self._log_static()
 
     def add(self, step: SceneStep) -> None:
-        """Log what a packet adds."""
+        """Log one packet. Raises RuntimeError: no data can be shown or written any more."""
         self._at(step.report.t_ns)
         self._log_events(step.events)
         self._log_tracks(step.observations, step.report.t_ns)
@@ -110,22 +117,42 @@ class RerunScene:
             self._log("world/landmarks", points)
         self._log_samples("gyroscope", step.gyroscope)
         self._log_samples("accelerometer", step.accelerometer)
+        self._flush()
 
     def close(self) -> None:
-        """Write everything that is held back."""
-        self._stream.flush()
+        """Send or write all waiting data. Raises RuntimeError: as `add`."""
+        self._flush()
         self._stream.disconnect()
+
+    def _flush(self) -> None:
+        """Wait until the viewer has received the data: rerun's own queue has no limit."""
+        started_s = time.perf_counter()
+        try:
+            self._stream.flush(timeout_sec=_ANSWER_S)
+        except RuntimeError as error:
+            waited = time.perf_counter() - started_s > 0.5 * _ANSWER_S
+            if waited:
+                if self._viewer is not None:
+                    self._viewer.end()  # rerun would wait for it without end.
+                raise RuntimeError(f"the viewer does not answer within {_ANSWER_S:.0f} s") from error
+            if self._viewer is None:
+                raise RuntimeError(f"{self._file} cannot be written") from error
+            if self._file is None:
+                raise RuntimeError("the window of the viewer was closed") from error
+            # The window was closed; the file continues.
 
     def _connect(self, show: bool, file: Path | None) -> None:
         rr = self._rr
-        blueprint = _blueprint()
+        sinks: list[Any] = []
         if show:
-            self._stream.spawn(memory_limit=MEMORY_LIMIT, hide_welcome_screen=True)
+            self._viewer = start_viewer()
+            sinks.append(rr.GrpcSink(self._viewer.url))
         if file is not None:
             file.unlink(missing_ok=True)
-            sinks = [rr.FileSink(str(file))]
-            self._stream.set_sinks(*sinks, *([rr.GrpcSink()] if show else []))
-        self._stream.send_blueprint(blueprint)
+            # The footer is an index of all data, which grows in memory during the run.
+            sinks.append(rr.FileSink(str(file), write_footer=False))
+        self._stream.set_sinks(*sinks)
+        self._stream.send_blueprint(_blueprint())
 
     def _log_static(self) -> None:
         rr = self._rr
@@ -235,11 +262,19 @@ def _blueprint() -> Any:
     """Image and tracks on the left, the world in the middle, curves on the right."""
     import rerun.blueprint as rrb
 
+    # Nine curves have the colours of the axes above; their legend would cover them.
+    hidden = rrb.PlotLegend(visible=False)
     curves = (
         rrb.TimeSeriesView(origin="imu/gyroscope", name="gyroscope [rad/s]"),
         rrb.TimeSeriesView(origin="imu/accelerometer", name="accelerometer [m/s^2]"),
-        rrb.TimeSeriesView(origin="bias/gyroscope", name="gyroscope bias, three sigma [rad/s]"),
-        rrb.TimeSeriesView(origin="bias/accelerometer", name="accelerometer bias, three sigma [m/s^2]"),
+        rrb.TimeSeriesView(
+            origin="bias/gyroscope", name="gyroscope bias, three sigma [rad/s]", plot_legend=hidden
+        ),
+        rrb.TimeSeriesView(
+            origin="bias/accelerometer",
+            name="accelerometer bias, three sigma [m/s^2]",
+            plot_legend=hidden,
+        ),
     )
     left = rrb.Vertical(
         rrb.Spatial2DView(origin="camera", name="events and tracks"),

@@ -7,9 +7,9 @@ import numpy as np
 
 from asyneio.types import FloatArray, RecordArray
 
-#: Landmarks further from their middle than this multiple of the median are not drawn.
+#: Landmarks whose distance from the median position exceeds this multiple of the median are not drawn.
 _FARTHEST = 10.0
-#: A covariance is drawn as an ellipse of three sigma; where it is not known, as one of this size [px].
+#: A covariance is drawn as an ellipse of three sigma; an unknown one as a circle of this radius [px].
 _SIGMAS, _UNKNOWN_PX = 3.0, 1.0
 
 
@@ -46,6 +46,6 @@ def ellipses(observations: RecordArray) -> list[FloatArray]:
 
 
 def near(landmarks: FloatArray) -> FloatArray:
-    """Landmarks without those so far away that the others would be a dot."""
+    """Landmarks without distant ones, which would shrink the others to a dot."""
     distance = np.linalg.norm(landmarks - np.median(landmarks, axis=0), axis=1)
     return landmarks[distance <= _FARTHEST * np.median(distance)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the text that the user typed to a source."""
+"""The source that a text of the command line names."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _EXPECTED = (
 def open_source(
     text: str, rig: CalibrationOptions, speed: float = 1.0, read: ReadOptions | None = None
 ) -> Source:
-    """The source that a text names; it is not connected yet.
+    """The source that a text names, not yet connected.
 
     Args:
         text: `file:PATH`, `dv:[HOST:]PORT[,PORT]`, `socket:[HOST:]PORT` or `usb:[SERIAL]`.
-        rig: calibration of a source that brings none.
+        rig: calibration of a source without its own.
         speed: of a file: times faster than it was recorded; 0: as fast as possible.
         read: options of reading, for a file.
 
@@ -41,7 +41,7 @@ def open_source(
     if kind == "file":
         return FileSource(Path(rest), speed, read or ReadOptions())
     if speed != 1.0:
-        raise LiveError(f"--speed {speed:g} is of files alone: {kind}: has its own pace; leave it out")
+        raise LiveError(f"--speed {speed:g} applies to files only: {kind}: has its own pace; leave it out")
     if kind == "socket":
         return SocketSource(*host_and_port(rest), rig)
     if kind == "dv":
@@ -53,7 +53,7 @@ def open_source(
 
 
 def host_and_port(text: str) -> tuple[str, int]:
-    """`HOST:PORT` or `PORT`, which means this machine alone. Raises LiveError: no port."""
+    """Host and port of `HOST:PORT`, or of `PORT` on this machine. Raises LiveError: no port."""
     host, port = _host_and_rest(text)
     return host, _port(port, text)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sensor of a source that states only its name and size: the calibration comes from the user."""
+"""The sensor of a source that states only its name and size; the user names the calibration."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def sensor_of(name: str, size: tuple[int, int], options: CalibrationOptions) -> 
     """The sensor with the calibration that the user named.
 
     Raises:
-        CalibrationError: it is missing, malformed, incomplete, or of a sensor of another size.
+        CalibrationError: it is missing, malformed, incomplete, or for a sensor of another size.
         ConfigError: unknown preset.
     """
     noise = open_calibration(options.imu) if options.imu else None

@@ -16,15 +16,15 @@ from asyneio.live.chunks import Chunk, Sensor, no_events, no_samples
 from asyneio.live.sources.calibration import CalibrationOptions, sensor_of
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray
 
-#: Between two looks for data [s], between two attempts to connect, and how long the first attempts last.
+#: Times [s]: between two reads, between two attempts to connect, and of the first attempts together.
 _LOOK_S, _RETRY_S, _PATIENCE_S = 0.001, 0.5, 10.0
-#: After so long without data [s] the loop reports it.
+#: After this time without data [s] the source reports it.
 _QUIET_S = 0.1
 _NS_PER_US = 1000
 
 
 class DvSource:
-    """Events and inertial samples of a writer of dv-processing, or of DV's network output.
+    """Events and inertial samples of a writer of dv-processing, or of the network output of DV. See `Source`.
 
     Args:
         host: of the writer.
@@ -61,8 +61,8 @@ class DvSource:
         if not cameras or not any(reader.isImuStreamAvailable() for reader in readers):
             what = "inertial samples" if cameras else "events"
             raise LiveError(
-                f"the streams at {self._host}, ports {', '.join(map(str, self._ports))}, hold no {what}; a "
-                "writer sends one stream a port: name both ports (dv:HOST:PORT,PORT)"
+                f"the streams at {self._host}, ports {', '.join(map(str, self._ports))}, contain no {what}; "
+                "a writer sends each stream on its own port: name both ports (dv:HOST:PORT,PORT)"
             )
         size = cameras[0].getEventResolution()
         return sensor_of(cameras[0].getCameraName(), (int(size[0]), int(size[1])), self._rig)
@@ -95,7 +95,7 @@ class DvSource:
         self._readers.clear()
 
     def _connected(self) -> bool:
-        """Connect what is not connected yet; whether everything is."""
+        """Connect to the missing ports; whether all are connected."""
         for port in self._ports:
             if port not in self._readers:
                 try:
@@ -110,13 +110,13 @@ class DvSource:
             self._connected()
 
     def _forget(self) -> None:
-        """Drop all readers: streams of a writer come and go together."""
+        """Drop all readers: the streams of a writer end together."""
         self._losses += bool(self._readers)
         self._readers.clear()
 
 
 def _read(reader: Any) -> Chunk | None:
-    """The next batch of a reader; None where there is none."""
+    """The next batch of a reader; None if there is none."""
     batch = reader.getNextEventBatch() if reader.isEventStreamAvailable() else None
     samples = reader.getNextImuBatch() if reader.isImuStreamAvailable() else None
     if batch is None and not (samples is not None and len(samples)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`file:`: a recording played as if it were live."""
+"""`file:`: a recording, played as a live source."""
 
 from __future__ import annotations
 
@@ -16,16 +16,19 @@ from asyneio.live.chunks import Chunk, Sensor
 from asyneio.pipeline.packets import calibration_of, usable_span
 from asyneio.types import NS_PER_S, EventRecording, RecordArray
 
-#: Sensor time in a chunk: as a camera delivers, and where the file is read as fast as possible.
+#: Sensor time in a chunk: at its own pace, as a camera delivers, and as fast as possible.
 _CHUNK_NS, _LARGE_CHUNK_NS = 4_000_000, 50_000_000
 
 
 class FileSource:
-    """A recording of events, at its own pace or another one.
+    """A recording of events, at its own pace or another one. See `live.chunks.Source`.
+
+    Attributes:
+        path: of the recording.
 
     Args:
         path: of any kind that `asyneio run` reads.
-        speed: times faster than it was recorded; 0: as fast as possible, and then nothing is shed.
+        speed: times faster than recorded; 0: as fast as possible, and nothing is shed.
         options: of reading.
 
     Raises:
@@ -40,16 +43,15 @@ class FileSource:
                 f"found --speed {speed:g}, expected a positive number, or 0 for as fast as possible"
             )
         self.can_wait = speed == 0.0
-        self._path, self._speed, self._options = path, speed, options
+        self.path, self._speed, self._options = path, speed, options
         self._recording: EventRecording | None = None
 
     def open(self, stop: threading.Event) -> Sensor:
         """See `Source`. Raises RecordingError as `open_recording` does."""
-        recording = open_recording(self._path, self._options)
+        recording = open_recording(self.path, self._options)
         if not isinstance(recording, EventRecording):
             raise LiveError(
-                f"{self._path} holds feature tracks, no events: a live run follows features itself; use "
-                "`asyneio run` for it"
+                f"{self.path} contains feature tracks; a live run needs events: use `asyneio run` for it"
             )
         usable_span(recording)
         calibration = calibration_of(recording)
@@ -69,7 +71,7 @@ class FileSource:
         for end_ns in range(first_ns + step_ns, last_ns + step_ns + 1, step_ns):
             parts = []
             for k, (rows, shift) in enumerate(zip(streams, shifts, strict=True)):
-                # A memory map is searched by a few probes; a copy is read before it is needed.
+                # The search touches few pages of a memory map; the copy reads the rows before they are due.
                 end = int(np.searchsorted(rows["t_ns"], end_ns - shift))
                 parts.append(np.array(rows[places[k] : end]))
                 places[k] = end
@@ -86,7 +88,7 @@ class FileSource:
         self._recording = None
 
     def _wait(self, started_s: float, elapsed_ns: int, stop: threading.Event) -> bool:
-        """Wait until so much of the recording is due; whether to stop."""
+        """Wait until this part of the recording is due; whether to stop."""
         if self.can_wait:
             return stop.is_set()
         due_s = started_s + elapsed_ns / NS_PER_S / self._speed

@@ -3,34 +3,34 @@
 
 from __future__ import annotations
 
-import contextlib
-import socket
 import threading
 import time
 from collections.abc import Iterator
 
-import numpy as np
-
 from asyneio.errors import LiveError
 from asyneio.io.recording.contents import split_samples
 from asyneio.live.chunks import Chunk, Sensor
-from asyneio.live.protocol import END, HEADER, HELLO, ROWS, parse_header, parse_hello
+from asyneio.live.protocol import END, HELLO
 from asyneio.live.publisher import listening_socket
 from asyneio.live.sources.calibration import CalibrationOptions, sensor_of
+from asyneio.live.sources.sender import Sender
 from asyneio.types import RecordArray
 
-#: How long [s] a wait for data lasts before the loop looks around.
+#: How long [s] a wait for a sender lasts.
 _LOOK_S = 0.1
-#: A sender must send its greeting within this time [s].
-_HELLO_S = 5.0
-_BUFFER_BYTES = 8 * 2**20
+#: A sender that is silent for this time [s] is replaced by another one that connects.
+_SILENT_S = 2.0
+_MOST_COMPLAINTS = 20
 
 
 class SocketSource:
-    """Listens for a sender; when one goes, the next may come.
+    """Listens for one sender at a time. See `live.chunks.Source`.
+
+    Attributes:
+        port: at which it listens.
 
     Args:
-        host, port: where to listen; port 0: any free one, see `port`.
+        host, port: where to listen; port 0: any free one.
         rig: calibration.
 
     Raises:
@@ -43,46 +43,32 @@ class SocketSource:
     def __init__(self, host: str, port: int, rig: CalibrationOptions) -> None:
         self._rig = rig
         self._server = listening_socket(host, port)
-        self._server.settimeout(_LOOK_S)
         self.port = int(self._server.getsockname()[1])
-        self._connection: socket.socket | None = None
+        self._sender: Sender | None = None
         self._size: tuple[int, int] | None = None
-        self._connections = 0
+        self._greeted = 0
         self._complaints: list[str] = []
 
     def open(self, stop: threading.Event) -> Sensor:
         """See `Source`: waits for the first sender."""
         while not stop.is_set():
-            hello = self._accept()
-            if hello is not None:
-                name, self._size = hello
+            self._next()
+            if self._sender is not None and self._sender.hello is not None:
+                name, self._size = self._sender.hello
                 return sensor_of(name, self._size, self._rig)
         raise LiveError("stopped before a sender connected")
 
     def chunks(self, stop: threading.Event) -> Iterator[Chunk | None]:
         """See `Source`."""
         while not stop.is_set():
-            if self._connection is None:
-                self._accept()
-                yield None
-                continue
-            try:
-                found = self._frame(self._connection, stop)
-            except (OSError, LiveError) as error:
-                self._drop(str(error))
-                continue
-            if found is None:
-                yield None
-                continue
-            kind, rows = found
+            kind, rows = self._next() or (HELLO, None)
             if kind == END:
                 return
-            if rows is not None:
-                yield _chunk(kind, rows)
+            yield None if rows is None else _chunk(kind, rows)
 
     def notes(self) -> tuple[str, ...]:
         """See `Source`."""
-        again = (f"senders connected {self._connections} times",) if self._connections > 1 else ()
+        again = (f"senders connected {self._greeted} times",) if self._greeted > 1 else ()
         return (*again, *self._complaints)
 
     def close(self) -> None:
@@ -90,59 +76,49 @@ class SocketSource:
         self._drop("")
         self._server.close()
 
-    def _accept(self) -> tuple[str, tuple[int, int]] | None:
-        """Wait a moment for a sender with a sensor of the right size; its name and size."""
+    def _next(self) -> tuple[bytes, RecordArray | None] | None:
+        """The next frame of the present sender; None if none is complete in time."""
+        if self._sender is None or self._sender.silence_s() > _SILENT_S:
+            self._accept()
+        if self._sender is None:
+            return None
+        greeted = self._sender.hello is not None
+        try:
+            frame = self._sender.read()
+            if frame is None or frame[0] != HELLO:
+                return frame
+            self._check_size()
+        except (OSError, LiveError) as error:
+            self._drop(str(error))
+            return None
+        self._greeted += not greeted
+        return HELLO, None
+
+    def _accept(self) -> None:
+        """Wait a moment for a sender, which replaces a silent one."""
+        self._server.settimeout(_LOOK_S if self._sender is None else 0.0)
         try:
             connection, _ = self._server.accept()
-        except TimeoutError:
-            return None
-        try:
-            with contextlib.suppress(OSError):
-                connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-            connection.settimeout(_HELLO_S)
-            kind, length = parse_header(_received(connection, HEADER.size))
-            if kind != HELLO:
-                raise LiveError(f"a sender begins with the kind {kind.decode()}, expected a hello (H)")
-            name, size = parse_hello(_received(connection, length))
-            if self._size not in (None, size):
-                raise LiveError(f"a sender has {size[0]} x {size[1]} pixels, the first one had {self._size}")
-        except (OSError, LiveError) as error:
-            connection.close()
-            self._complain(str(error))
-            return None
-        connection.settimeout(_LOOK_S)
-        self._connection = connection
-        self._connections += 1
-        return name, size
+        except (TimeoutError, BlockingIOError, ConnectionAbortedError):
+            return
+        if self._sender is not None:
+            silence_s = self._sender.silence_s()
+            self._drop(f"the sender was silent for {silence_s:.1f} s, and another one connected")
+        self._sender = Sender(connection)
 
-    def _frame(
-        self, connection: socket.socket, stop: threading.Event
-    ) -> tuple[bytes, RecordArray | None] | None:
-        """A frame and its rows; None where none begins in time. Raises OSError: the sender went."""
-        try:
-            first = connection.recv(1)
-        except TimeoutError:
-            return None
-        if not first:
-            raise OSError("the sender closed the connection")
-        kind, length = parse_header(first + _received(connection, HEADER.size - 1, stop))
-        if kind not in ROWS:
-            _received(connection, length, stop)
-            return kind, None
-        rows = np.empty(length // ROWS[kind].itemsize, dtype=ROWS[kind])
-        _fill(connection, rows.view(np.uint8).data, stop)
-        return kind, rows
+    def _check_size(self) -> None:
+        assert self._sender is not None
+        assert self._sender.hello is not None
+        _, size = self._sender.hello
+        if self._size not in (None, size):
+            raise LiveError(f"a sender has {size[0]} x {size[1]} pixels, the first one had {self._size}")
 
     def _drop(self, reason: str) -> None:
-        if self._connection is not None:
-            self._connection.close()
-            self._connection = None
-        if reason:
-            self._complain(reason)
-
-    def _complain(self, reason: str) -> None:
-        if len(self._complaints) < 20:
-            self._complaints.append(f"connection dropped: {reason}")
+        if self._sender is not None:
+            self._sender.close()
+            self._sender = None
+        if reason and len(self._complaints) < _MOST_COMPLAINTS:
+            self._complaints.append(f"connection closed: {reason}")
 
 
 def _chunk(kind: bytes, rows: RecordArray) -> Chunk:
@@ -158,24 +134,3 @@ def _chunk(kind: bytes, rows: RecordArray) -> Chunk:
             return Chunk(now_s, complete_ns=int(rows[-1]) if rows.size else None)
     samples = split_samples(rows, "")
     return Chunk(now_s, gyroscope=samples.gyroscope, accelerometer=samples.accelerometer)
-
-
-def _received(connection: socket.socket, length: int, stop: threading.Event | None = None) -> bytes:
-    data = bytearray(length)
-    _fill(connection, memoryview(data), stop)
-    return bytes(data)
-
-
-def _fill(connection: socket.socket, view: memoryview, stop: threading.Event | None = None) -> None:
-    """Receive until the view is full; a sender may pause within a frame. Raises OSError: it is gone."""
-    done = 0
-    while done < len(view):
-        try:
-            count = connection.recv_into(view[done:])
-        except TimeoutError:
-            if stop is None or stop.is_set():
-                raise OSError("the sender stopped in the middle of a frame") from None
-            continue
-        if count == 0:
-            raise OSError("the sender closed the connection in the middle of a frame")
-        done += count

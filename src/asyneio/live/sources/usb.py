@@ -15,14 +15,14 @@ from asyneio.live.chunks import Chunk, Sensor, no_events, no_samples
 from asyneio.live.sources.calibration import CalibrationOptions, sensor_of
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray
 
-#: The iterator of the driver returns at least this often [s].
+#: The driver returns at least this often [s].
 _LOOK_S = 0.1
 _NS_PER_US = 1000
 _PERMISSION = ("access", "permission", "insufficient")
 
 
 class UsbSource:
-    """A camera with an IMU of its own.
+    """A camera with an IMU of its own. See `live.chunks.Source`.
 
     Args:
         serial: of the camera; None: the only one.
@@ -61,15 +61,15 @@ class UsbSource:
             except StopIteration:
                 return
             except RuntimeError as error:
-                # Unplugged: it comes back as another device.
+                # It was unplugged, and comes back as another device.
                 yield from self._wait_for_device(error, stop)
                 continue
             yield None if packet is None else self._chunk(packet)
 
     def notes(self) -> tuple[str, ...]:
         """See `Source`."""
-        said = f"{self._overflows} overflow(s) of the USB queue: events or samples were lost before asyneio"
-        return (said,) if self._overflows else ()
+        note = f"{self._overflows} overflow(s) of the USB queue: events or samples were lost"
+        return (note,) if self._overflows else ()
 
     def close(self) -> None:
         """See `Source`."""
@@ -80,7 +80,7 @@ class UsbSource:
     def _opened(self) -> Any:
         try:
             return self._drivers.open(serial=self._serial, iterator_timeout=_LOOK_S)
-        except Exception as error:  # the driver raises RuntimeError, a panic of it another kind
+        except Exception as error:  # RuntimeError, or another kind if the driver panics
             raise LiveError(_advice(str(error), self._serial)) from error
 
     def _wait_for_device(self, error: RuntimeError, stop: threading.Event) -> Iterator[None]:
@@ -125,7 +125,7 @@ def _advice(trouble: str, serial: str | None) -> str:
     """What to do about a camera that does not open."""
     if any(word in trouble.lower() for word in _PERMISSION):
         return (
-            f"a camera is connected but may not be opened ({trouble}): install the udev rules "
+            f"a camera is connected, but this user may not open it ({trouble}): install the udev rules "
             "(sudo neuromorphic-drivers-install-udev-rules), then unplug the camera and plug it in again"
         )
     which = f"with the serial number {serial} " if serial else ""
