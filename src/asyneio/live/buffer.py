@@ -22,8 +22,8 @@ class RowBuffer:
     Attributes:
         first_ns, newest_ns: stamps of all rows so far; None before the first one.
         disorder_ns: the largest backward step so far.
-        late: number of rows that came too late, with a repeated stamp where stamps are unique, or while the buffer was
-            full.
+        late: number of rows that came too late, with a repeated stamp where stamps are unique, or while the
+            buffer was full.
 
     Args:
         dtype: of the rows.
