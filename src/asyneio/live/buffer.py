@@ -12,7 +12,7 @@ from asyneio.io.recording.event_source import join_events
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 #: Largest number of rows that wait for a packet (512 MB of events). A burst of 50 million events per second
-#: needs half of it; without a limit, a sensor whose clock stands still fills any memory.
+#: needs half of it; without a limit, a sensor whose clock is stuck fills any memory.
 MOST_ROWS = 32_000_000
 
 
