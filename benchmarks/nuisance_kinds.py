@@ -250,7 +250,8 @@ _EVENT_KINDS = (
 )
 
 
-def _all_mild(kinds: tuple[Nuisance, ...]) -> Nuisance:
+def _all_mild(kinds: tuple[Nuisance, ...], name: str, title: str) -> Nuisance:
+    """The mild ones of some kinds together."""
     mild = [kind for kind in kinds if kind.mild]
     # The complete sensor first, because it replaces the errors that the others extend.
     mild.sort(key=lambda kind: kind.name != "mpu6150")
@@ -270,11 +271,19 @@ def _all_mild(kinds: tuple[Nuisance, ...]) -> Nuisance:
             given = kind.events(given, of) if kind.events else given
         return given
 
-    return Nuisance("all_mild", "all mild ones together", scenario, calibration, events)
+    return Nuisance(name, title, scenario, calibration, events)
 
 
 _SINGLE = (*_IMU_KINDS, *_CALIBRATION_KINDS, *_EVENT_KINDS)
 #: Reference of all comparisons.
 UNDISTURBED = Nuisance("undisturbed", "undisturbed")
 #: All nuisances by name, the undisturbed run first.
-KINDS: dict[str, Nuisance] = {kind.name: kind for kind in (UNDISTURBED, *_SINGLE, _all_mild(_SINGLE))}
+KINDS: dict[str, Nuisance] = {
+    kind.name: kind
+    for kind in (
+        UNDISTURBED,
+        *_SINGLE,
+        _all_mild(_EVENT_KINDS, "events_mild", "all mild ones of the pixels"),
+        _all_mild(_SINGLE, "all_mild", "all mild ones together"),
+    )
+}

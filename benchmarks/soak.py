@@ -19,7 +19,7 @@ Checked:
 
     python benchmarks/soak.py [--seed 0] [--minutes 10] [--scenes event_slow event_slow+rest ...]
         [--piece 12] [--cache DIR] [--results FILE] [--only NUMBER ...] [--leave-out NAME ...]
-        [--estimate-imu-scale]
+        [--no-imu-scale]
 
 A scene with `+rest` is stationary for some seconds. To find a cause: `--only` plays single pieces, and
 `--leave-out` plays them without some of the errors; all else is drawn as before.
@@ -433,13 +433,11 @@ def main() -> None:
     parser.add_argument("--piece", type=float, default=12.0, help="length of a piece [s]")
     parser.add_argument("--only", nargs="+", type=int, help="play these pieces alone")
     parser.add_argument("--leave-out", nargs="+", default=(), help="faults and errors to leave out, by name")
-    parser.add_argument(
-        "--estimate-imu-scale", action="store_true", help="with calibration.estimate_imu_scale"
-    )
+    parser.add_argument("--no-imu-scale", action="store_true", help="without calibration.estimate_imu_scale")
     parser.add_argument("--cache", type=Path, default=DEFAULT_CACHE)
     parser.add_argument("--results", type=Path, help="also write the tables here")
     options = parser.parse_args()
-    config = Config.model_validate({"calibration": {"estimate_imu_scale": options.estimate_imu_scale}})
+    config = Config.model_validate({"calibration": {"estimate_imu_scale": not options.no_imu_scale}})
     stream: Stream | None = None
     played: list[Played] = []
     kept: list[Piece] = []

@@ -273,6 +273,21 @@ def test_smoothing_keeps_motion_and_drops_noise(rng: np.random.Generator) -> Non
     np.testing.assert_array_equal(smoothed(start, t_ns, noise)[: start[0]], noise[: start[0]])
 
 
+def test_noise_of_an_interval_is_no_part_of_its_smoothed_values(rng: np.random.Generator) -> None:
+    """Common noise looks like a proportional error. Only the newest interval, which has no successor, needs
+    its own values."""
+    t_ns = np.arange(0, 1_000_000_000, 8_333_333)
+    start = np.searchsorted(t_ns, np.arange(300_000_000, 1_000_000_001, 100_000_000))
+    value = rng.normal(size=(len(t_ns), 3))
+    before = smoothed(start, t_ns, value)
+    for k in range(len(start) - 1):
+        mine = slice(start[k], start[k + 1])
+        other = value.copy()
+        other[mine] += 1.0
+        newest = k == len(start) - 2
+        assert np.allclose(smoothed(start, t_ns, other)[mine], before[mine]) != newest
+
+
 def test_what_is_not_estimated_is_taken_as_read() -> None:
     toy = make_toy(count=KNOTS, landmarks=8)
     window = toy.window(toy.perturbed_truth(0.1))

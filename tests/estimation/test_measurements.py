@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from asyneio.errors import EstimationError
+from asyneio.estimation.problem.inertial_calibration import smoothed
 from asyneio.estimation.problem.landmarks import LandmarkTable
 from asyneio.estimation.problem.measurements import InertialBuffer, PreintegrationBuffer, VisualBuffer
 from asyneio.estimation.problem.problem import Propagated
@@ -237,3 +239,23 @@ def test_increments_stay_with_their_observations(rng: np.random.Generator) -> No
     assert_together(5)
     buffer.keep(buffer.interval == 4)
     assert_together(2)
+
+
+def test_smoothed_readings_are_those_of_all_readings_together(rng: np.random.Generator) -> None:
+    """They are kept from interval to interval, while old ones are dropped; intervals have gaps and lengths
+    of their own."""
+    buffer = InertialBuffer(WNOJ, smooths=True)
+    ends = np.cumsum(rng.integers(40, 160, 30)) * 1_000_000
+    kept = np.sort(rng.choice(int(ends[-1]) // 1_000_000, 1500, replace=False)) * 1_000_000 + 1
+    kept = kept[(kept < ends[9]) | (kept > ends[11])]
+    values = rng.normal(size=(len(kept), 3))
+    bounds = np.searchsorted(kept, np.append(0, ends))
+    for k, (begin, end) in enumerate(pairwise(bounds.tolist())):
+        own = DirectSamples(kept[begin:end], values[begin:end], np.eye(end - begin))
+        buffer.append(own, k, int(ends[k - 1]) if k else 0, int(ends[k]))
+        first = max(k - 12, 0)
+        buffer.drop_before(first)
+        found = buffer.arrays(first, k + 1 - first)
+        # All readings so far, as if nothing had been dropped.
+        expected = smoothed(bounds[first : k + 2], kept[:end], values[:end])[bounds[first] : end]
+        np.testing.assert_array_equal(found.smooth, expected)

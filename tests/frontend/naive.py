@@ -90,6 +90,8 @@ class NaiveFrontend:
         )
         self.loop = record_of(LoopSettings(width, height, 0, 0.0, 0.0, 0.0, 0, 0, 0, 0))
         self.latest = np.full((height, width, 2), NEVER_NS)
+        self.supported = self.latest.copy()
+        self.unmeasured, self.rate_hz, self.support_ns, self.window_share = 0, 0.0, 0, 0.05
         self.fired: dict[tuple[int, int], int] = {}
         self.hot: set[tuple[int, int]] = set()
         self.features: list[Feature] = []
@@ -107,14 +109,13 @@ class NaiveFrontend:
         self.roll_ns = t_ns
         if t_ns - self.managed_ns > 5 * MS:
             self.manage_tracks(t_ns)
-        before = self.latest[y, x].copy()
-        first_of_edge = bool(before[1 - p] > before[p] or t_ns - before[p] > 50 * MS)
         self.latest[y, x, p] = t_ns
         self.fired[x, y] = self.fired.get((x, y), 0) + 1
         if (x, y) in self.hot:
             self.hot_events += 1
             return
         self.polarity[p] += 1
+        first_of_edge = self.is_first_of_edge(t_ns, x, y, p)
         distances = [(f.distance(t_ns, x, y), f) for f in self.features if f.is_listed(x, y)]
         for distance, feature in distances:
             if distance <= 12.0:
@@ -123,8 +124,20 @@ class NaiveFrontend:
             return
         if len(self.features) < self.capacity and self.is_inside(x, y, 9) and self.tests >= 1.0:
             self.tests -= 1.0
-            if is_corner(self.latest, p, x, y, np.empty(SCRATCH, dtype=np.int64)):
+            if is_corner(self.supported, p, x, y, np.empty(SCRATCH, dtype=np.int64)):
                 self.begin(t_ns, x, y)
+
+    def is_first_of_edge(self, t_ns: int, x: int, y: int, p: int) -> bool:
+        """Among the events with a neighbour that fired shortly before, or at the border of the image."""
+        self.unmeasured += 1
+        around = self.latest[y - 1 : y + 2, x - 1 : x + 2, p].copy()
+        if self.is_inside(x, y, 1):
+            around[1, 1] = NEVER_NS
+            if t_ns - int(around.max()) > self.support_ns:
+                return False
+        before = self.supported[y, x].copy()
+        self.supported[y, x, p] = t_ns
+        return bool(before[1 - p] > before[p] or t_ns - before[p] > 50 * MS)
 
     def begin(self, t_ns: int, x: int, y: int) -> None:
         """A feature at a corner."""
@@ -210,6 +223,11 @@ class NaiveFrontend:
     def manage_tracks(self, t_ns: int) -> None:
         """Every 5 ms: corners that never moved, silent tracks, the younger of two tracks within 5 px."""
         self.tests = min(20_000.0, self.tests + 200_000.0 * ((t_ns - self.managed_ns) * 1e-9))
+        elapsed_ns = t_ns - self.managed_ns
+        rate_hz = self.unmeasured * 1_000 * MS / elapsed_ns
+        self.rate_hz += (rate_hz - self.rate_hz) * elapsed_ns / (elapsed_ns + 100 * MS)
+        between_s = 2 * self.size[0] * self.size[1] / max(self.rate_hz, 1.0)
+        self.unmeasured, self.support_ns = 0, int(min(self.window_share * between_s * 1e9, 1e12))
         self.managed_ns = t_ns
         for feature in list(self.features):
             f = feature.record

@@ -20,9 +20,21 @@ from asyneio.frontend.gradient.features import (
     begin,
 )
 from asyneio.frontend.gradient.patch import make_workspace, weigh
-from asyneio.types import FloatArray, RecordArray
+from asyneio.types import EVENT_DTYPE, FloatArray, RecordArray
+from tests.conftest import SEED
 
 Picture = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+def with_noise(events: RecordArray, share: float, size: tuple[int, int]) -> RecordArray:
+    """Events (EVENT_DTYPE) with `share` times as many of random pixels, times and polarities."""
+    rng = np.random.default_rng(SEED)
+    noise = np.zeros(round(share * events.size), dtype=EVENT_DTYPE)
+    noise["t_ns"] = rng.integers(int(events["t_ns"][0]), int(events["t_ns"][-1]), noise.size)
+    noise["x"], noise["y"] = rng.integers(0, size[0], noise.size), rng.integers(0, size[1], noise.size)
+    noise["p"] = rng.integers(0, 2, noise.size)
+    both = np.concatenate([events, noise])
+    return both[np.argsort(both["t_ns"], kind="stable")]
 
 
 def make_feature(x: float = 100.0, y: float = 80.0) -> RecordArray:

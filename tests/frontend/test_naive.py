@@ -12,6 +12,7 @@ from asyneio.simulation import EventSimulation
 from asyneio.types import EVENT_DTYPE, NS_PER_S, RecordArray
 from tests.conftest import SEED
 from tests.frontend.naive import NaiveFrontend
+from tests.frontend.patches import with_noise
 
 WIDTH, HEIGHT = 96, 72
 ROLL_RATE = 0.3
@@ -53,6 +54,8 @@ def stream_of(simulation: EventSimulation, name: str) -> RecordArray:
     events = cropped(simulation)
     if name == "gaps and hot pixels":
         return with_gaps_and_hot_pixels(events)
+    if name == "noise":
+        return with_noise(events[:14_000], 1.0, (WIDTH, HEIGHT))
     # The image jumps sideways, so that tracks no longer match.
     events = events[:14_000]
     events["x"][9_000:] = (events["x"][9_000:] + 8) % WIDTH
@@ -102,7 +105,7 @@ def compare(events: RecordArray, oracle: NaiveFrontend) -> GradientTracker:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["scene cut", "gaps and hot pixels"])
+@pytest.mark.parametrize("name", ["scene cut", "gaps and hot pixels", "noise"])
 def test_the_loop_decides_as_algorithm_1(simulation: EventSimulation, name: str) -> None:
     oracle = NaiveFrontend(CONFIG, WIDTH, HEIGHT)
     compare(stream_of(simulation, name), oracle)
@@ -110,6 +113,8 @@ def test_the_loop_decides_as_algorithm_1(simulation: EventSimulation, name: str)
     if name == "scene cut":
         assert oracle.tracks > 5
         assert oracle.ended["untrusted"] > 1
+    elif name == "noise":
+        assert oracle.tracks > 1
     else:
         assert len(oracle.hot) == 3
         assert min(oracle.ended["silent"], oracle.ended["abandoned"], oracle.hot_events) > 1
@@ -124,6 +129,7 @@ def test_the_loop_decides_as_algorithm_1(simulation: EventSimulation, name: str)
         ("scene cut", "t_min_ns", 20_000_000),
         ("gaps and hot pixels", "t_max_ns", 10 * NS_PER_S),
         ("gaps and hot pixels", "find_hot", lambda seconds: set()),
+        ("noise", "window_share", 0.5),
     ],
 )
 def test_a_broken_rule_is_noticed(simulation: EventSimulation, name: str, rule: str, broken: object) -> None:

@@ -16,14 +16,25 @@ from asyneio.frontend.feature_grid import (
     move,
     remove,
 )
-from asyneio.frontend.surface import NEVER_NS, Event, Surface, make_surface, record_event, refresh_hot_pixels
+from asyneio.frontend.surface import (
+    NEVER_NS,
+    Event,
+    Surface,
+    is_first_of_edge,
+    make_surface,
+    record_event,
+    refresh_hot_pixels,
+)
 from tests.conftest import SEED
 
 SILENCE_NS = 50
 
 
 def record(surface: Surface, t_ns: int, p: int) -> bool:
-    return record_event(surface, Event(t_ns, 3, 2, p), SILENCE_NS)
+    event = Event(t_ns, 3, 2, p)
+    first = is_first_of_edge(surface.latest_ns, event, SILENCE_NS)
+    record_event(surface, event)
+    return bool(first)
 
 
 def test_only_the_first_event_of_an_edge_may_found_a_corner() -> None:

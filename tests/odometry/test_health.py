@@ -52,6 +52,7 @@ def test_well_stays_tracking() -> None:
         ({"rejected_samples": 0.3}, "30 % of the inertial samples were rejected"),
         ({"scale_change": -0.2}, "scale was revised by -20 %"),
         ({"scale_change": 0.25}, r"scale was revised by +25 %"),
+        ({"scale_sigma": 0.15}, "the standard deviation of scale is 15 %"),
         ({"rejected_observations": 0.6}, "60 % of the observations contradict"),
         ({"visual_ratio": 9.0}, "observations deviate by 3.0 standard deviations"),
         ({"inertial_ratio": 9.0}, "inertial samples deviate by 3.0 standard deviations"),

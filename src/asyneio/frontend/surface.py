@@ -60,16 +60,22 @@ def read_event(events: RecordArray, i: int) -> Event:
     return Event(event.t_ns, int(np.int64(event.x)), int(np.int64(event.y)), int(np.int64(event.p)))
 
 
+# Indices below are unsigned: an index that may be negative is checked at run time.
 @nb.njit(**INLINE)
-def record_event(surface: Surface, event: Event, silence_ns: int) -> bool:
-    """Write an event to the surface; True if it is the first of an edge and may therefore be a corner."""
-    # Unsigned: an index that may be negative is checked at run time.
+def is_first_of_edge(latest_ns: IntArray, event: Event, silence_ns: int) -> bool:
+    """Whether an event that is not yet on the surface `latest_ns` (H,W,2) is the first of an edge and may
+    therefore be a corner."""
     row, column, sign = np.uint64(event.y), np.uint64(event.x), np.uint64(event.p)
-    own = surface.latest_ns[row, column, sign]
-    other = surface.latest_ns[row, column, sign ^ np.uint64(1)]
-    surface.latest_ns[row, column, sign] = event.t_ns
+    own = latest_ns[row, column, sign]
+    return latest_ns[row, column, sign ^ np.uint64(1)] > own or event.t_ns - own > silence_ns
+
+
+@nb.njit(**INLINE)
+def record_event(surface: Surface, event: Event) -> None:
+    """Write an event to the surface."""
+    row, column = np.uint64(event.y), np.uint64(event.x)
+    surface.latest_ns[row, column, np.uint64(event.p)] = event.t_ns
     surface.fired[row, column] += np.int32(1)
-    return other > own or event.t_ns - own > silence_ns
 
 
 @nb.njit(**INLINE)

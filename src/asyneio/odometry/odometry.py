@@ -181,7 +181,8 @@ class Odometry:
         newest = newest_estimate(window, solution, settings, segment.number)
         segment.tracking = Tracking(window, solution, newest)
         segment.tracking.marginalize_to(settings.window_s)
-        return [newest], self._report(packet, segment.health.status, segment.number, origin)
+        status = segment.health.begin(newest.t_ns, first.scale_sigma)
+        return [newest], self._report(packet, status, segment.number, origin)
 
     def _waiting(self, packet: Packet) -> StepReport:
         status = HealthStatus(Health.INITIALIZING, self._segment.waiting_reason)

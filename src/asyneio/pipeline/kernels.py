@@ -10,6 +10,7 @@ import numpy as np
 from asyneio.config import FrontendConfig
 from asyneio.estimation.linearization import interval as interval_terms
 from asyneio.estimation.linearization import visual as visual_terms
+from asyneio.estimation.linearization.corrections import NO_CORRECTION_SUMS
 from asyneio.estimation.linearization.linear_system import LinearSystem, linearize
 from asyneio.estimation.linearization.visual_sums import empty_sums
 from asyneio.estimation.linearization.zero_velocity import zero_velocity_of, zero_velocity_terms
@@ -94,9 +95,10 @@ def compile_intervals() -> None:
     interval_terms.interval_locals(states, space, local)
     interval_terms.interval_chains(states, np.ones(1, dtype=np.bool_), space, np.zeros_like(H))
     interval_terms.motion_terms(problem, local, True, H, b)
-    interval_terms.gyroscope_terms(problem.gyroscope, states.bias, local, local, True, H, b)
+    sums = interval_terms.InertialSums(H, b, NO_CORRECTION_SUMS)
+    interval_terms.gyroscope_terms(problem.gyroscope, states.bias, local, local, True, sums)
     interval_terms.accelerometer_terms(
-        problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, H, b
+        problem.accelerometer, states, states, problem.model.gravity_w, space, local, local, True, sums
     )
     resting = problem._replace(zero_velocity=zero_velocity_of(np.ones(1, dtype=np.bool_), problem.model))
     zero_velocity_terms(resting, True, np.zeros((2 * DOF, 2 * DOF)), np.zeros(2 * DOF))

@@ -9,116 +9,42 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from asyneio.estimation.linearization.interval import whiten
 from asyneio.estimation.problem.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF
-from asyneio.estimation.problem.problem import Inertial, Problem, States
-from asyneio.factors.gp_inertial import (
-    accelerometer_jacobian,
-    accelerometer_residual,
-    gyroscope_jacobian,
-    gyroscope_residual,
-)
 from asyneio.state import DOF, LOCAL_DOF
-from asyneio.types import FloatArray
-
-
-def add_correction_terms(
-    problem: Problem,
-    local: FloatArray,
-    local_lin: FloatArray,
-    chain: FloatArray,
-    H: FloatArray,
-    b: FloatArray,
-) -> None:
-    """Add rows and columns of the IMU's coordinates, the last ones of `H` (24K+c+s,24K+c+s), `b` (24K+c+s,).
-
-    `local`, `local_lin` (I,5,6) are the intervals' local coordinates, of the states and of the linearisation
-    point; `chain` (I,48,48) transforms from them to the knots.
-    """
-    states, linearization, model = problem.states, problem.linearization, problem.model
-    columns = problem.imu.columns
-    split = int(np.searchsorted(columns, GYROSCOPE_DOF))
-    begin = len(b) - len(columns)
-    for mine, at in ((columns[:split], begin), (columns[split:], begin + split)):
-        size = len(mine)
-        if size == 0:
-            continue
-        directions = np.ascontiguousarray(DIRECTIONS[mine])
-        border = np.zeros((len(local), LOCAL_DOF, size))
-        own, slope = np.zeros((size, size)), np.zeros(size)
-        sums = CorrectionSums(directions, border, own, slope)
-        if mine[0] < GYROSCOPE_DOF:
-            gyroscope_correction(problem.gyroscope, states.bias, local, local_lin, sums)
-        else:
-            fields = (model.gravity_w, model.motion_model.space, local, local_lin)
-            accelerometer_correction(problem.accelerometer, states, linearization, *fields, sums)
-        end = at + size
-        H[at:end, at:end] += own
-        b[at:end] += slope
-        for i, moved in enumerate(chain.transpose(0, 2, 1) @ border):
-            first, last = DOF * i, DOF * (i + 2)
-            H[first:last, at:end] += moved
-            H[at:end, first:last] += moved.T
+from asyneio.types import FloatArray, IntArray
 
 
 class CorrectionSums(NamedTuple):
-    """Normal equations of the s coordinates of one sensor, and their directions."""
+    """Normal equations of the s coordinates of one sensor that are estimated, and their directions."""
 
     directions: FloatArray  # (s,3,3) what a unit of each coordinate adds to E
-    border: FloatArray  # (I,48,s) local coordinates of the intervals against them
+    border: FloatArray  # (I,s,48) the coordinates against the intervals' local ones
     H: FloatArray  # (s,s)
     b: FloatArray  # (s,)
 
 
-@njit(cache=True, nogil=True)
-def gyroscope_correction(
-    samples: Inertial, bias: FloatArray, local: FloatArray, local_lin: FloatArray, sums: CorrectionSums
-) -> None:
-    """Add all samples of the gyroscope to `sums`; `bias` (K,6)."""
-    most = samples.root_information.shape[1]
-    residual = np.empty((most, 3))
-    jacobian = np.empty((most, 3, LOCAL_DOF))
-    for i in range(local.shape[0]):
-        begin, end = samples.start[i], samples.start[i + 1]
-        for n in range(begin, end):
-            value, weights, alpha, k = samples.value[n], samples.weights[n], samples.alpha[n], n - begin
-            gyroscope_residual(value, local[i], weights, bias[i : i + 2], alpha, residual[k])
-            gyroscope_jacobian(local_lin[i], weights, alpha, jacobian[k])
-        root = samples.root_information[begin:end]
-        whiten(root, residual, jacobian, True)
-        _accumulate(root, samples.smooth[begin:end], residual, jacobian, i, sums)
+#: For evaluations of the cost alone, and where nothing is estimated.
+NO_CORRECTION_SUMS = CorrectionSums(
+    np.zeros((0, 3, 3)), np.zeros((0, 0, LOCAL_DOF)), np.zeros((0, 0)), np.zeros(0)
+)
+
+
+def correction_sums(columns: IntArray, intervals: int) -> tuple[CorrectionSums, CorrectionSums]:
+    """Zeroed sums of the gyroscope and of the accelerometer, for the estimated `columns` (s,) of both."""
+    split = int(np.searchsorted(columns, GYROSCOPE_DOF))
+    return _zeroed(columns[:split], intervals), _zeroed(columns[split:], intervals)
+
+
+def _zeroed(columns: IntArray, intervals: int) -> CorrectionSums:
+    size = len(columns)
+    if size == 0:
+        return NO_CORRECTION_SUMS
+    border = np.zeros((intervals, size, LOCAL_DOF))
+    return CorrectionSums(DIRECTIONS[columns], border, np.zeros((size, size)), np.zeros(size))
 
 
 @njit(cache=True, nogil=True)
-def accelerometer_correction(
-    samples: Inertial,
-    states: States,
-    linearization: States,
-    gravity_w: FloatArray,
-    space: int,
-    local: FloatArray,
-    local_lin: FloatArray,
-    sums: CorrectionSums,
-) -> None:
-    """Add all samples of the accelerometer to `sums`."""
-    most = samples.root_information.shape[1]
-    residual = np.empty((most, 3))
-    jacobian = np.empty((most, 3, LOCAL_DOF))
-    for i in range(local.shape[0]):
-        begin, end = samples.start[i], samples.start[i + 1]
-        biases = states.bias[i : i + 2]
-        C, C_lin = states.C[i], linearization.C[i]
-        for n in range(begin, end):
-            value, weights, alpha, k = samples.value[n], samples.weights[n], samples.alpha[n], n - begin
-            accelerometer_residual(value, C, local[i], weights, biases, alpha, gravity_w, space, residual[k])
-            accelerometer_jacobian(C_lin, local_lin[i], weights, alpha, gravity_w, space, jacobian[k])
-        root = samples.root_information[begin:end]
-        whiten(root, residual, jacobian, True)
-        _accumulate(root, samples.smooth[begin:end], residual, jacobian, i, sums)
-
-
-@njit(cache=True, nogil=True)
-def _accumulate(
+def add_correction(
     root: FloatArray,
     smooth: FloatArray,
     residual: FloatArray,
@@ -127,7 +53,7 @@ def _accumulate(
     sums: CorrectionSums,
 ) -> None:
     """Add interval i: `residual` (n,3) and `jacobian` (n,3,48) are whitened, `smooth` (n,3) is not."""
-    directions, border, H, b = sums.directions, sums.border[i], sums.H, sums.b
+    directions, H, b = sums.directions, sums.H, sums.b
     size = directions.shape[0]
     white = np.empty(3)
     row = np.empty((3, size))
@@ -152,4 +78,22 @@ def _accumulate(
                 for q in range(size):
                     H[p, q] += v * row[a, q]
                 for k in range(LOCAL_DOF):
-                    border[k, p] += jacobian[n, a, k] * v
+                    sums.border[i, p, k] += jacobian[n, a, k] * v
+
+
+def move_correction(
+    sums: CorrectionSums, chain: FloatArray, begin: int, H: FloatArray, b: FloatArray
+) -> None:
+    """Add the sums to the rows and columns from `begin` on of `H` (24K+c+s,24K+c+s) and `b` (24K+c+s,).
+
+    `chain` (I,48,48) transforms from the intervals' local coordinates to the knots.
+    """
+    end = begin + len(sums.b)
+    if end == begin:
+        return
+    H[begin:end, begin:end] += sums.H
+    b[begin:end] += sums.b
+    for i, moved in enumerate(sums.border @ chain):
+        knots = slice(DOF * i, DOF * (i + 2))
+        H[begin:end, knots] += moved
+        H[knots, begin:end] += moved.T

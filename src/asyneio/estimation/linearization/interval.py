@@ -8,9 +8,12 @@ and deep ones in minutes. `H` (I,48,48) and `b` (I,48) are accumulated in place;
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
+from asyneio.estimation.linearization.corrections import CorrectionSums, add_correction
 from asyneio.estimation.problem.problem import Inertial, Model, Problem, States
 from asyneio.factors.bias import bias_factor
 from asyneio.factors.gp_inertial import (
@@ -24,6 +27,14 @@ from asyneio.factors.local_frame import local_to_knots
 from asyneio.state import BIAS_0, BIAS_1, LOCAL_DOF, XI_DOT_0
 from asyneio.trajectory.interpolation import interval_local
 from asyneio.types import BoolArray, FloatArray
+
+
+class InertialSums(NamedTuple):
+    """What the samples of a sensor are added to, I intervals."""
+
+    H: FloatArray  # (I,48,48) local coordinates of the intervals
+    b: FloatArray  # (I,48)
+    correction: CorrectionSums  # scale factors and misalignment of the sensor
 
 
 @njit(cache=True, nogil=True)
@@ -125,8 +136,7 @@ def gyroscope_terms(
     local: FloatArray,
     local_lin: FloatArray,
     with_jacobian: bool,
-    H: FloatArray,
-    b: FloatArray,
+    sums: InertialSums,
 ) -> float:
     """Gyroscope samples (21); `bias` (K,6)."""
     most = samples.root_information.shape[1]
@@ -145,8 +155,8 @@ def gyroscope_terms(
         root = samples.root_information[begin:end]
         cost += whiten(root, residual, jacobian, with_jacobian)
         if with_jacobian:
-            for n in range(end - begin):
-                _accumulate(jacobian[n], residual[n], H[i], b[i])
+            _add_samples(residual[: end - begin], jacobian, i, sums)
+            add_correction(root, samples.smooth[begin:end], residual, jacobian, i, sums.correction)
     return cost
 
 
@@ -160,8 +170,7 @@ def accelerometer_terms(
     local: FloatArray,
     local_lin: FloatArray,
     with_jacobian: bool,
-    H: FloatArray,
-    b: FloatArray,
+    sums: InertialSums,
 ) -> float:
     """Accelerometer samples (21)."""
     most = samples.root_information.shape[1]
@@ -190,9 +199,15 @@ def accelerometer_terms(
         root = samples.root_information[begin:end]
         cost += whiten(root, residual, jacobian, with_jacobian)
         if with_jacobian:
-            for n in range(end - begin):
-                _accumulate(jacobian[n], residual[n], H[i], b[i])
+            _add_samples(residual[: end - begin], jacobian, i, sums)
+            add_correction(root, samples.smooth[begin:end], residual, jacobian, i, sums.correction)
     return cost
+
+
+@njit(cache=True, nogil=True)
+def _add_samples(residual: FloatArray, jacobian: FloatArray, i: int, sums: InertialSums) -> None:
+    for n in range(residual.shape[0]):
+        _accumulate(jacobian[n], residual[n], sums.H[i], sums.b[i])
 
 
 @njit(cache=True, nogil=True)

@@ -13,9 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from asyneio.estimation.linearization.corrections import add_correction_terms
+from asyneio.estimation.linearization.corrections import (
+    NO_CORRECTION_SUMS,
+    CorrectionSums,
+    correction_sums,
+    move_correction,
+)
 from asyneio.estimation.linearization.couplings import Couplings
 from asyneio.estimation.linearization.interval import (
+    InertialSums,
     accelerometer_terms,
     gyroscope_terms,
     interval_chains,
@@ -67,12 +73,15 @@ def linearize(problem: Problem) -> LinearSystem:
     H, b = np.zeros((size, size)), np.zeros(size)
     by_interval, by_knot = (H_local, b_local), (H, b)
     squared = np.empty(len(problem.visual.tau))
+    corrections = correction_sums(problem.imu.columns, knots - 1)
     cost, visual_cost, rejected = _terms(
-        problem, local, local_lin, chain, True, by_interval, by_knot, sums, squared
+        problem, local, local_lin, chain, True, by_interval, by_knot, sums, corrections, squared
     )
     _move_to_knots(needed, chain, H_local, b_local, sums, H, b)
-    if len(problem.imu.columns):
-        add_correction_terms(problem, local, local_lin, chain, H, b)
+    begin = size - len(problem.imu.columns)
+    for correction in corrections:
+        move_correction(correction, chain, begin, H, b)
+        begin += len(correction.b)
     return LinearSystem(H, b, sums.W, sums.H_l, sums.b_l, sums.W_camera, cost, visual_cost, rejected, squared)
 
 
@@ -88,7 +97,10 @@ def evaluate(problem: Problem) -> tuple[float, FloatArray]:
     interval_locals(problem.states, problem.model.motion_model.space, local)
     by_interval = (np.zeros((0, LOCAL_DOF, LOCAL_DOF)), np.zeros((0, LOCAL_DOF)))
     by_knot = (np.zeros((0, 0)), np.zeros(0))
-    cost, *_ = _terms(problem, local, local, by_interval[0], False, by_interval, by_knot, NO_SUMS, squared)
+    chain, corrections = by_interval[0], (NO_CORRECTION_SUMS, NO_CORRECTION_SUMS)
+    cost, *_ = _terms(
+        problem, local, local, chain, False, by_interval, by_knot, NO_SUMS, corrections, squared
+    )
     return cost, squared
 
 
@@ -101,6 +113,7 @@ def _terms(
     by_interval: tuple[FloatArray, FloatArray],
     by_knot: tuple[FloatArray, FloatArray],
     sums: VisualSums,
+    corrections: tuple[CorrectionSums, CorrectionSums],
     squared: FloatArray,
 ) -> tuple[float, float, int]:
     """Terms of the cost (39): the total, that of the observations, number of observations without influence.
@@ -110,7 +123,8 @@ def _terms(
     states = problem.states
     H, b = by_interval
     cost = motion_terms(problem, local, with_jacobian, H, b)
-    cost += gyroscope_terms(problem.gyroscope, states.bias, local, local_lin, with_jacobian, H, b)
+    gyroscope, accelerometer = (InertialSums(H, b, correction) for correction in corrections)
+    cost += gyroscope_terms(problem.gyroscope, states.bias, local, local_lin, with_jacobian, gyroscope)
     cost += accelerometer_terms(
         problem.accelerometer,
         states,
@@ -120,8 +134,7 @@ def _terms(
         local,
         local_lin,
         with_jacobian,
-        H,
-        b,
+        accelerometer,
     )
     if len(problem.preintegrated.present):
         cost += preintegration_terms(problem, with_jacobian, *by_knot)

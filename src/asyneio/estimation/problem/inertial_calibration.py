@@ -8,7 +8,8 @@ residuals (21) keep their form with corrected values `reading - E smooth` in pla
 derivative by E is constant. Neither the reading itself nor the rates of the trajectory can replace `smooth`:
 both contain the noise of the reading, which would then look like a proportional error. Smaller corrected
 values have smaller residuals, and smaller rates less jerk: with an IMU shaken by rotors, this changed scale
-factors by -6 % and by +1.4 %.
+factors by -6 % and by +1.4 %. For the same reason `smooth` of a value does not contain the values of its own
+interval: their common noise changed scale factors by up to +0.6 %.
 
 E of the gyroscope is symmetric: the calibration against the camera defines the body's axes as those of the
 gyroscope, so that a rotation in E would be a rotation of the camera. E of the accelerometer has all nine
@@ -48,6 +49,8 @@ DIRECTIONS = _directions()
 #: Readings are smoothed over this time on each side of the middle of their interval [ns]: a parabola follows
 #: hand-held motion over it, but not a rotor. With fewer values than this, readings are not smoothed.
 SMOOTH_NS, _FEWEST = 175_000_000, 8
+#: Values on either side of an interval without which its own values are used too.
+_FEWEST_BESIDE = 3
 
 
 @dataclass(frozen=True)
@@ -86,8 +89,12 @@ def gains(imu: ImuCorrection) -> tuple[FloatArray, FloatArray]:
 
 
 def smoothed(start: IntArray, t_ns: IntArray, value: FloatArray) -> FloatArray:
-    """Values (N,3) at `t_ns` (N,), ascending, smoothed: for each interval by the parabola through the values
-    in and around it, also of intervals outside the window. `start` (I+1,) as in `Inertial`."""
+    """Values (N,3) at `t_ns` (N,), ascending, smoothed: in each interval by the parabola through the values
+    around it, also of intervals outside the window. `start` (I+1,) as in `Inertial`.
+
+    Values of the interval itself are left out, so that their noise is not part of the parabola. They are part
+    of it where one side has too few values, as in the newest interval.
+    """
     out = value.copy()
     for begin, end in pairwise(start):
         if end == begin:
@@ -97,7 +104,10 @@ def smoothed(start: IntArray, t_ns: IntArray, value: FloatArray) -> FloatArray:
         if last - first < _FEWEST or first > begin or last < end:
             continue
         basis = np.vander((t_ns[first:last] - middle) / SMOOTH_NS, 3)
-        coefficients = np.linalg.solve(basis.T @ basis, basis.T @ value[first:last])
+        used = np.ones(last - first, dtype=np.bool_)
+        used[begin - first : end - first] = min(begin - first, last - end) < _FEWEST_BESIDE
+        weighted = basis.T * used
+        coefficients = np.linalg.solve(weighted @ basis, weighted @ value[first:last])
         out[begin:end] = basis[begin - first : end - first] @ coefficients
     return out
 

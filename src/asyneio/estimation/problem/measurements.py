@@ -62,6 +62,7 @@ class InertialBuffer:
         self._alpha: FloatArray = np.empty(0)
         self._t_ns: IntArray = np.empty(0, dtype=np.int64)
         self._root: FloatArray = np.empty((0, 0))
+        self._smooth: FloatArray = np.empty((0, 3))
 
     def append(self, samples: DirectSamples, interval: int, start_ns: int, end_ns: int) -> None:
         """Samples of one interval."""
@@ -73,6 +74,16 @@ class InertialBuffer:
         self._alpha = np.concatenate([self._alpha, alpha])
         self._t_ns = np.concatenate([self._t_ns, samples.t_ns])
         self._root = _with_rows(self._root, samples.root)
+        self._smooth = np.concatenate([self._smooth, samples.value])
+        if self._smooths and n:
+            self._smooth_near(start_ns)
+
+    def _smooth_near(self, t_ns: int) -> None:
+        """Smooth the intervals again that new values after `t_ns` concern."""
+        near = int(np.searchsorted(self._t_ns, t_ns - SMOOTH_NS))
+        first, last = self._interval[[near, -1]]
+        start = np.searchsorted(self._interval, np.arange(first, last + 2))
+        self._smooth[start[0] :] = smoothed(start, self._t_ns, self._value)[start[0] :]
 
     def drop_before(self, interval: int) -> None:
         """Drop the samples of intervals before `interval`, except those that smooth the ones after it."""
@@ -85,15 +96,14 @@ class InertialBuffer:
         self._alpha = self._alpha[n:]
         self._t_ns = self._t_ns[n:]
         self._root = self._root[n:]
+        self._smooth = self._smooth[n:]
 
     def arrays(self, first: int, intervals: int) -> Inertial:
         """Arrays for the intervals `first .. first + intervals - 1`."""
         start = np.searchsorted(self._interval, first + np.arange(intervals + 1))
         used = slice(start[0], start[-1])
-        value = self._value[used]
-        smooth = smoothed(start, self._t_ns, self._value)[used] if self._smooths else value
-        columns = value, self._weights[used], self._alpha[used], self._root[used], smooth
-        return Inertial(start - start[0], *columns)
+        columns = self._value, self._weights, self._alpha, self._root, self._smooth
+        return Inertial(start - start[0], *(column[used] for column in columns))
 
 
 class PreintegrationBuffer:

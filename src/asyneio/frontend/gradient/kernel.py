@@ -16,6 +16,7 @@ from asyneio.frontend.gradient.feature import MOVED, try_birth, update
 from asyneio.frontend.gradient.features import RING, begin
 from asyneio.frontend.gradient.prefetch import prefetch
 from asyneio.frontend.gradient.state import GradientArrays, Roll
+from asyneio.frontend.gradient.support import measure_rate, prefetch_neighbours, record_supported
 from asyneio.frontend.gradient.track_management import (
     balance_polarities,
     guess_velocity,
@@ -53,9 +54,8 @@ def process_events(
 ) -> int:
     """Algorithm 1 from event `start` on; returns the index of the next event to process.
 
-    Stops early when `observations` may not hold what follows; `state.written` counts what was written. An
-    event that is near no feature and can be no corner takes a few tens of nanoseconds: it is written to the
-    surface, which was fetched ahead of time, and finds an empty bucket.
+    Stops early when `observations` may not hold what follows; `state.written` counts what was written. Most
+    events take a few tens of nanoseconds: the surface was fetched ahead of time, and their bucket is empty.
     """
     tracker = borrowed(tracker)
     surface, state, loop = tracker.surface, tracker.state[0], tracker.loop[0]
@@ -77,15 +77,16 @@ def process_events(
         listed = count_listed(tracker, event)
         if limits.load and is_shed(state, event.t_ns, listed):
             continue
-        first_of_edge = record_event(surface, event, loop.silence_ns)  # Line 4.
+        record_event(surface, event)  # Line 4.
         if is_hot(surface, event):
             state.hot_events += 1
             continue
         state.polarity_counts[np.uint64(event.p)] += 1.0
+        first_of_edge = record_supported(tracker, event)
         near = feed_neighbours(tracker, event, listed, limits, observations)  # Lines 5-12.
         if near or not first_of_edge or not may_begin(tracker, event):  # Line 16.
             continue
-        if is_corner(surface.latest_ns, event.p, event.x, event.y, tracker.corner_scratch):  # Line 17.
+        if is_corner(tracker.supported_ns, event.p, event.x, event.y, tracker.corner_scratch):  # Line 17.
             begin_feature(tracker, event)  # Lines 18-24.
     return events.size
 
@@ -106,6 +107,8 @@ def prefetch_surface(tracker: GradientArrays, event: Event) -> None:
     prefetch(surface.latest_ns, 2 * pixel)
     prefetch(surface.fired, pixel)
     prefetch(surface.hot, pixel)
+    prefetch(tracker.supported_ns, 2 * pixel)
+    prefetch_neighbours(surface, event)
 
 
 @nb.njit(**INLINE)
@@ -116,9 +119,10 @@ def is_full(state: Record, observations: RecordArray) -> bool:
 
 @nb.njit(**INNER)
 def manage_tracks(tracker: GradientArrays, t_ns: int) -> None:
-    """Periodic work: release tracks, renew budgets and hot pixels."""
+    """Periodic work: release tracks, renew budgets, the event rate and hot pixels."""
     state = tracker.state[0]
     grant_tests(state, t_ns - state.checked_ns)
+    measure_rate(state, tracker.surface.hot.size, t_ns - state.checked_ns)
     state.checked_ns = t_ns
     remove_idle(tracker, t_ns)
     balance_polarities(state)

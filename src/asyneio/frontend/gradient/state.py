@@ -31,6 +31,9 @@ STATE_DTYPE = np.dtype(
         ("load", "<f8"),  # limit on the nominal cost, share of a core; zero: no limit
         ("credit_ns", "<f8"),  # computing time that is left, by nominal costs
         ("credited_ns", "<i8"),  # time of the last addition to `credit_ns`
+        ("unmeasured", "<i8"),  # events that `rate_hz` does not contain yet
+        ("rate_hz", "<f8"),  # events per second, without those of hot pixels
+        ("support_ns", "<i8"),  # longest time since an event next to one that may be a corner
         ("hot_pixels", "<i8"),
         ("hot_events", "<i8"),
         ("fed", "<i8"),  # events passed to features, counted once per feature
@@ -69,7 +72,8 @@ class GradientArrays(NamedTuple):
 
     `surface`, `features` and `grids`; `loop` (1,) of LoopSettings, `settings` (1,) of GradientSettings,
     `work` (1,) WORK_DTYPE, `state` (1,) STATE_DTYPE; working memory: `nearby` (BUCKET_FEATURES,) int64, the
-    slots that an event is fed to, and `corner_scratch` (SCRATCH,) int64 of a corner test.
+    slots that an event is fed to, and `corner_scratch` (SCRATCH,) int64 of a corner test; `supported_ns`
+    (H,W,2), the surface of the events that the noise filter passes.
     """
 
     surface: Surface
@@ -81,6 +85,7 @@ class GradientArrays(NamedTuple):
     state: RecordArray
     nearby: IntArray
     corner_scratch: IntArray
+    supported_ns: IntArray
 
 
 class Roll(NamedTuple):

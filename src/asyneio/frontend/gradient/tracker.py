@@ -65,8 +65,9 @@ class GradientTracker:
         )
         self._max_features = config.max_features
         slots = _MOST * config.max_features
+        surface = make_surface(width, height)
         self.arrays = GradientArrays(
-            surface=make_surface(width, height),
+            surface=surface,
             features=make_features(slots),
             grids=make_grids(width, height, slots, self.settings.feed_radius_px, loop.spacing_px),
             loop=record_of(loop),
@@ -75,6 +76,7 @@ class GradientTracker:
             state=make_state(config.max_features, config.max_load),
             nearby=make_nearby(),
             corner_scratch=make_corner_scratch(),
+            supported_ns=surface.latest_ns.copy(),
         )
         self._buffer = np.zeros(_BUFFER, dtype=OBSERVATION_DTYPE)
         self._events = 0

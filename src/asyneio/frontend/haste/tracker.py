@@ -30,6 +30,7 @@ from asyneio.frontend.surface import (
     NEVER_NS,
     Event,
     Surface,
+    is_first_of_edge,
     is_hot,
     make_surface,
     read_event,
@@ -124,7 +125,8 @@ def process_events(events: RecordArray, start: int, tracker: HasteArrays, observ
             return i
         if event.t_ns - state.checked_ns > CHECK_NS:
             manage_tracks(tracker, event.t_ns)  # Lines 13-15.
-        first_of_edge = record_event(surface, event, settings.silence_ns)  # Line 4.
+        first_of_edge = is_first_of_edge(surface.latest_ns, event, settings.silence_ns)
+        record_event(surface, event)  # Line 4.
         if is_hot(surface, event):
             state.hot_events += 1
             continue

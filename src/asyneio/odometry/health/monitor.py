@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from asyneio.config import HealthConfig
+from asyneio.estimation.solver.covariance import relative_scale_sigma
 from asyneio.estimation.solver.optimizer import Solution
 from asyneio.odometry.health.continuity import Continuity, Jumps, field_of_view
 from asyneio.odometry.health.metrics import ScaleChanges, with_estimate
@@ -46,6 +47,8 @@ class HealthMonitor:
         self._jumps = Jumps()
         self._scale_changes = ScaleChanges()
         self._bias_sigma = bias_sigma
+        self._max_scale_sigma = config.max_scale_sigma
+        self._scale_uncertain = False
         self._packet_ns: int | None = None
         self._observed_ns: int | None = None
         self.scene_changed = False
@@ -54,6 +57,11 @@ class HealthMonitor:
     def status(self) -> HealthStatus:
         """Health after the newest knot, and the reason."""
         return HealthStatus(self._state.health, self._state.reason)
+
+    def begin(self, t_ns: int, scale_sigma: float) -> HealthStatus:
+        """Health after an initialization that ends at `t_ns` with a relative standard deviation of scale."""
+        self._scale_uncertain = scale_sigma > self._max_scale_sigma
+        return self._state.update(t_ns, HealthMetrics(scale_sigma=scale_sigma))
 
     def append(self, packet: Packet, raw: RawMeasurements) -> None:
         """Take a packet; `raw` ends with its samples."""
@@ -78,6 +86,8 @@ class HealthMonitor:
         elif self._observed_ns is None or step.stationary:
             self._observed_ns = t_ns
         positions = step.solution.problem.states.r[: len(step.positions)]
+        scale_sigma = relative_scale_sigma(step.solution) if self._scale_uncertain else 0.0
+        self._scale_uncertain = scale_sigma > self._max_scale_sigma
         metrics = HealthMetrics(
             since_vision_s=(t_ns - self._observed_ns) / NS_PER_S,
             inertial_gap_s=interval.gap_s,
@@ -85,6 +95,7 @@ class HealthMonitor:
             saturated=interval.saturated,
             scene_changed=self.scene_changed,
             scale_change=self._scale_changes.add(t_ns, step.positions, positions),
+            scale_sigma=scale_sigma,
             stationary=step.stationary,
         )
         return self._state.update(

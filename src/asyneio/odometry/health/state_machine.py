@@ -7,6 +7,7 @@ INITIALIZING ends with the first window; from then on each knot brings `HealthMe
 |--------------------------------------------------------------|--------------------------------------------|
 | something required is missing: vision, landmarks, samples    | DEGRADED; the covariance grows accordingly |
 | scale was revised by more than its uncertainty allows        | DEGRADED; earlier estimates were wrong     |
+| scale is too uncertain after an initialization in motion     | DEGRADED; it may still change              |
 | measurements contradict the estimate, or it is too uncertain | DEGRADED; LOST if it lasts                 |
 | the estimate is impossible                                   | LOST                                       |
 | nothing connects this knot with the previous one             | LOST                                       |
@@ -64,6 +65,7 @@ class HealthMetrics:
         velocity_sigma: largest standard deviation of the velocity over all directions [m/s].
         tilt_sigma_rad: the same of roll and pitch [rad].
         scale_change: relative change of the window's scale within `SCALE_MEMORY_S`.
+        scale_sigma: relative standard deviation of scale; 0 once it has been small enough.
         finite: pose, velocity and covariance are finite.
         stationary: the sensor is stationary, so that observations are not required.
     """
@@ -82,6 +84,7 @@ class HealthMetrics:
     velocity_sigma: float = 0.0
     tilt_sigma_rad: float = 0.0
     scale_change: float = 0.0
+    scale_sigma: float = 0.0
     finite: bool = True
     stationary: bool = False
 
@@ -159,6 +162,8 @@ class HealthStateMachine:
             yield f"{100.0 * m.rejected_samples:.0f} % of the inertial samples were rejected"
         if abs(math.log1p(m.scale_change)) > math.log(MAX_SCALE_CHANGE):
             yield f"scale was revised by {100.0 * m.scale_change:+.0f} % within {SCALE_MEMORY_S:g} s"
+        if m.scale_sigma > config.max_scale_sigma:
+            yield f"the standard deviation of scale is {100.0 * min(m.scale_sigma, 9.99):.0f} %"
 
     def _contradictions(self, m: HealthMetrics) -> Iterator[str]:
         """Findings that the estimate is wrong, or too uncertain to be useful."""

@@ -11,6 +11,7 @@ import numpy as np
 from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.problem.problem import States
 from asyneio.estimation.problem.track_observations import TrackObservations
+from asyneio.estimation.solver.covariance import relative_scale_sigma
 from asyneio.geometry.gravity import upright
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.buffer import MeasurementBuffer
@@ -54,7 +55,7 @@ def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> First
     if reason:
         return reason
     buffer.reject(np.concatenate([outliers, motion.outliers]))
-    return FirstWindow(window, solution)
+    return FirstWindow(window, solution, relative_scale_sigma(solution))
 
 
 def _at_offset(settings: Settings, motion: SpanMotion) -> Settings:

@@ -298,6 +298,18 @@ def _in_parts(
 
 
 @njit(cache=True, error_model="numpy")
+def lamp_in_parts(light: Light, t0: float, dt: float) -> FloatArray:
+    """Relative light at the ends of the parts (n+1,) into which a step from `t0` over `dt` [s] is divided."""
+    parts = 1
+    if light.depth > 0.0:
+        parts = max(1, int(np.ceil(_PARTS_PER_PERIOD * light.rate * dt)))
+    lamp = np.empty(parts + 1)
+    for j in range(parts + 1):
+        lamp[j] = light_at(light, t0 + dt * j / parts)
+    return lamp
+
+
+@njit(cache=True, error_model="numpy")
 def respond(
     intensity: NDArray[np.float32],
     light: Light,
@@ -331,12 +343,8 @@ def respond(
     per_dt = 1.0 / dt
     leak = circuit.leak * dt
     height, width = intensity.shape
-    parts = 1
-    if light.depth > 0.0:
-        parts = max(1, int(np.ceil(_PARTS_PER_PERIOD * light.rate * dt)))
-    lamp = np.empty(parts + 1)
-    for j in range(parts + 1):
-        lamp[j] = light_at(light, t0 + dt * j / parts)
+    lamp = lamp_in_parts(light, t0, dt)
+    parts = lamp.size - 1
     lit_before, lit = lamp[0], lamp[parts]
     for v in range(square.top, min(square.top + square.side, height)):
         for u in range(square.left, min(square.left + square.side, width)):
