@@ -23,7 +23,7 @@ def events(count: int, t_ns: int) -> RecordArray:
 
 
 def test_a_buffer_of_rows_is_bounded_and_time_continues() -> None:
-    """A sensor whose clock stands still sends without end; when it runs again, the rows are taken."""
+    """A sensor whose clock is stuck sends without end; when it runs again, the rows are taken."""
     buffer = RowBuffer(EVENT_DTYPE, unique=False, most=100)
     for _ in range(50):
         buffer.add(events(30, 7))
