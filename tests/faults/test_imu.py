@@ -120,7 +120,7 @@ def test_repeated_and_exchanged_stamps_are_counted(run: Run, desk: Path) -> None
     assert ran.error_m() < CLOSE_M
 
 
-@pytest.mark.parametrize("row", [0, 1, 400, -1], ids=["first", "second", "middle", "last"])
+@pytest.mark.parametrize("row", [0, 400, -1], ids=["first", "middle", "last"])
 def test_one_wrong_stamp_is_dropped(run: Run, desk: Path, row: int) -> None:
     """Years away: the run takes no longer, and loses one sample."""
 
