@@ -15,9 +15,12 @@ import pytest
 
 from asyneio.config import dump_config
 from asyneio.io import write_tracks_folder
+from asyneio.pipeline import compilation
+from asyneio.pipeline import run as pipeline
 from asyneio.simulation import Simulation
 from tests.cli.conftest import Asyneio
 from tests.cli.conftest import asyneio as asyneio
+from tests.cli.fakes import FakeOdometry
 from tests.odometry.runs import configured, simulated
 
 RATE_HZ = 200.0
@@ -95,6 +98,14 @@ def run(asyneio: Asyneio, intact: Path, tmp_path: Path, monkeypatch: pytest.Monk
         return Ran(status, said, place, json.loads(out) if out else {})
 
     return call
+
+
+@pytest.fixture
+def read(run: Run, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Like `run`, with an estimator that takes no time: for what the readers decide."""
+    monkeypatch.setattr(pipeline, "Odometry", FakeOdometry)
+    monkeypatch.setattr(compilation, "are_compiled", lambda: True)
+    return run
 
 
 def change_samples(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:

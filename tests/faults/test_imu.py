@@ -120,7 +120,7 @@ def test_repeated_and_exchanged_stamps_are_counted(run: Run, desk: Path) -> None
     assert ran.error_m() < CLOSE_M
 
 
-@pytest.mark.parametrize("row", [0, 1, 400, -1], ids=["first", "second", "middle", "last"])
+@pytest.mark.parametrize("row", [0, 400, -1], ids=["first", "middle", "last"])
 def test_one_wrong_stamp_is_dropped(run: Run, desk: Path, row: int) -> None:
     """Years away: the run takes no longer, and loses one sample."""
 
@@ -148,10 +148,10 @@ def test_a_clock_that_is_set_after_the_first_samples(run: Run, desk: Path) -> No
     assert ran.error_m() < CLOSE_M
 
 
-def test_twice_the_declared_rate(run: Run, desk: Path) -> None:
+def test_twice_the_declared_rate(read: Run, desk: Path) -> None:
     content = yaml.safe_load((desk / "imu.yaml").read_text())
     (desk / "imu.yaml").write_text(yaml.safe_dump(content | {"update_rate": RATE_HZ / 2}))
-    ran = run(desk)
+    ran = read(desk)
     assert ran.status == 0
     assert "measured rate 200.0 Hz, but the calibration says 100.0 Hz" in ran.said
 
@@ -264,6 +264,6 @@ def test_implausible_gravity_fails_in_doctor(
     assert "the accelerometer's scale or bias is wrong" in found["fix"]
 
 
-def test_implausible_gravity_is_a_note_of_a_run(run: Run, desk: Path) -> None:
+def test_implausible_gravity_is_a_note_of_a_run(read: Run, desk: Path) -> None:
     change_samples(desk, lambda rows: rows * np.array([1.0, 1.0, 1.0, 1.0, *[1.15] * 3]))
-    assert "the median norm of the accelerometer is 12.02 m/s^2, expected about 9.81" in run(desk).said
+    assert "the median norm of the accelerometer is 12.02 m/s^2, expected about 9.81" in read(desk).said
