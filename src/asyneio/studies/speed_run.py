@@ -23,7 +23,7 @@ from asyneio.studies.speed_latency import Latency, frontend_calls, paced_latency
 from asyneio.studies.speed_reference import reference_seconds
 from asyneio.studies.speed_stages import stage_times
 from asyneio.studies.speed_workload import Workload
-from asyneio.studies.uzh import first_seconds
+from asyneio.studies.excerpts import first_seconds
 from asyneio.types import NS_PER_S, EventRecording, Health
 
 #: Duration for a start-up, which ends at the first estimate, after one to two seconds of the recording.

@@ -16,7 +16,7 @@ from asyneio.io.recording.cache import cache_folder
 from asyneio.progress import ProgressCallback
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events, stream_events
 from asyneio.studies.simulated import fingerprint
-from asyneio.studies.uzh import first_seconds
+from asyneio.studies.excerpts import first_seconds
 from asyneio.types import EVENT_DTYPE, NS_PER_S, EventRecording, RecordArray
 
 #: About 1 Mev/s at 240 x 180, both inertial sensors at 1 kHz. The speed increases over the duration, so a
