@@ -108,7 +108,7 @@ def test_evslam_without_velocities(asyneio: Asyneio, tmp_path: Path) -> None:
 
 
 def test_streaming_from_a_live_run(asyneio: Asyneio, tmp_path: Path) -> None:
-    """Poses every 100 ms, 30 ms late; truth every 50 ms: the newest pose is 50 or 100 ms old, or 2.5 or 5 cm."""
+    """Poses every 100 ms, 30 ms late; truth every 50 ms: the newest pose is 50 or 100 ms old."""
     times = [100 * k for k in range(20)]
     write_lines(tmp_path / "live" / "poses.jsonl", on_a_line(times), 0.030)
     truth = straight_truth(tmp_path / "truth.tum", 50, 39)

@@ -89,9 +89,9 @@ def evaluate(
     """
     from asyneio.cli import console
     from asyneio.cli.evaluate_extended import Extended, evaluate_extended
+    from asyneio.errors import EvaluationError
     from asyneio.evaluation import EXTENDED_PROTOCOLS, protocol_named
     from asyneio.evaluation import evaluate as score
-    from asyneio.errors import EvaluationError
     from asyneio.io.trajectory_source import read_estimated, read_reference
 
     if latency is not None and protocol != "streaming":
@@ -106,8 +106,7 @@ def evaluate(
     reference = _or_columns(lambda: read_reference(truth, truth_columns), "--truth-columns", truth_columns)
     found, reference = _with_times(found, reference, estimate, truth)
     results = {
-        number: score(segment, reference.longest, rules, gap_s)
-        for number, segment in found.segments.items()
+        number: score(segment, reference.longest, rules, gap_s) for number, segment in found.segments.items()
     }
     for note in (*_notes(found, reference, truth), *_hints(found, reference, results, gap_s)):
         console.say(f"note: {note}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Protocols of `asyneio evaluate` that need more than two trajectories: velocities, or times of availability."""
+"""Protocols of `asyneio evaluate` that need velocities, or the times at which poses were available."""
 
 from __future__ import annotations
 
@@ -51,7 +51,9 @@ def _evslam(job: Extended) -> dict[int, Result]:
     from asyneio.io.results.velocities import read_velocity_columns
 
     if job.columns:
-        raise EvaluationError("--columns does not apply to the protocol 'evslam', whose columns are fixed; omit it")
+        raise EvaluationError(
+            "--columns does not apply to the protocol 'evslam', whose columns are fixed; omit it"
+        )
     max_gap_s = MAX_GAP_S if job.max_gap_s is None else job.max_gap_s
     exact = read_velocity_columns(job.truth) if _is_text(job.truth) else None
     if exact is None:
@@ -91,8 +93,10 @@ def _available(job: Extended) -> dict[int, LivePoses]:
         if lines.suffix == ".jsonl" and lines.is_file():
             return read_live_poses(lines)
         raise EvaluationError(
-            f"{job.estimate} does not contain when each pose was available, which the protocol streaming needs; "
-            f"expected {LIVE_POSES_FILE} of `asyneio live --record` (DIR/live) at the pace of the sensors, or a "
+            f"{job.estimate} does not contain when each pose was available, which the protocol "
+            "streaming needs; "
+            f"expected {LIVE_POSES_FILE} of `asyneio live --record` (DIR/live) at the pace of the "
+            "sensors, or a "
             "constant latency: --latency SECONDS"
         )
     if lines.suffix == ".jsonl" and not job.estimate.is_dir():
@@ -157,7 +161,10 @@ def _rows(result: Result) -> list[tuple[str, str]]:
             ("aligned by", "evslam: SE(3)"),
             ("compared", f"{result.associated} of {result.reference} reference times"),
             *errors,
-            ("velocity AUC, 1 is exact", f"{auc:.4f}" if auc == auc else "undetermined: the body never moves"),
+            (
+                "velocity AUC, 1 is exact",
+                f"{auc:.4f}" if auc == auc else "undetermined: the body never moves",
+            ),
         ]
     return [
         ("aligned by", "streaming: position and yaw, equal times"),

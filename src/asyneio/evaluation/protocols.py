@@ -137,7 +137,8 @@ def protocol_named(name: str) -> Protocol:
     """
     if name in EXTENDED_PROTOCOLS:
         raise EvaluationError(
-            f"protocol {name!r} needs more than two trajectories: use `asyneio evaluate --protocol {name}`, or "
+            f"protocol {name!r} needs more than two trajectories: use `asyneio evaluate --protocol "
+            f"{name}`, or "
             f"asyneio.evaluation.{name}.evaluate_{name} in Python"
         )
     if name not in PROTOCOLS:

@@ -193,7 +193,9 @@ def _from_matrices(rows: TextRows) -> TrajectoryFile:
         )
     quaternion = np.full((len(M), 4), np.nan)
     quaternion[good] = Rotation.from_matrix(R[good]).as_quat(canonical=True)
-    stamps = rows.stamps(POSE_RATES_HZ, slow=True)[0] if rows.values.shape[1] > _MATRIX else _sidecar_times(rows)
+    stamps = (
+        rows.stamps(POSE_RATES_HZ, slow=True)[0] if rows.values.shape[1] > _MATRIX else _sidecar_times(rows)
+    )
     t_ns = np.arange(len(M), dtype=np.int64) * _KITTI_STEP_NS if stamps is None else stamps
     poses, notes = _poses(rows, t_ns, M[:, :, 3], quaternion)
     note = f"{name}: 3 x 4 matrices as in KITTI"

@@ -64,7 +64,8 @@ def _pose(path: Path, number: int, line: bytes) -> dict[str, Any] | None:
                 raise ValueError(f"{name} has {len(found[name])} numbers, expected {size}")
     except (ValueError, TypeError, KeyError, OverflowError) as error:
         raise RecordingError(
-            f"line {number} of {path} is not a line of `asyneio live` ({error}); expected JSON with type, t_ns, "
+            f"line {number} of {path} is not a line of `asyneio live` ({error}); expected JSON with "
+            "type, t_ns, "
             "segment, position, quaternion, velocity and latency_s: remove that line"
         ) from error
     return found

@@ -55,7 +55,8 @@ def read_moving_poses(path: Path) -> dict[int, MovingPoses]:
     columns = read_velocity_columns(path)
     if columns is None:
         raise RecordingError(
-            f"{path} has no velocities; expected a results folder, {_ESTIMATES_FILE}, {LIVE_POSES_FILE}, or a text "
+            f"{path} has no velocities; expected a results folder, {_ESTIMATES_FILE}, "
+            f"{LIVE_POSES_FILE}, or a text "
             f"file of eleven columns: {_HEADER.replace(',', ' ')}, velocity in the frame of the body"
         )
     return {0: columns}

@@ -22,7 +22,8 @@ _WITH_A = (
     "mocap-desk2",
     "skate-easy",
 )
-_RERUNS = "metric ATE of third-party reruns, collected in the AERO-VIS paper (arXiv 2605.07885)"
+_SUPEREVENT = "SuperEvent (arXiv 2504.00139), table 4"
+_STEREO_DEVO = "Stereo-DEVO (arXiv 2509.08235), table II"
 
 
 def marker_pose(files: Sequence[Path], calibration: Calibration) -> FloatArray:
@@ -42,8 +43,8 @@ def _by_setup(pattern: str) -> PerSequence:
     return PerSequence((pattern.format("B"),), dict.fromkeys(_WITH_A, (pattern.format("A"),)))
 
 
-def _result(method: str, uses: str, ate_cm: tuple[float, ...]) -> Published:
-    return Published(method, uses, by_sequence(COMPARED, ate_cm), "metric", _RERUNS)
+def _result(method: str, uses: str, ate_cm: tuple[float, ...], source: str = _SUPEREVENT) -> Published:
+    return Published(method, uses, by_sequence(COMPARED, ate_cm), "se3", source)
 
 
 TUM_VIE = DataSet(
@@ -65,15 +66,18 @@ TUM_VIE = DataSet(
     published=(
         _result("OKVIS2 + SuperEvent (learned keypoints)", "E+I, stereo", (0.44, 0.89, 0.43, 0.58, 0.41)),
         _result("DEIO (learned, GPU)", "E+I", (1.08, 1.12, 1.39, 1.41, 1.19)),
-        _result("Stereo-DEVO (learned, GPU)", "E, stereo", (1.05, 1.26, 1.69, 2.44, 1.79)),
+        _result("Stereo-DEVO (learned, GPU)", "E, stereo", (1.05, 1.26, 1.69, 2.44, 1.79), _STEREO_DEVO),
         _result("ESVO2", "E+I, stereo", (3.33, 7.26, 3.21, 6.16, 4.02)),
     ),
     sources=(
         "Klenk et al., TUM-VIE, IROS 2021 (arXiv 2108.07329), and cvg.cit.tum.de/data/datasets/"
         "visual-inertial-event-dataset: files, clocks, cameras",
-        "robust-e-nerf, scripts/tum_vie_to_esim.py: which sequences use calibration A; T_imu_marker maps markers "
+        "robust-e-nerf, scripts/tum_vie_to_esim.py: which sequences use calibration A; T_imu_marker "
+        "maps markers "
         "to the IMU",
     ),
-    remark="Expected beside the recordings: camera-calibration{A,B}.json, mocap-imu-calibration{A,B}.json, and "
-    "NAME-vi_gt_data with imu_data.txt and mocap_data.txt. If the calibration has no noise of the IMU: --imu.",
+    remark="Expected beside the recordings: camera-calibration{A,B}.json, "
+    "mocap-imu-calibration{A,B}.json, and "
+    "NAME-vi_gt_data with imu_data.txt and mocap_data.txt. If the calibration has no noise of the IMU: "
+    "--imu.",
 )

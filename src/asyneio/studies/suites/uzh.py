@@ -65,7 +65,8 @@ UZH = DataSet(
     measure=Measure.MPE,
     published=PUBLISHED,
     sources=(
-        "Mueggler et al., The Event-Camera Dataset and Simulator, IJRR 2017: files, ground truth of the camera",
+        "Mueggler et al., The Event-Camera Dataset and Simulator, IJRR 2017: files, ground truth of the "
+        "camera",
         "Ultimate SLAM, calibration/DAVIS-IJRR17.yaml and ijrr17.launch: extrinsics, time shift",
     ),
     remark="The data set contains neither extrinsics nor IMU noise: they come from the preset DAVIS240C.",
