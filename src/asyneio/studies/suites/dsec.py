@@ -19,6 +19,7 @@ DSEC = DataSet(
     truth=PerSequence(("{name}/groundtruth.txt", "{name}/groundtruth.tum")),
     samples=PerSequence(("{name}/imu.csv",)),
     events="left",
+    camera="cam0",
     frame=TruthFrame.CAMERA,
     # Poses at 5 Hz.
     max_gap_s=0.3,
@@ -59,5 +60,6 @@ DSEC = DataSet(
     "lidar_imu.zip. Expected "
     "in the folder of each sequence: imu.csv (samples in the clock of the events), groundtruth.txt "
     "(TUM; such as "
-    "those that ESVO2 publishes), and Kalibr's camchain-imucam.yaml and imu.yaml (there or above).",
+    "those that ESVO2 publishes), and Kalibr's camchain-imucam.yaml (cam0: the left event camera) and "
+    "imu.yaml (there or above).",
 )

@@ -182,10 +182,9 @@ def _scores(name: str, found: MovingPoses, truth: Truth, max_gap_s: float) -> di
         score = evaluate_evslam(
             found.poses, found.velocity_b, truth.poses, truth.velocity, max(max_gap_s, 0.15)
         )
-        values = 100.0 * score.position_m.rmse, score.velocity_auc
-    else:
-        plain = evaluate(found.poses, truth.poses, protocol_named(name), max_gap_s)
-        values = plain.mpe_percent, 100.0 * plain.position_m.rmse, plain.yaw_error_deg_per_m
+        return dict(zip(_names(name), (100.0 * score.position_m.rmse, score.velocity_auc), strict=True))
+    plain = evaluate(found.poses, truth.poses, protocol_named(name), max_gap_s)
+    values = plain.mpe_percent, 100.0 * plain.position_m.rmse, plain.yaw_error_deg_per_m
     return dict(zip(_names(name), values, strict=True))
 
 

@@ -15,7 +15,7 @@ class Measure(StrEnum):
     ATE = "ate_cm"
 
     @property
-    def title(self) -> str:
+    def heading(self) -> str:
         """Name and unit."""
         return {"mpe_percent": "MPE [%]", "ate_cm": "ATE [cm]"}[self.value]
 

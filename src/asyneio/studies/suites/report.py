@@ -82,7 +82,7 @@ def report_markdown(report: BenchReport) -> str:
         parts.append(suite.remark + "\n")
     parts += _lists(report)
     if any(record.task["sequence"] in _compared(suite) for record in report.good):
-        title = f"## Comparison with published results, {suite.measure.title}\n"
+        title = f"## Comparison with published results, {suite.measure.heading}\n"
         parts += [title, comparison_table(report), _caution(report)]
     if suite.sources:
         parts.append("Sources of the preset: " + "; ".join(suite.sources) + ".\n")

@@ -56,7 +56,6 @@ TUM_VIE = DataSet(
         Location("{name}/{name}-events_left.h5"),
     ),
     calibration=_by_setup("camera-calibration{}.json"),
-    events="left",
     # cam0 and cam1 are the frame cameras.
     camera="cam2",
     frame=TruthFrame.MARKERS,

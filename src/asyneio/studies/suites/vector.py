@@ -68,6 +68,7 @@ VECTOR = DataSet(
     ),
     calibration=PerSequence(("camchain-imucam.yaml",)),
     imu=PerSequence(("imu.yaml",)),
+    camera="cam0",
     frame=TruthFrame.MARKERS,
     markers=PerSequence(
         ("camera_mocap_extrinsic_results1.yaml", "small_scale_joint_camera_extrinsic_results.yaml")
@@ -113,6 +114,6 @@ VECTOR = DataSet(
     ),
     remark="The data set publishes its calibration in files of its own: write intrinsics, extrinsics "
     "and IMU noise "
-    "of the left event camera as Kalibr's camchain-imucam.yaml and imu.yaml. Expected beside them: "
+    "of the left event camera as Kalibr's camchain-imucam.yaml (cam0) and imu.yaml. Expected beside them: "
     "camera_mocap_extrinsic_results1.yaml and small_scale_joint_camera_extrinsic_results.yaml.",
 )
