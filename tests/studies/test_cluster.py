@@ -61,6 +61,7 @@ def scheduler(port: int) -> Iterator[subprocess.Popen[bytes]]:
 def cluster(port: int, scheduler: subprocess.Popen[bytes]) -> Iterator[Cluster]:
     address = f"tcp://127.0.0.1:{port}"
     worker = ["distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    worker += ["--preload", "tests.studies.fake_workers"]
     workers = [start(*worker) for _ in range(2)]
     yield address, workers
     for process in workers:

@@ -34,7 +34,7 @@ def test_every_combination_once_and_recordings_vary_fastest() -> None:
 def test_seeds_belong_to_simulations() -> None:
     found = (Found("moderate", "moderate"),)
     assert [task.seed for task in jobs(SIMULATED, found, Grid(seeds=3))] == [0, 1, 2]
-    with pytest.raises(StudyError, match="found --seeds 3 for TUM-VIE.*nothing random"):
+    with pytest.raises(StudyError, match=r"found --seeds 3 for TUM-VIE.*nothing random"):
         jobs(TUM_VIE, FOUND, Grid(seeds=3))
 
 
@@ -43,9 +43,9 @@ def test_variants() -> None:
     assert variants_of(["a.b=1, 2", "c.d=x"]) == ("a.b=1; c.d=x", "a.b=2; c.d=x")
     assert variants_of(["a.b=[1, 2]"]) == ("a.b=[1, 2]",)
     for wrong in ("a.b", "a=1", "a.b=", "a.b.c=1"):
-        with pytest.raises(StudyError, match="expected --set section.name=value"):
+        with pytest.raises(StudyError, match="expected --set section"):
             variants_of([wrong])
-    with pytest.raises(StudyError, match="a.b is set twice"):
+    with pytest.raises(StudyError, match="is set twice"):
         variants_of(["a.b=1", "a.b=2"])
 
 
