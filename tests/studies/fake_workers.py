@@ -1,5 +1,7 @@
-"""Preloaded by the workers of a cluster in tests (`dask worker --preload`): an estimator that takes half a second
-for a recording, however busy the machine, and no compilation."""
+"""Preloaded by the workers of a cluster in tests: an estimator that takes half a second per recording.
+
+Use: `dask worker --preload tests.studies.fake_workers`. Nothing is compiled.
+"""
 
 from __future__ import annotations
 
