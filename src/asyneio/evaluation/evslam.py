@@ -5,7 +5,7 @@ After Zhong et al., "Event-based SLAM Benchmark for High-Speed Maneuvers" (arXiv
 evaluation toolkit of its data set (github.com/NAIL-HNU/EvSLAM_Dataset, `evaluate.py` and `draw_auc.py`). The
 velocity error is relative, `|v_est - v_true| / |v_true|`, in the frame of the body whose poses are compared
 (there: the camera). The AUC is the area under the share of times whose error is below a threshold, over
-thresholds from 0 to 1; each time is weighted by the true speed, so that times at rest do not count.
+thresholds from 0 to 1; each time is weighted by the true speed, so that stationary times do not count.
 
 Differences from the toolkit: estimates are interpolated at the reference times, where the toolkit requires
 them there within 1 ms; a reference time without an estimate counts as an error above all thresholds, where

@@ -13,7 +13,8 @@ from asyneio.studies.records import Record
 from asyneio.studies.suites.finding import Found
 from asyneio.studies.suites.jobs import BenchSettings, BenchTask, Grid, configured, jobs, variants_of
 from asyneio.studies.suites.published import Published
-from asyneio.studies.suites.report import BenchReport, report_json, report_markdown
+from asyneio.studies.suites.report import report_json, report_markdown
+from asyneio.studies.suites.report_tables import BenchReport
 from asyneio.studies.suites.simulated import SIMULATED
 from asyneio.studies.suites.tum_vie import TUM_VIE
 

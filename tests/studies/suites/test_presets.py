@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from asyneio.cli.bench_suite import COMMANDS
 from asyneio.pipeline import compilation
 from asyneio.pipeline import run as pipeline
 from asyneio.studies.suites.catalogue import SUITES
@@ -22,6 +23,10 @@ def _fake(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> No
     """An estimator with an error of a millimetre on the path of the layout."""
     monkeypatch.setattr(pipeline, "Odometry", LAYOUTS[request.getfixturevalue("name")].odometry)
     monkeypatch.setattr(compilation, "are_compiled", lambda: True)
+
+
+def test_every_suite_has_a_command() -> None:
+    assert list(COMMANDS) == list(SUITES)
 
 
 def test_every_data_set_has_a_layout() -> None:

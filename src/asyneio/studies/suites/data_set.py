@@ -64,8 +64,8 @@ class DataSet:
         calibration: files with camera and extrinsics, in order of preference, relative to the folder of the
             recording or the folders above it; empty: the recording's own, or the option --calibration.
         imu: the same for the noise of the IMU.
-        truth: the same for the ground truth; empty: the recording contains it, or has it beside it.
-        samples: the same for the inertial samples; empty: the recording contains them, or has them beside it.
+        truth: the same for the ground truth; empty: the recording contains it, or has it in a sidecar file.
+        samples: the same for the inertial samples; empty: as for `truth`.
         events: the camera of a stereo pair, or the topic.
         inertial: the topic of the inertial samples.
         camera: the camera in the calibration file.

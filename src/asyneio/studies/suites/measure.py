@@ -90,7 +90,7 @@ def truth_pose(suite: DataSet, task: BenchTask, calibration: Calibration) -> Flo
         raise EvaluationError(
             f"the ground truth of {task.sequence} is that of markers, whose pose on the camera is "
             "unknown; expected "
-            f"{' and '.join(expected)} beside the recording: download them with the data set"
+            f"{' and '.join(expected)} next to the recording: download them with the data set"
         )
     return suite.marker_pose(paths, calibration)
 

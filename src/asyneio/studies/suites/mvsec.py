@@ -40,7 +40,7 @@ MVSEC = DataSet(
         "Zhu et al., The Multivehicle Stereo Event Camera Dataset, RA-L 2018, and "
         "daniilidis-group.github.io/mvsec: files, calibration in Kalibr's format",
     ),
-    remark="Expected beside NAME_data.hdf5: NAME_gt.hdf5, and camchain-imucam-indoor_flying.yaml of the "
+    remark="Expected next to NAME_data.hdf5: NAME_gt.hdf5, and camchain-imucam-indoor_flying.yaml of the "
     "calibration "
     "archive. The noise of the IMU, if there is no imu.yaml, comes from the preset DAVIS346 (a data sheet).",
 )

@@ -75,7 +75,7 @@ TUM_VIE = DataSet(
         "maps markers "
         "to the IMU",
     ),
-    remark="Expected beside the recordings: camera-calibration{A,B}.json, "
+    remark="Expected next to the recordings: camera-calibration{A,B}.json, "
     "mocap-imu-calibration{A,B}.json, and "
     "NAME-vi_gt_data with imu_data.txt and mocap_data.txt. If the calibration has no noise of the IMU: "
     "--imu.",

@@ -114,6 +114,7 @@ VECTOR = DataSet(
     ),
     remark="The data set publishes its calibration in files of its own: write intrinsics, extrinsics "
     "and IMU noise "
-    "of the left event camera as Kalibr's camchain-imucam.yaml (cam0) and imu.yaml. Expected beside them: "
+    "of the left event camera as Kalibr's camchain-imucam.yaml (cam0) and imu.yaml. Expected in the "
+    "same folder: "
     "camera_mocap_extrinsic_results1.yaml and small_scale_joint_camera_extrinsic_results.yaml.",
 )
