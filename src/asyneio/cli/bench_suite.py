@@ -72,7 +72,7 @@ _Imu = Annotated[
 
 
 def _data_set_command(suite: str, what: str) -> Callable[..., None]:
-    """The command of a data set."""
+    """The command of a data set; `what` begins its help."""
 
     def command(
         folder: _Folder,
@@ -99,7 +99,7 @@ def _data_set_command(suite: str, what: str) -> Callable[..., None]:
             )
         )  # fmt: skip
 
-    command.__doc__ = f"Run {what} and compare with published figures.\n\n{_MORE}"
+    command.__doc__ = f"{what}.\n\n{_MORE}"
     return command
 
 
@@ -126,7 +126,7 @@ def _simulated_command(suite: str, what: str) -> Callable[..., None]:
             )
         )  # fmt: skip
 
-    command.__doc__ = f"Run {what}.\n\n{_MORE}"
+    command.__doc__ = f"{what}.\n\n{_MORE}"
     return command
 
 
@@ -139,22 +139,33 @@ _MORE = """Every recording is run with every scheme, setting and seed. Writes RE
 #: Commands by name, with the arguments of an example.
 COMMANDS: dict[str, tuple[Callable[..., None], str]] = {
     "uzh": (
-        _data_set_command("uzh", "the UZH event camera data set (DAVIS240C)"),
+        _data_set_command("uzh", "Run the UZH event camera data set and compare with published figures"),
         "recordings/uzh --sequences boxes_6dof,poster_6dof --schemes gpif,gpp",
     ),
-    "tum-vie": (_data_set_command("tum-vie", "TUM-VIE"), "recordings/tum-vie --jobs 2"),
-    "vector": (_data_set_command("vector", "VECtor"), "recordings/vector --sequences desk_normal"),
-    "mvsec": (_data_set_command("mvsec", "MVSEC (indoor flying)"), "recordings/mvsec"),
+    "tum-vie": (
+        _data_set_command("tum-vie", "Run TUM-VIE and compare with published figures"),
+        "recordings/tum-vie --jobs 2",
+    ),
+    "vector": (
+        _data_set_command("vector", "Run VECtor and compare with published figures"),
+        "recordings/vector --sequences desk_normal",
+    ),
+    "mvsec": (
+        _data_set_command("mvsec", "Run MVSEC (indoor flying) and compare with published figures"),
+        "recordings/mvsec",
+    ),
     "dsec": (
-        _data_set_command("dsec", "DSEC (IMU, extrinsics and ground truth from elsewhere)"),
+        _data_set_command(
+            "dsec", "Run DSEC, with IMU and ground truth from elsewhere, and compare with published figures"
+        ),
         "recordings/dsec",
     ),
     "evslam": (
-        _data_set_command("evslam", "the EvSLAM benchmark"),
+        _data_set_command("evslam", "Run the EvSLAM benchmark by its protocol"),
         "recordings/EvSLAM --cluster tcp://192.168.0.10:8786",
     ),
     "simulated": (
-        _simulated_command("simulated", "simulated sequences, which need no data set"),
+        _simulated_command("simulated", "Run simulated sequences, which need no data set"),
         "--sequences moderate,aggressive --seconds 10 --seeds 3 --set window.length_s=1,2",
     ),
 }

@@ -124,8 +124,8 @@ def _opened(suite: DataSet, task: BenchTask, settings: BenchSettings) -> Recordi
     options = ReadOptions(
         calibration,
         imu,
-        events=_selection(suite.events, task.source),
-        samples=task.samples or _selection(suite.inertial, task.source),
+        events=suite.events,
+        samples=task.samples or suite.inertial,
         camera=(settings.camera or suite.camera) if calibration else settings.camera,
         preset=settings.preset,
     )
@@ -133,11 +133,6 @@ def _opened(suite: DataSet, task: BenchTask, settings: BenchSettings) -> Recordi
     if not isinstance(recording, EventRecording):
         raise RecordingError(f"{task.source} contains tracks; expected events")
     return recording
-
-
-def _selection(name: str | None, source: str) -> str | None:
-    """The name of a topic or camera to select; a converted recording has one stream without a name."""
-    return None if source.endswith((".h5", ".zip")) and name and name.startswith("/") else name
 
 
 def _truth(task: BenchTask, recording: Recording | EventRecording) -> Truth:
