@@ -1,10 +1,10 @@
 """Simulated sequences in the layouts of the UZH event camera data set: a folder, a zip, a bag.
 
 Evidence: simulation. As in the data set, no file contains extrinsics or noise of the IMU, and the ground
-truth is the pose of the camera. `asyneio bench uzh --data DIR` runs on these as on the real ones.
+truth is the pose of the camera. `asyneio bench uzh DIR` runs on these as on the real ones.
 
     python benchmarks/uzh_layout.py DIR [--seconds 10] [--cache DIR]
-    asyneio bench uzh --data DIR
+    asyneio bench uzh DIR
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asyneio.evaluation import PROTOCOLS
+from asyneio.evaluation import EXTENDED_PROTOCOLS, PROTOCOLS
 from asyneio.io import write_tum
 from asyneio.types import NS_PER_S, PoseTrajectory
 from tests.cli.conftest import Asyneio
@@ -37,6 +37,8 @@ def test_help_names_every_protocol(asyneio: Asyneio) -> None:
     lines = [line.strip() for line in out.splitlines()]
     for name, protocol in PROTOCOLS.items():
         assert f"{name:8}{protocol.about}" in lines
+    for name, about in EXTENDED_PROTOCOLS.items():
+        assert f"{name:11}{about}" in lines
 
 
 @pytest.mark.parametrize(

@@ -11,14 +11,20 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numba
 import pytest
+import threadpoolctl
 
 from asyneio.errors import StudyError
 from asyneio.studies.cluster import run_on_cluster
+from asyneio.studies.measuring import measure_missing
 from tests.studies.stub import StubTask, measure
 
 pytest.importorskip("distributed")
 ROOT = Path(__file__).parents[2]
+
+#: Address of a scheduler, and its workers.
+Cluster = tuple[str, list[subprocess.Popen[bytes]]]
 
 
 def slow(task: StubTask) -> dict[str, float]:
@@ -27,33 +33,44 @@ def slow(task: StubTask) -> dict[str, float]:
     return {**measure(task), "pid": float(os.getpid())}
 
 
+def start(*arguments: str) -> subprocess.Popen[bytes]:
+    """A process of Dask."""
+    path = os.pathsep.join([str(ROOT), str(ROOT / "src"), *sys.path])
+    command = [sys.executable, "-m", *arguments]
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stderr=subprocess.DEVNULL)
+
+
 @pytest.fixture
-def cluster() -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Address of a scheduler, and two workers."""
+def port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    path = os.pathsep.join([str(ROOT), str(ROOT / "src"), *sys.path])
-    environment = {**os.environ, "PYTHONPATH": path}
+        return int(free.getsockname()[1])
 
-    def start(*arguments: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", *arguments]
-        return subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
 
-    port = address.rsplit(":", 1)[1]
-    scheduler = start(
-        "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"
+@pytest.fixture
+def scheduler(port: int) -> Iterator[subprocess.Popen[bytes]]:
+    process = start(
+        "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"
     )
+    yield process
+    process.kill()
+    process.wait()
+
+
+@pytest.fixture
+def cluster(port: int, scheduler: subprocess.Popen[bytes]) -> Iterator[Cluster]:
+    address = f"tcp://127.0.0.1:{port}"
     worker = ["distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    worker += ["--preload", "tests.studies.fake_workers"]
     workers = [start(*worker) for _ in range(2)]
     yield address, workers
-    for process in (*workers, scheduler):
+    for process in workers:
         process.kill()
         process.wait()
 
 
 @pytest.mark.slow
-def test_a_worker_is_killed(cluster: tuple[str, list[subprocess.Popen[bytes]]]) -> None:
+def test_a_worker_is_killed(cluster: Cluster) -> None:
     """No result is lost, none is counted twice, and the interrupted task is reported."""
     address, workers = cluster
     tasks = [StubTask("good", size, seed) for size in range(1, 4) for seed in range(6)]
@@ -70,6 +87,43 @@ def test_a_worker_is_killed(cluster: tuple[str, list[subprocess.Popen[bytes]]]) 
         assert outcome.failure == ""
         assert outcome.measured["error"] == measure(task)["error"]
     assert sum(outcome.restarts for _, outcome in found) >= 1
+
+
+def threads(task: StubTask) -> dict[str, float]:
+    """The most threads of any numerical library."""
+    pools = [pool["num_threads"] for pool in threadpoolctl.threadpool_info()]
+    return {"error": float(max([*pools, numba.get_num_threads()]))}
+
+
+@pytest.mark.slow
+def test_workers_have_one_thread_for_each_library(cluster: Cluster) -> None:
+    ((_, outcome),) = run_on_cluster(threads, [StubTask("good", 1, 0)], cluster[0])
+    assert outcome.measured == {"error": 1.0}
+
+
+@pytest.mark.slow
+def test_workers_with_another_version(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("asyneio.studies.cluster.code_fingerprint", lambda: "another")
+    ((_, outcome),) = run_on_cluster(measure, [StubTask("good", 1, 0)], cluster[0])
+    assert "the worker runs another version of asyneio" in outcome.failure
+
+
+@pytest.mark.slow
+def test_the_scheduler_is_killed(
+    scheduler: subprocess.Popen[bytes], cluster: Cluster, tmp_path: Path
+) -> None:
+    """What was measured is kept, and the message says what to do."""
+    tasks = [StubTask("good", size, seed) for size in range(1, 4) for seed in range(10)]
+
+    def stop(done: int, total: int, failed: int) -> None:
+        if done == 3:
+            scheduler.send_signal(signal.SIGKILL)
+
+    found = measure_missing(tmp_path / "r", slow, tasks, "s", 1, stop, cluster[0])
+    assert "is gone" in found.stopped
+    assert "run the command again" in found.stopped
+    assert len(found.records) + len(found.missing) == 30
+    assert 3 <= len(found.records) < 30
 
 
 def test_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -35,9 +35,24 @@ _TruthColumns = Annotated[
     str, typer.Option("--truth-columns", help=_COLUMNS_HELP.format("ground truth"), show_default=False)
 ]
 _MaxGap = Annotated[
-    float,
-    typer.Option("--max-gap", help="Do not interpolate ground truth across longer gaps (seconds).", min=0.0),
+    float | None,
+    typer.Option(
+        "--max-gap",
+        help="Do not interpolate ground truth across longer gaps (seconds).",
+        min=0.0,
+        show_default="0.05; evslam 0.15",
+    ),
 ]
+_Latency = Annotated[
+    float | None,
+    typer.Option(
+        help="For streaming: constant latency of the poses (seconds).",
+        min=0.0,
+        show_default="that in poses.jsonl",
+    ),
+]
+#: Default of --max-gap for two trajectories [s].
+_MAX_GAP_S = 0.05
 
 
 def evaluate(
@@ -46,7 +61,8 @@ def evaluate(
     protocol: _Protocol = "posyaw",
     columns: _Columns = "",
     truth_columns: _TruthColumns = "",
-    max_gap: _MaxGap = 0.05,
+    max_gap: _MaxGap = None,
+    latency: _Latency = None,
     as_json: JsonOption = False,
 ) -> None:
     r"""Compare an estimated trajectory with ground truth; each segment is aligned separately.
@@ -60,21 +76,39 @@ def evaluate(
       uslam   position and rotation over 3 to 8 s (Ultimate SLAM)
       origin  position and yaw of the first pose
       none    none: both are in the same world
+
+    
+    Protocols that need more than poses:
+      evslam     SE(3) at 10 Hz, and AUC of the velocity error (EvSLAM)
+      streaming  posyaw; ground truth against the newest available pose
+
+    evslam needs velocities: a results folder, estimates.npz, or text of eleven
+    columns (t x y z qx qy qz qw vx vy vz, velocity in the frame of the body).
+    streaming needs the time at which each pose was available: the folder
+    DIR/live of asyneio live --record DIR, or --latency SECONDS.
     """
     from asyneio.cli import console
+    from asyneio.cli.evaluate_extended import Extended, evaluate_extended
+    from asyneio.errors import EvaluationError
+    from asyneio.evaluation import EXTENDED_PROTOCOLS, protocol_named
     from asyneio.evaluation import evaluate as score
-    from asyneio.evaluation import protocol_named
     from asyneio.io.trajectory_source import read_estimated, read_reference
 
+    if latency is not None and protocol != "streaming":
+        raise EvaluationError(f"--latency does not apply to the protocol {protocol!r}; omit it")
+    if protocol in EXTENDED_PROTOCOLS:
+        job = Extended(estimate, truth, max_gap, latency, columns, truth_columns)
+        evaluate_extended(protocol, job, as_json)
+        return
     rules = protocol_named(protocol)
+    gap_s = _MAX_GAP_S if max_gap is None else max_gap
     found = _or_columns(lambda: read_estimated(estimate, columns), "--columns", columns)
     reference = _or_columns(lambda: read_reference(truth, truth_columns), "--truth-columns", truth_columns)
     found, reference = _with_times(found, reference, estimate, truth)
     results = {
-        number: score(segment, reference.longest, rules, max_gap)
-        for number, segment in found.segments.items()
+        number: score(segment, reference.longest, rules, gap_s) for number, segment in found.segments.items()
     }
-    for note in (*_notes(found, reference, truth), *_hints(found, reference, results, max_gap)):
+    for note in (*_notes(found, reference, truth), *_hints(found, reference, results, gap_s)):
         console.say(f"note: {note}")
     _show(f"{estimate} against {truth}", results, as_json)
 

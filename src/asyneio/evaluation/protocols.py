@@ -27,6 +27,7 @@ from asyneio.evaluation.metrics import (
     travelled,
     yaw_errors_deg,
 )
+from asyneio.evaluation.plain_values import plain_values
 from asyneio.types import NS_PER_S, FloatArray, IntArray, PoseTrajectory
 
 #: Times [s] and path lengths [m] of relative errors, for runs that are long enough.
@@ -70,6 +71,14 @@ PROTOCOLS: dict[str, Protocol] = {
 }
 
 
+#: Protocols that need more than two trajectories, with what they compute. Each has a function of its own:
+#: `evslam.evaluate_evslam` and `streaming.evaluate_streaming`.
+EXTENDED_PROTOCOLS: dict[str, str] = {
+    "evslam": "SE(3) at 10 Hz, and AUC of the velocity error (EvSLAM)",
+    "streaming": "posyaw; ground truth against the newest available pose",
+}
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """Errors of one estimate under one protocol.
@@ -102,7 +111,7 @@ class Evaluation:
 
     def to_dict(self, series: bool = False) -> dict[str, Any]:
         """Plain Python values for JSON, NaN as None; the series only on request."""
-        plain = _plain(asdict(self))
+        plain = plain_values(asdict(self))
         del plain["protocol"]["about"]
         if not series:
             for name in _SERIES:
@@ -124,8 +133,14 @@ def protocol_named(name: str) -> Protocol:
     """The protocol with a name.
 
     Raises:
-        EvaluationError: the name is unknown.
+        EvaluationError: the name is unknown, or the protocol needs more than two trajectories.
     """
+    if name in EXTENDED_PROTOCOLS:
+        raise EvaluationError(
+            f"protocol {name!r} needs more than two trajectories: use `asyneio evaluate --protocol "
+            f"{name}`, or "
+            f"asyneio.evaluation.{name}.evaluate_{name} in Python"
+        )
     if name not in PROTOCOLS:
         raise EvaluationError(f"protocol {name!r} is unknown; expected one of {', '.join(PROTOCOLS)}")
     return PROTOCOLS[name]
@@ -203,18 +218,3 @@ def _relative(aligned: PoseTrack, matched: Association) -> tuple[RelativeErrors,
     ]
     found += [relative_errors_by_distance(aligned, matched.truth, delta) for delta in RELATIVE_DISTANCES_M]
     return tuple(errors for errors in found if errors is not None)
-
-
-def _plain(value: Any) -> Any:
-    match value:
-        case dict():
-            return {key: _plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_plain(item) for item in value]
-        case np.ndarray():
-            return _plain(value.tolist())
-        case float():
-            return value if math.isfinite(value) else None
-        case str():
-            return str(value)
-    return value

@@ -2,12 +2,13 @@
 """The protocol `streaming`: each true pose against the newest estimate that was available at its time.
 
 Latency becomes an error: an estimate that arrives 0.1 s late is compared with a pose 0.1 s further along the
-path. Nothing is extrapolated.
+path. Nothing is extrapolated. After STARE (2026).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,6 +17,7 @@ from asyneio.errors import EvaluationError
 from asyneio.evaluation.alignment import AlignmentKind, Similarity, align
 from asyneio.evaluation.association import PoseTrack, associate, check_trajectory
 from asyneio.evaluation.metrics import Statistics, orientation_errors_deg, position_errors
+from asyneio.evaluation.plain_values import plain_values
 from asyneio.types import NS_PER_S, IntArray, PoseTrajectory
 
 
@@ -34,6 +36,10 @@ class StreamingResult:
     position_m: Statistics
     orientation_deg: Statistics
     age_s: Statistics
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain Python values for JSON, NaN as None."""
+        return {"protocol": {"name": "streaming"}, **plain_values(asdict(self))}
 
 
 def evaluate_streaming(

@@ -10,6 +10,8 @@ from asyneio.io.recording.inertial_reader import read_inertial_file
 from asyneio.io.recording.trajectory_reader import read_trajectory
 from asyneio.io.recording.tum import write_tum
 from asyneio.io.results.estimates import read_estimates, to_trajectory, write_estimates
+from asyneio.io.results.live_poses import read_live_poses
+from asyneio.io.results.velocities import read_moving_poses
 from asyneio.io.tracks.reader import read_tracks_folder
 from asyneio.io.tracks.writer import write_tracks_folder
 from asyneio.io.uzh.writer import write_uzh_folder
@@ -20,6 +22,8 @@ __all__ = [
     "read_calibration",
     "read_estimates",
     "read_inertial_file",
+    "read_live_poses",
+    "read_moving_poses",
     "read_tracks_folder",
     "read_trajectory",
     "to_trajectory",

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from typing import Any
+from uuid import uuid4
 
 from asyneio.errors import StudyError
-from asyneio.studies.execution import Outcome, attempt_in_one_thread
-from asyneio.studies.study import Task
+from asyneio.studies.execution import Outcome, attempt_on_worker
+from asyneio.studies.study import Task, code_fingerprint
 
 #: A scheduler that does not answer within this time is not there [s].
 _CONNECT_S = 10
@@ -20,7 +22,8 @@ def run_on_cluster(
     """Run tasks; yields each exactly once, with its outcome, in the order in which they finish.
 
     `restarts` of an outcome is the number of workers that died while they ran the task. A task that kills as
-    many workers as the scheduler allows (`distributed.scheduler.allowed-failures`) is a failure.
+    many workers as the scheduler allows (`distributed.scheduler.allowed-failures`) is a failure. A worker
+    with another version of the code fails its tasks.
 
     Args:
         measure: function at the top level of a module that workers can import.
@@ -28,7 +31,7 @@ def run_on_cluster(
         address: of the scheduler, such as `tcp://host:8786`.
 
     Raises:
-        StudyError: the package `distributed` is not installed, or there is no scheduler.
+        StudyError: the package `distributed` is not installed, there is no scheduler, or it is gone.
     """
     try:
         from distributed import Client, as_completed
@@ -41,16 +44,28 @@ def run_on_cluster(
             f"no Dask scheduler at {address} ({error}); start one with `dask scheduler`, and workers with "
             f"`dask worker {address} --nthreads 1`"
         ) from error
+    code = code_fingerprint()
     with client:
         futures = {
-            client.submit(attempt_in_one_thread, measure, task, pure=False, key=f"asyneio-{k}"): task
+            client.submit(
+                attempt_on_worker, measure, task, code, pure=False, key=f"asyneio-{k}-{uuid4()}"
+            ): task
             for k, task in enumerate(tasks)
         }
-        for future in as_completed(list(futures), loop=client.loop):
-            restarts = int(client.run_on_scheduler(_deaths, key=future.key))
-            failed = future.exception()
-            outcome = Outcome(failure=f"{type(failed).__name__}: {failed}") if failed else future.result()
-            yield futures[future], Outcome(outcome.measured, outcome.failure, restarts)
+        try:
+            for future in as_completed(list(futures), loop=client.loop):
+                if future.cancelled():
+                    raise CancelledError
+                restarts = int(client.run_on_scheduler(_deaths, key=future.key))
+                failed = future.exception()
+                outcome = Outcome(failure=f"{type(failed).__name__}: {failed}") if failed else future.result()
+                yield futures[future], Outcome(outcome.measured, outcome.failure, restarts)
+        except (OSError, CancelledError) as error:
+            raise StudyError(
+                f"the scheduler at {address} is gone ({type(error).__name__}); finished results are "
+                "kept: start the "
+                "cluster and run the command again"
+            ) from error
 
 
 def _deaths(dask_scheduler: Any, key: str) -> int:

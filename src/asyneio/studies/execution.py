@@ -12,10 +12,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import numba
 from threadpoolctl import threadpool_limits
 
 from asyneio.errors import StudyError
-from asyneio.studies.study import Task
+from asyneio.studies.study import Task, code_fingerprint
 
 #: The processes use all cores, so libraries must not start additional threads.
 _THREADS = (
@@ -105,7 +106,18 @@ def _attempt(measure: Callable[[Any], dict[str, float]], task: Task) -> Outcome:
         return Outcome(failure=f"{type(error).__name__}: {error}")
 
 
-def attempt_in_one_thread(measure: Callable[[Any], dict[str, float]], task: Task) -> Outcome:
-    """Measure a task in a process that others started, with one thread for each numerical library."""
+def attempt_on_worker(measure: Callable[[Any], dict[str, float]], task: Task, code: str) -> Outcome:
+    """Measure a task in a process that others started, with one thread for each numerical library.
+
+    `code`: fingerprint of the program that counts the results; another one on the worker is a failure.
+    """
+    found = code_fingerprint()
+    if found != code:
+        return Outcome(
+            failure=f"StudyError: the worker runs another version of asyneio (code {found}, here "
+            f"{code}); install "
+            "the same version on all machines"
+        )
+    numba.set_num_threads(1)
     with threadpool_limits(1):
         return _attempt(measure, task)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from asyneio.errors import StudyError
 from asyneio.progress import TaskCallback
 from asyneio.studies.cluster import run_on_cluster
 from asyneio.studies.execution import run_tasks
@@ -23,12 +24,15 @@ class Measured:
     """Records of the tasks in their order, and how many of them were reused.
 
     `code` is the fingerprint of this program, `other_code` those of others that reused results come from.
+    `missing` are the tasks without a record, because the measurement stopped for the reason `stopped`.
     """
 
     records: tuple[Record, ...]
     reused: int
     code: str
     other_code: tuple[str, ...]
+    missing: tuple[Task, ...] = ()
+    stopped: str = ""
 
 
 def measure_missing(
@@ -41,7 +45,8 @@ def measure_missing(
     cluster: str | None = None,
 ) -> Measured:
     """Measure the missing tasks. Every result is written to disk at once, so that an interrupted run can
-    resume. Failed tasks are repeated.
+    resume. Failed tasks are repeated. If the measurement stops, because a process was killed or a cluster
+    cannot be reached, what has been measured is returned, with the reason.
 
     Args:
         path: file of results; created if missing.
@@ -53,7 +58,7 @@ def measure_missing(
         cluster: address of a Dask scheduler whose workers run the tasks instead of processes here.
 
     Raises:
-        StudyError: the file contains damaged results, or a process was killed.
+        StudyError: the file contains damaged results.
     """
     code = code_fingerprint()
     found = latest(read_records(path), settings)
@@ -63,14 +68,20 @@ def measure_missing(
     reused = len(keys) - len(missing)
     other_code = tuple(sorted({known[key].code for key in keys if key in known} - {code}))
     done = failed = 0
+    stopped = ""
     progress(reused, len(keys), failed)
     outcomes = run_on_cluster(measure, missing, cluster) if cluster else run_tasks(measure, missing, jobs)
     with appending(path) as stream:
-        for task, outcome in outcomes:
-            values, restarts = task_values(task), outcome.restarts
-            record = Record(values, settings, code, outcome.measured, outcome.failure, restarts)
-            append(stream, record)
-            known[task_key(record.task)] = record
-            done, failed = done + 1, failed + bool(outcome.failure)
-            progress(reused + done, len(keys), failed)
-    return Measured(tuple(known[key] for key in keys), reused, code, other_code)
+        try:
+            for task, outcome in outcomes:
+                values, restarts = task_values(task), outcome.restarts
+                record = Record(values, settings, code, outcome.measured, outcome.failure, restarts)
+                append(stream, record)
+                known[task_key(record.task)] = record
+                done, failed = done + 1, failed + bool(outcome.failure)
+                progress(reused + done, len(keys), failed)
+        except StudyError as error:
+            stopped = str(error)
+    records = tuple(known[key] for key in keys if key in known)
+    absent = tuple(task for task, key in zip(tasks, keys, strict=True) if key not in known)
+    return Measured(records, reused, code, other_code, absent, stopped)

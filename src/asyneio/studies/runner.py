@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from asyneio.errors import StudyError
 from asyneio.progress import TaskCallback
 from asyneio.studies.measuring import measure_missing
 from asyneio.studies.records import Record
@@ -53,6 +54,8 @@ def run_study(
     """
     path = folder / RESULTS_FILE
     measured = measure_missing(path, study.measure, study.tasks, study.fingerprint, jobs, progress)
+    if measured.stopped:
+        raise StudyError(measured.stopped)
     provenance = Provenance(command, measured.code, measured.other_code)
     written = write_report(study, measured.records, provenance, folder)
     return StudyResult(measured.records, measured.reused, measured.other_code, (path, *written))

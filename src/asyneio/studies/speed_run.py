@@ -19,11 +19,11 @@ from asyneio.errors import EstimationError
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.pipeline.frontend_thread import ObservationStream
 from asyneio.pipeline.packets import calibration_of, usable_span
+from asyneio.studies.excerpts import first_seconds
 from asyneio.studies.speed_latency import Latency, frontend_calls, paced_latency, queued_latency
 from asyneio.studies.speed_reference import reference_seconds
 from asyneio.studies.speed_stages import stage_times
 from asyneio.studies.speed_workload import Workload
-from asyneio.studies.uzh import first_seconds
 from asyneio.types import NS_PER_S, EventRecording, Health
 
 #: Duration for a start-up, which ends at the first estimate, after one to two seconds of the recording.

@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from asyneio.config import Config
 from asyneio.errors import StudyError
-from asyneio.io import ReadOptions, open_recording, write_events_hdf5
+from asyneio.io import ReadOptions, open_recording
 from asyneio.io.recording.cache import cache_folder
 from asyneio.progress import ProgressCallback
-from asyneio.simulation import EVENT_SCENARIOS, simulate_events, stream_events
-from asyneio.studies.simulated import fingerprint
-from asyneio.studies.uzh import first_seconds
-from asyneio.types import EVENT_DTYPE, NS_PER_S, EventRecording, RecordArray
+from asyneio.simulation import EVENT_SCENARIOS
+from asyneio.studies.excerpts import first_seconds
+from asyneio.studies.simulated import simulated_file
+from asyneio.types import EventRecording
 
 #: About 1 Mev/s at 240 x 180, both inertial sensors at 1 kHz. The speed increases over the duration, so a
 #: shorter sequence is not a part of a longer one.
@@ -68,17 +65,6 @@ def simulated_workload(
         RecordingError: it cannot be written.
     """
     scenario = replace(EVENT_SCENARIOS[SCENARIO], duration_s=seconds)
-    simulation = simulate_events(scenario, np.empty(0, dtype=EVENT_DTYPE))
     home = cache_folder() / "speed" if folder is None else folder
-    path = home / f"{SCENARIO}-{seconds:g}s-{fingerprint(simulation)}.h5"
-
-    def pieces() -> Iterator[RecordArray]:
-        for piece in stream_events(scenario):
-            if progress is not None and piece.size:
-                since_ns = int(piece["t_ns"][-1]) + scenario.timeshift_ns - scenario.start_ns
-                progress(min(since_ns / NS_PER_S / seconds, 1.0))
-            yield piece
-
-    if not path.is_file():
-        write_events_hdf5(simulation.recording, path, pieces())
+    path = simulated_file(scenario, home, progress)
     return Workload(SCENARIO, path, 0.0, config)

@@ -7,6 +7,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import Field, asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -112,6 +113,7 @@ def task_values(task: Task) -> dict[str, Value]:
     return asdict(task)
 
 
+@cache
 def code_fingerprint() -> str:
     """Hash of the package's source files, to distinguish results of different versions of the code."""
     root = Path(__file__).resolve().parents[1]

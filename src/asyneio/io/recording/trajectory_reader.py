@@ -31,7 +31,7 @@ from asyneio.io.recording.tum import MAX_NORM_ERROR, POSE_DTYPE, poses_of
 from asyneio.types import NS_PER_S, FloatArray, IntArray, PoseTrajectory, RecordArray
 
 #: Plausible rates of motion capture, to determine the time unit without a header.
-_RATES_HZ = (2.0, 1_999.0)
+POSE_RATES_HZ = (2.0, 1_999.0)
 _EXPECTED = (
     "a trajectory: time, position and unit quaternion per line (TUM: t x y z qx qy qz qw in seconds; EuRoC "
     "and VINS: nanoseconds, w first), or the twelve numbers of a matrix (KITTI)"
@@ -84,7 +84,7 @@ def read_trajectory_file(path: Path | ZipMember, columns: str = "") -> Trajector
     if not rows.columns and rows.values.shape[1] in (_MATRIX, _MATRIX + 1):
         return _from_matrices(rows)
     position, quaternion = _columns(rows)
-    t_ns, unit = rows.stamps(_RATES_HZ, slow=True)
+    t_ns, unit = rows.stamps(POSE_RATES_HZ, slow=True)
     values, q = rows.values[:, position], rows.values[:, quaternion]
     poses, notes = _poses(rows, t_ns, values, q)
     last = quaternion[3] > quaternion[0]
@@ -193,7 +193,9 @@ def _from_matrices(rows: TextRows) -> TrajectoryFile:
         )
     quaternion = np.full((len(M), 4), np.nan)
     quaternion[good] = Rotation.from_matrix(R[good]).as_quat(canonical=True)
-    stamps = rows.stamps(_RATES_HZ, slow=True)[0] if rows.values.shape[1] > _MATRIX else _sidecar_times(rows)
+    stamps = (
+        rows.stamps(POSE_RATES_HZ, slow=True)[0] if rows.values.shape[1] > _MATRIX else _sidecar_times(rows)
+    )
     t_ns = np.arange(len(M), dtype=np.int64) * _KITTI_STEP_NS if stamps is None else stamps
     poses, notes = _poses(rows, t_ns, M[:, :, 3], quaternion)
     note = f"{name}: 3 x 4 matrices as in KITTI"
@@ -208,4 +210,4 @@ def _sidecar_times(rows: TextRows) -> IntArray | None:
     if path is None or not path.is_file():
         return None
     times = read_text_rows(path, 1, "a time in seconds per line")
-    return times.stamps(_RATES_HZ, slow=True)[0] if len(times.times) == len(rows.times) else None
+    return times.stamps(POSE_RATES_HZ, slow=True)[0] if len(times.times) == len(rows.times) else None
