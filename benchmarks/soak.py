@@ -152,11 +152,7 @@ class Stream:
     def _of_sensor(self) -> IntArray:
         """Events sorted, dropped for being late, and shed, of the present front end."""
         counts = self._frontend.statistics()
-        said = " ".join(self._checker.notes())
-        sorted_, late = (
-            sum(map(int, re.findall(pattern, said)))
-            for pattern in (r"sorted (\d+) event", r"dropped (\d+) event\(s\) that came more")
-        )
+        sorted_, late = sorted_and_late(" ".join(self._checker.notes()))
         return np.array([sorted_, late, counts.shed_events + counts.shed_feature_events])
 
     def play(self, number: int, piece: Piece, played: Played) -> None:
@@ -220,6 +216,13 @@ class Stream:
             checked = self._checker.feed(chunk)
         found = [self._frontend.process(part, gyroscope) for part in checked]
         return np.concatenate([np.empty(0, dtype=OBSERVATION_DTYPE), *found])
+
+
+def sorted_and_late(notes: str) -> tuple[int, int]:
+    """Events that notes of an `EventChecker` count as sorted, and as dropped for being late."""
+    patterns = r"sorted (\d+) late event", r"dropped (\d+) event\(s\) that were more"
+    sorted_, late = (sum(map(int, re.findall(pattern, notes))) for pattern in patterns)
+    return sorted_, late
 
 
 def _ends(piece: Piece, interval_ns: int) -> IntArray:
