@@ -163,7 +163,7 @@ class CalibrationConfig(_Section):
     estimate_imu_scale: bool = Field(
         True,
         description="estimate scale factors and misalignment of gyroscope and accelerometer; only with "
-        "inertial.scheme gpif",
+        "inertial.scheme gpif and motion_prior.kind wnoj",
     )
     imu_scale_sigma: float = Field(
         0.01,

@@ -177,6 +177,17 @@ def test_degrees_of_freedom_of_a_landmark(estimate_bearing: bool, dof: int) -> N
     )
 
 
+@pytest.mark.parametrize(
+    ("scheme", "kind", "estimated"),
+    [("gpif", "wnoj", 15), ("gpif", "wnoa", 0), ("gpp", "wnoj", 0), ("preint", "wnoj", 0)],
+)
+def test_where_the_scale_of_the_imu_is_estimated(scheme: str, kind: str, estimated: int) -> None:
+    config = Config.model_validate({"inertial": {"scheme": scheme}, "motion_prior": {"kind": kind}})
+    noise = declared_noise(SCENARIO.noise, 200.0, 200.0)
+    window = resolve(config, simulated().recording.calibration, noise).window
+    assert len(window.imu.columns) == estimated
+
+
 def test_noise_free_calibration_is_rejected() -> None:
     calibration = replace(simulated().recording.calibration, noise=NOISE_FREE)
     with pytest.raises(CalibrationError, match="noise densities"):

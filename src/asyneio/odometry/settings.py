@@ -97,7 +97,7 @@ def _window(config: Config, calibration: Calibration, noise: InertialNoise) -> W
         min_observations=visual.min_observations,
         frozen_linearization=config.window.frozen_linearization,
         calibration=_calibration(config.calibration, visual.estimate_bearing),
-        imu=_correction(config.calibration, SCHEMES[inertial.scheme]),
+        imu=_correction(config.calibration, SCHEMES[inertial.scheme], prior.kind),
     )
 
 
@@ -117,10 +117,10 @@ def _calibration(config: CalibrationConfig, refines_bearing: bool) -> Calibratio
     )
 
 
-def _correction(config: CalibrationConfig, scheme: Scheme) -> CorrectionSettings:
-    """Which parameters of the IMU are estimated: increments do not show how they change with scale
-    factors."""
-    if not (config.estimate_imu_scale and scheme.direct):
+def _correction(config: CalibrationConfig, scheme: Scheme, prior: str) -> CorrectionSettings:
+    """Which parameters of the IMU are estimated: increments do not show how they change with scale factors,
+    and with white noise on acceleration as the prior, its errors in lively motion would look like them."""
+    if not (config.estimate_imu_scale and scheme.direct and prior == "wnoj"):
         return AS_READ
     return correction_settings(config.imu_scale_sigma, config.imu_misalignment_sigma, config.imu_scale_walk)
 
