@@ -10,6 +10,9 @@ from asyneio.types import RecordArray
 #: Shares of the longest backlog: load is shed while data wait longer than the first one, and less and less is
 #: shed while they wait shorter than the second one.
 _HIGH, _LOW = 0.5, 0.15
+#: Packets in a row during which the backlog has not become shorter, before load is shed: a backlog that an
+#: initialization leaves behind, or a pause of the machine, is worked off without leaving anything out.
+_LASTING = 3
 #: Factors on a limit for each packet.
 _LESS, _MORE = 0.8, 1.05
 #: Limit of the front end: the first one, the smallest one, and the one that is equal to none.
@@ -25,7 +28,8 @@ class LoadControl:
 
     If packets wait for the estimator, it receives fewer tracks. If they wait for the front end, its load is
     limited (`Frontend.limit_load`), and beyond the longest backlog events are thinned before it. While no
-    data wait, nothing is left out, and the results are those of a recording.
+    data wait, or fewer and fewer, nothing more is left out; without shedding, the results are those of a
+    recording.
 
     Attributes:
         share: the front end's limit, as a share of a processor core; 0: any.
@@ -43,6 +47,8 @@ class LoadControl:
         self.share = configured
         self.tracks = 1.0
         self.stride = 1
+        self._backlog_s = 0.0
+        self._lasting = 0
 
     def update(self, backlog_s: float, busy_s: float, waited_s: float) -> None:
         """Decide for the next packet.
@@ -53,10 +59,13 @@ class LoadControl:
             waited_s: how long it waited for the estimator before it.
         """
         overload = backlog_s / self._max_backlog_s
+        lasts = overload > _HIGH and backlog_s >= self._backlog_s
+        self._lasting = self._lasting + 1 if lasts else 0
+        self._backlog_s = backlog_s
         self.stride = 1
-        if overload > _HIGH and waited_s > busy_s:
+        if self._lasting >= _LASTING and waited_s > busy_s:
             self.tracks = max(_LESS * self.tracks, _LEAST_TRACKS)
-        elif overload > _HIGH:
+        elif self._lasting >= _LASTING:
             least = _LEAST if not self._configured else min(_LEAST, self._configured)
             self.share = max(_LESS * (self.share or _FIRST / _LESS), least)
             self.stride = min(2 ** int(overload), _MOST_THINNED)
