@@ -28,6 +28,8 @@ def forked(folder: Path, prepare: Callable[[], None], *arguments: str | Path) ->
     """Run `asyneio` in a fork of this process, whose kernels are loaded, after `prepare` there."""
 
     def work() -> None:
+        # A shell ignores SIGINT in what it starts in the background, and children inherit that.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         with log.open("w") as err, open(os.devnull, "w") as out:
             sys.stderr, sys.stdout = err, out
             sys.argv = ["asyneio", *map(str, arguments)]
