@@ -75,6 +75,7 @@ def test_evaluate_requires_ground_truth_and_poses(recording: Recording) -> None:
         asyneio.evaluate(RunResult(Run(), result.summary, result.observations), recording)
 
 
+@pytest.mark.slow
 def test_simulate_by_name_and_by_scenario() -> None:
     named = asyneio.simulate("moderate", seed=3, duration_s=1.0)
     given = asyneio.simulate(replace(SCENARIOS["moderate"], seed=3, duration_s=1.0))

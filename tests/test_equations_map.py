@@ -146,6 +146,7 @@ def test_every_named_function_exists(name: str) -> None:
     assert resolve(name) is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted({name for row in everything() for name in row.tests}))
 def test_every_named_test_exists(name: str) -> None:
     path, function = name.split("::")

@@ -94,6 +94,7 @@ def results(folder: Path) -> dict[str, Any]:
     return {result["sequence"]: result for result in found["results"]}
 
 
+@pytest.mark.slow
 def test_end_to_end(asyneio: Asyneio, data: Path, tmp_path: Path) -> None:
     status, out, err = asyneio("bench", "uzh", data, "-o", tmp_path / "out")
     assert status == 0, err
@@ -166,6 +167,7 @@ def test_a_short_part_does_not_pass_for_the_whole(asyneio: Asyneio, data: Path, 
     assert found["mpe_percent_hku"] is not None
 
 
+@pytest.mark.slow
 def test_a_sequence_that_fails_is_listed(
     asyneio: Asyneio, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +201,7 @@ def _bagged(recording: EventRecording, path: Path) -> None:
     write_rosbag(recording, path.with_suffix(".bag"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("write", [_zipped, _bagged])
 def test_archives_and_bags(
     asyneio: Asyneio,

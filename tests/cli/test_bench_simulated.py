@@ -46,6 +46,7 @@ def _fake(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compilation, "are_compiled", lambda: True)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_fake")
 def test_a_grid(asyneio: Asyneio, tmp_path: Path) -> None:
     command = (*_COMMAND, "--schemes", "gpif,preint", "--seeds", "2", "-o", tmp_path / "out")
@@ -69,6 +70,7 @@ def test_a_grid(asyneio: Asyneio, tmp_path: Path) -> None:
     assert (tmp_path / "out" / "results.jsonl").read_text().splitlines() == lines
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_fake")
 def test_events_are_simulated_once(asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two schemes on one sequence of events: its file in the cache is written by the first."""

@@ -204,6 +204,7 @@ def test_commands_with_wrong_inputs_are_all() -> None:
     assert set(_WRONG) | {"doctor"} == groups
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "offered"),
     [("asyneio ru", "run"), ("asyneio run --sch", "--scheme"), ("asyneio study sch", "schemes")],

@@ -23,6 +23,7 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
     return tmp_path / "desk"
 
 
+@pytest.mark.slow
 def test_text(asyneio: Asyneio, folder: Path) -> None:
     status, out, err = asyneio("doctor", folder)
     assert status == 0, out + err

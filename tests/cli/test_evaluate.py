@@ -74,6 +74,7 @@ def test_a_world_that_is_not_upright(asyneio: Asyneio, estimate: Path) -> None:
     assert "0.000 cm" in out
 
 
+@pytest.mark.slow
 def test_quaternions_with_w_first_are_named_and_the_cure_works(asyneio: Asyneio, estimate: Path) -> None:
     found = trajectory()
     lines = [
@@ -105,6 +106,7 @@ def test_sparse_truth_and_its_cure(asyneio: Asyneio, estimate: Path) -> None:
     assert asyneio("evaluate", estimate, truth, "--max-gap", "1.1")[0] == 0
 
 
+@pytest.mark.slow
 def test_kitti_row_by_row(asyneio: Asyneio, estimate: Path) -> None:
     found = trajectory()
     R = Rotation.from_quat(found.quaternion).as_matrix()

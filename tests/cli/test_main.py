@@ -136,6 +136,7 @@ def test_a_run_that_never_initializes_fails(
     assert not (tmp_path / "out" / "trajectory.tum").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_reports")
 def test_a_run_that_never_initializes_has_a_report_with_the_reason(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -346,6 +347,7 @@ def test_evaluate_reads_estimates(asyneio: Asyneio, folder: Path, tmp_path: Path
     assert as_text[1] == as_npz[1]
 
 
+@pytest.mark.slow
 def test_simulate_with_a_named_imu_writes_its_steps(asyneio: Asyneio, tmp_path: Path) -> None:
     for name, steps in (("mpu6150", 9.80665 / 2048.0), ("ideal", None)):
         status, _, _ = asyneio(
@@ -356,6 +358,7 @@ def test_simulate_with_a_named_imu_writes_its_steps(asyneio: Asyneio, tmp_path: 
         assert (np.abs(readings - np.rint(readings)).max() < 1e-3) == (steps is not None)
 
 
+@pytest.mark.slow
 def test_simulate_is_reproducible_and_readable(asyneio: Asyneio, tmp_path: Path) -> None:
     for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
         status, _, err = asyneio(

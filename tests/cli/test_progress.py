@@ -25,6 +25,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
     return sent
 
 
+@pytest.mark.slow
 def test_share_with_a_rate(shown: io.StringIO) -> None:
     with progress.share_progress("tracking", 100.0, "Mev/s") as advance:
         for k in range(5):
@@ -34,6 +35,7 @@ def test_share_with_a_rate(shown: io.StringIO) -> None:
     assert "Mev/s" in shown.getvalue()
 
 
+@pytest.mark.slow
 def test_reading_counts_the_bytes_of_files_and_folders(shown: io.StringIO, tmp_path: Path) -> None:
     (tmp_path / "a.bin").write_bytes(b"0" * 2_000_000)
     for path in (tmp_path, tmp_path / "a.bin"):
@@ -46,6 +48,7 @@ def test_reading_counts_the_bytes_of_files_and_folders(shown: io.StringIO, tmp_p
         advance(1.0)
 
 
+@pytest.mark.slow
 def test_what_was_done_before_has_no_rate(shown: io.StringIO) -> None:
     with progress.event_progress("converting", 10_000_000) as advance:
         advance(9_000_000)

@@ -86,6 +86,7 @@ def test_real_samples_are_kept_as_they_are(asyneio: Asyneio, files: Path) -> Non
     assert recording.ground_truth.t_ns[0] == START_NS + 10**9
 
 
+@pytest.mark.slow
 def test_poses_alone_get_a_simulated_imu(asyneio: Asyneio, files: Path) -> None:
     poses = ("simulate", "event_slow", "--poses", "poses.csv", "--duration", "0.1")
     status, _, err = asyneio(*poses, "-o", "out")
@@ -94,6 +95,7 @@ def test_poses_alone_get_a_simulated_imu(asyneio: Asyneio, files: Path) -> None:
     assert recording.gyroscope.size == 101
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

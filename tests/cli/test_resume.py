@@ -24,6 +24,8 @@ from asyneio.simulation import EVENT_SCENARIOS
 from tests.cli.conftest import Asyneio
 from tests.cli.forked import at, at_rename, forked, kill
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 2.6
 
 

@@ -80,6 +80,7 @@ def test_damaged_results_are_told(asyneio: Asyneio, tmp_path: Path) -> None:
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_a_real_study_from_the_command_line(
     asyneio: Asyneio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ from tests.io.event_recordings import make_event_recording
 from tests.io.ros.bags import recording_records, write_bag
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "track"])
 def test_the_error_names_the_option_and_the_option_helps(
     asyneio: Asyneio, tmp_path: Path, command: str

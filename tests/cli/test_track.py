@@ -18,6 +18,8 @@ from tests.cli.conftest import Asyneio
 from tests.io.event_recordings import make_event_recording
 from tests.io.recordings import START_NS
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -24,6 +24,7 @@ def test_pages(path: Path) -> None:
     assert [f"{path.name}:{hit.line}: {hit.words}" for hit in hits_in_page(path)] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", rooms())
 def test_docstrings_comments_and_messages(room: str) -> None:
     hits = [hit for path in rooms()[room] for hit in hits_in_source(path)]

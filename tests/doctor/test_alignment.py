@@ -79,6 +79,7 @@ def test_two_directions_are_observable_from_a_rotation_about_one_axis(rng: np.ra
     assert found.error_deg(tilted, 12.0) == pytest.approx(57.3, abs=8.0)
 
 
+@pytest.mark.slow
 def test_nothing_is_observable_from_a_stationary_sensor(rng: np.random.Generator) -> None:
     t = np.arange(0.0, SECONDS, 0.002)
     still = camera_rates(np.eye(3), 0.0, rng)
@@ -90,6 +91,7 @@ def test_nothing_is_observable_from_a_stationary_sensor(rng: np.random.Generator
     assert align(few, gyroscope_of(rate_at(t), t, rng), np.eye(3), 0.0) is None
 
 
+@pytest.mark.slow
 def test_degrees_show_in_the_scale(rng: np.random.Generator) -> None:
     t = np.arange(0.0, SECONDS, 0.002)
     found = align(
@@ -100,6 +102,7 @@ def test_degrees_show_in_the_scale(rng: np.random.Generator) -> None:
     assert 1.0 / found.scale == pytest.approx(57.3, rel=0.2)
 
 
+@pytest.mark.slow
 def test_common_mistakes_are_named(rng: np.random.Generator) -> None:
     claimed = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     t = np.arange(0.0, SECONDS, 0.002)

@@ -26,6 +26,7 @@ def scanned(events: RecordArray, pieces: int = 1) -> EventFigures:
     return scan.figures()
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(
     st.lists(st.integers(-(10**9), 3 * 10**8), min_size=1, max_size=300),

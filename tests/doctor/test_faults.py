@@ -12,6 +12,8 @@ import yaml
 
 from asyneio.doctor import CheckResult, Report, Severity, examine
 
+pytestmark = pytest.mark.slow
+
 NOTE, WARNING, FAIL = Severity.NOTE, Severity.WARNING, Severity.FAIL
 Injection = Callable[[Path], None]
 

@@ -19,6 +19,7 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_files_used_and_not_used(folder: Path) -> None:
     (folder / "notes.md").write_text("about this recording")
     plain = next(v for v in examine(folder).results if v.check == "files")

@@ -62,6 +62,7 @@ def tracks(rng: np.random.Generator) -> tuple[np.ndarray, FloatArray]:
     return np.array(rows, dtype=OBSERVATION_DTYPE), rates
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scale", "focal"), [(1.0, 1.0), (2.0, 1.0), (1.0, 1.05)])
 def test_tracks_give_both_while_the_camera_moves_around_the_scene(
     scale: float, focal: float, rng: np.random.Generator
@@ -99,6 +100,7 @@ def irregular(t: FloatArray) -> FloatArray:
     return np.asarray(0.4 * np.sin(6.28 * hertz * t[:, None, None] + phase).sum(axis=1))
 
 
+@pytest.mark.slow
 def test_rolls_with_nothing_in_common_are_unrelated(rng: np.random.Generator) -> None:
     t = np.arange(0.0, SECONDS, 0.002)
     gyroscope = gyroscope_of(rate_at(t), t, rng)

@@ -155,6 +155,7 @@ def test_same_minimum_as_dense_gauss_newton(case: Case) -> None:
     assert np.abs(camera_difference(solution.problem.camera, problem.camera)).min() > 0.0
 
 
+@pytest.mark.slow
 @every_case
 def test_covariances_are_those_of_the_dense_problem(case: Case) -> None:
     problem, prior = drawn(case)

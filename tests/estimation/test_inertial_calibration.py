@@ -126,6 +126,7 @@ def test_normal_equations(case: Case, frozen: int) -> None:
     assert evaluate_cost(problem) == pytest.approx(linearize(problem).cost, rel=1e-12)
 
 
+@pytest.mark.slow
 @every_case
 def test_same_minimum_as_dense_gauss_newton(case: Case) -> None:
     problem, prior = drawn(case)
@@ -233,6 +234,7 @@ def test_wrong_scale_factors_are_found() -> None:
     assert (np.abs(error[known]) < 0.5 * np.abs(true[known])).all()
 
 
+@pytest.mark.slow
 def test_noise_does_not_pull_scale_factors_down() -> None:
     """At the truth the gradient by the scale factors is that of the noise. If readings were as large as they
     look, noise and all, its mean would be the number of values; of smoothed ones it is a small share."""

@@ -46,6 +46,7 @@ def assert_same(H: Array, b: Array, H_expected: Array, b_expected: Array) -> Non
     np.testing.assert_allclose(b / root, b_expected / root, atol=1e-7 * np.abs(b_expected / root).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frozen", [0, 2])
 @pytest.mark.parametrize("dof", [1, 3])
 def test_normal_equations(dof: int, frozen: int) -> None:

@@ -146,6 +146,7 @@ def test_normal_equations_of_the_window(case: Case, frozen: int) -> None:
     assert np.abs(H_knots[idle]).max(initial=0.0) < 1e-6
 
 
+@pytest.mark.slow
 @every_case
 def test_same_minimum_as_dense_gauss_newton(case: Case) -> None:
     """From there the oracle finds nothing lower, and its step is a thousandth of a sigma long."""

@@ -35,6 +35,7 @@ def landmarks_of(point: naive.Point) -> Array:
     return np.asarray(rows / np.linalg.norm(point.kappa, axis=1, keepdims=True))
 
 
+@pytest.mark.slow
 def test_same_minimum_as_dense_gauss_newton() -> None:
     problem, prior = start()
     found = solution_point(optimize(problem, prior, TO_THE_END))

@@ -74,6 +74,7 @@ times = st.lists(
 ).map(lambda t: np.array(sorted(t), dtype=np.int64))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(gyroscope_ns=times, accelerometer_ns=times, inflation=st.floats(0.1, 10.0))
 def test_gpif_takes_what_lies_inside(gyroscope_ns: Array, accelerometer_ns: Array, inflation: float) -> None:
@@ -220,6 +221,7 @@ def test_errors_in_gaps_are_within_what_is_claimed(
 masks = st.lists(st.booleans(), min_size=20, max_size=20).map(np.array).filter(np.any)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(gyroscope=masks, accelerometer=masks, name=st.sampled_from(PREINTEGRATING))
 def test_no_loss_of_samples_raises(gyroscope: Array, accelerometer: Array, name: str) -> None:

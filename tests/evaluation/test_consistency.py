@@ -135,6 +135,7 @@ def test_runs_are_compared_at_equal_times_since_their_start() -> None:
     np.testing.assert_allclose(result.mean, result.elapsed_s, atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None, derandomize=True)
 @given(
     axis=st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda a: np.linalg.norm(a) > 0.1).map(np.array),

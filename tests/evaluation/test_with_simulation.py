@@ -25,6 +25,7 @@ def perfect_estimates(run: Simulation) -> list[Estimate]:
     ]
 
 
+@pytest.mark.slow
 def test_the_truth_has_no_error_against_itself(run: Simulation) -> None:
     found = nees(perfect_estimates(run), run.truth.at)
     assert all(found.values[block].max() < 1e-20 for block in NeesBlock)

@@ -123,6 +123,7 @@ def pose_of(knot: Knot, found: Increments, reference: np.ndarray, tau: float) ->
     return T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dt", "scale"), CASES)
 @pytest.mark.parametrize("seed", range(3))
 def test_propagated_pose_jacobian(seed: int, dt: float, scale: float) -> None:

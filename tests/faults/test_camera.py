@@ -17,6 +17,7 @@ from tests.faults.test_imu import CLOSE_M, at
 from tests.odometry.runs import SCENARIO, varied
 
 
+@pytest.mark.slow
 def test_a_gap_of_observations_degrades(run: Run, simulation: Simulation, tmp_path: Path) -> None:
     """Predicted from the IMU alone, with a covariance that grows; tracking afterwards, in the same world."""
     recording = simulation.recording
@@ -34,6 +35,7 @@ def test_a_gap_of_observations_degrades(run: Run, simulation: Simulation, tmp_pa
     assert ran.error_m() < 2 * CLOSE_M
 
 
+@pytest.mark.slow
 def test_rotation_alone_does_not_initialize(run: Run, tmp_path: Path) -> None:
     """No pose is invented; the reason says what is missing, and attitude.csv has what is known."""
     T_b_c = SCENARIO.T_b_c.copy()
@@ -52,6 +54,7 @@ def garbage(count: int) -> list[str]:
     return [kinds[k % len(kinds)] for k in range(count)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tracks.csv", "imu.csv"])
 def test_garbage_lines_are_skipped_up_to_a_limit(read: Run, desk: Path, name: str) -> None:
     lines = (desk / name).read_text().splitlines()
@@ -68,6 +71,7 @@ def test_garbage_lines_are_skipped_up_to_a_limit(read: Run, desk: Path, name: st
     assert ran.status == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tracks.csv", "imu.csv"])
 def test_a_cut_last_number_is_not_used(read: Run, desk: Path, name: str) -> None:
     text = (desk / name).read_text()
@@ -115,6 +119,7 @@ def test_distortion_that_is_impossible_or_unknown(
     assert not ran.folder.exists()
 
 
+@pytest.mark.slow
 def test_two_runs_are_identical(run: Run, intact: Path) -> None:
     files = ("trajectory.tum", "estimates.npz", "health.csv", "config.yaml")
     first, second = (run(intact, into=name) for name in ("first", "second"))

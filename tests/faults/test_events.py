@@ -70,6 +70,7 @@ def test_time_that_jumps_back_stops_and_names_the_event(asyneio: Asyneio, tmp_pa
     assert "split the file there" in " ".join(said.split())
 
 
+@pytest.mark.slow
 def test_one_wrong_stamp(asyneio: Asyneio, tmp_path: Path) -> None:
     for row in (0, 7_000, _COUNT - 1):
         events = rows()
@@ -102,6 +103,7 @@ def test_events_outside_the_sensor(asyneio: Asyneio, tmp_path: Path) -> None:
             assert "dropped 100 event(s) outside the 240 x 180 sensor" in words_of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [("0", "1"), ("-1", "1"), ("false", "true"), ("False", "True")])
 def test_polarities(asyneio: Asyneio, tmp_path: Path, names: tuple[str, str]) -> None:
     events = rows()

@@ -38,6 +38,7 @@ def without_samples(simulation: Simulation, start_s: float, end_s: float, folder
     return folder
 
 
+@pytest.mark.slow
 def test_intact(run: Run, intact: Path) -> None:
     ran = run(intact)
     assert ran.status == 0
@@ -53,6 +54,7 @@ def exchanged(rows: np.ndarray) -> np.ndarray:
     return rows[:, [0, 4, 5, 6, 1, 2, 3]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -77,6 +79,7 @@ def test_a_whole_factor_stops(run: Run, desk: Path, factor: float) -> None:
     assert not ran.folder.exists()
 
 
+@pytest.mark.slow
 def test_two_percent_of_scale_and_a_degree_of_axes(run: Run, desk: Path) -> None:
     turn = np.array([[1.0, -0.0175, 0.0], [0.0175, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
@@ -90,6 +93,7 @@ def test_two_percent_of_scale_and_a_degree_of_axes(run: Run, desk: Path) -> None
     assert abs(ran.scale_error()) < 0.02
 
 
+@pytest.mark.slow
 def test_a_pause_of_samples_is_a_note(run: Run, simulation: Simulation, tmp_path: Path) -> None:
     ran = run(without_samples(simulation, 2.50, 2.53, tmp_path / "desk"))
     assert ran.status == 0
@@ -98,6 +102,7 @@ def test_a_pause_of_samples_is_a_note(run: Run, simulation: Simulation, tmp_path
     assert ran.error_m() < CLOSE_M
 
 
+@pytest.mark.slow
 def test_a_gap_of_samples_degrades(run: Run, simulation: Simulation, tmp_path: Path) -> None:
     ran = run(without_samples(simulation, 2.5, 2.7, tmp_path / "desk"))
     assert ran.status == 0
@@ -106,6 +111,7 @@ def test_a_gap_of_samples_degrades(run: Run, simulation: Simulation, tmp_path: P
     assert ran.error_m() < 2 * CLOSE_M
 
 
+@pytest.mark.slow
 def test_repeated_and_exchanged_stamps_are_counted(run: Run, desk: Path) -> None:
     def change(rows: np.ndarray) -> np.ndarray:
         rows = np.repeat(rows, 1 + (np.arange(len(rows)) % 100 == 7), axis=0)
@@ -120,6 +126,7 @@ def test_repeated_and_exchanged_stamps_are_counted(run: Run, desk: Path) -> None
     assert ran.error_m() < CLOSE_M
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 400, -1], ids=["first", "middle", "last"])
 def test_one_wrong_stamp_is_dropped(run: Run, desk: Path, row: int) -> None:
     """Years away: the run takes no longer, and loses one sample."""
@@ -136,6 +143,7 @@ def test_one_wrong_stamp_is_dropped(run: Run, desk: Path, row: int) -> None:
     assert ran.error_m() < CLOSE_M
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_set_after_the_first_samples(run: Run, desk: Path) -> None:
     """Three samples since 1970, then the time of day."""
     path = desk / "imu.csv"
@@ -156,6 +164,7 @@ def test_twice_the_declared_rate(read: Run, desk: Path) -> None:
     assert "measured rate 200.0 Hz, but the calibration says 100.0 Hz" in ran.said
 
 
+@pytest.mark.slow
 def test_spikes_are_rejected_and_counted(
     run: Run, simulation: Simulation, tmp_path: Path, rng: np.random.Generator
 ) -> None:
@@ -168,6 +177,7 @@ def test_spikes_are_rejected_and_counted(
     assert ran.error_m() < CLOSE_M
 
 
+@pytest.mark.slow
 def test_coarse_and_held_readings_cost_nothing(run: Run, simulation: Simulation, tmp_path: Path) -> None:
     """Steps of a cheap sensor, renewed at 7/3 of the period at which they are sent."""
     recording = simulation.recording
@@ -183,6 +193,7 @@ def test_coarse_and_held_readings_cost_nothing(run: Run, simulation: Simulation,
     assert ran.error_m() < CLOSE_M
 
 
+@pytest.mark.slow
 def test_vibration_is_learned_and_reported(run: Run, desk: Path) -> None:
     def change(rows: np.ndarray) -> np.ndarray:
         t = rows[:, 0] / SECOND
@@ -198,6 +209,7 @@ def test_vibration_is_learned_and_reported(run: Run, desk: Path) -> None:
     assert ran.error_m() < 4 * CLOSE_M
 
 
+@pytest.mark.slow
 def test_noise_a_hundred_times_too_small_is_learned(run: Run, desk: Path) -> None:
     content = yaml.safe_load((desk / "imu.yaml").read_text())
     for name in content:
@@ -236,6 +248,7 @@ def test_clocks_that_do_not_overlap(run: Run, desk: Path) -> None:
     assert "5000" in ran.said or "4999" in ran.said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [1.0, -1.5])
 def test_camera_and_imu_seconds_apart(run: Run, desk: Path, seconds: float) -> None:
     """They overlap, but nothing agrees: never a complete trajectory with exit status 0."""
@@ -248,6 +261,7 @@ def test_camera_and_imu_seconds_apart(run: Run, desk: Path, seconds: float) -> N
     assert run(desk).status == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "expected"), [(1.15, 1), (1.05, 0)])
 def test_implausible_gravity_fails_in_doctor(
     asyneio: Asyneio, tmp_path: Path, factor: float, expected: int

@@ -77,6 +77,7 @@ def swept(angle: float, opening: float, noise: float, rng: np.random.Generator) 
     return (stamps * 1000).astype(np.int64) + rng.permutation(x.size).reshape(x.shape)
 
 
+@pytest.mark.slow
 def test_agrees_with_the_definition() -> None:
     rng = np.random.default_rng(SEED)
     verdicts = []

@@ -14,6 +14,8 @@ from asyneio.frontend.tracker import FREE
 from asyneio.simulation import EventSimulation
 from asyneio.types import RecordArray
 
+pytestmark = pytest.mark.slow
+
 WIDTH, HEIGHT = 240, 180
 
 

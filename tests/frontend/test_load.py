@@ -67,6 +67,7 @@ def test_shedding_is_counted_bounded_and_deterministic(simulation: EventSimulati
     assert nominal_ns(counts) < 0.4 * nominal_ns(whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [0.1, 0.3])
 def test_a_long_burst_is_kept_within_the_limit(simulation: EventSimulation, load: float) -> None:
     """Over 0.4 s of some 10 Mev/s, which would take 0.6 of a core; what was saved up and owed is a tenth."""

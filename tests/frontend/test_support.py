@@ -68,6 +68,7 @@ def test_before_a_rate_is_known_the_window_is_long() -> None:
     assert np.count_nonzero(tracker.arrays.supported_ns != NEVER_NS) == 0
 
 
+@pytest.mark.slow
 def test_noise_twice_the_rate_of_the_scene_leaves_most_tracks(simulation: EventSimulation) -> None:
     """Without the filter a tenth of the tracks would be left: noise breaks the arcs of corners."""
     recording = simulation.recording

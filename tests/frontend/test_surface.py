@@ -114,6 +114,7 @@ step = st.tuples(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(steps=st.lists(step, max_size=40))
 def test_features_are_in_exactly_the_buckets_they_touch(

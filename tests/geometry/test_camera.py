@@ -114,6 +114,7 @@ def test_fisheye_round_trips_wherever_the_normalised_plane_reaches() -> None:
     assert np.abs(to_pixels(FISHEYE, xy[valid]) - uv[valid]).max() < 1e-9 * FISHEYE.fx
 
 
+@pytest.mark.slow
 @each_camera
 @settings(derandomize=True, deadline=None, max_examples=200)
 @given(s=unit, t=unit, depth=st.floats(0.05, 1e3))
@@ -167,6 +168,7 @@ def test_distort_is_the_textbook_model(name: str) -> None:
     np.testing.assert_allclose(ours, textbook_distort(CAMERAS[name], xy), rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_one_newton_step_from_the_table_reaches_the_tolerance_on_davis() -> None:
     """The table makes arbitrary positions cheap: its start is so near that one step squares to 1e-9."""
     model = MODELS["davis"]

@@ -96,6 +96,7 @@ def beyond(lens: distortion.Lens) -> float:
     return min(lens.max_radius, 1e3) / distortion.FOLD_MARGIN * 1.00001
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "count"), COUNTS)
 def test_no_camera_crashes_and_none_gives_nan_for_valid(model: Distortion, count: int) -> None:
     u, v = np.meshgrid(np.linspace(-0.5, 59.5, 13), np.linspace(-0.5, 44.5, 11))

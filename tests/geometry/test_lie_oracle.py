@@ -146,6 +146,7 @@ def test_right_jacobian_and_inverse(angle: float) -> None:
         assert block_error(out, J_inverse) < VALUE
 
 
+@pytest.mark.slow
 @each_angle
 def test_first_directional_derivatives(angle: float) -> None:
     out, d_xi = np.empty(6), np.empty((6, 6))
@@ -158,6 +159,7 @@ def test_first_directional_derivatives(angle: float) -> None:
         assert block_error(d_xi, d_J_inverse) < VALUE
 
 
+@pytest.mark.slow
 @each_angle
 @pytest.mark.parametrize("inverse", [False, True], ids=["J", "J_inverse"])
 def test_rates_and_second_directional_derivatives(angle: float, inverse: bool) -> None:

@@ -173,6 +173,7 @@ def test_covariance_is_that_of_every_sample(factor: float, tolerance: float) -> 
     assert spread(rule(window, BIAS, noise).covariance(0.117), expected) < tolerance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 10.0])
 def test_scatter_under_noise_is_the_covariance(factor: float) -> None:
     rng, runs, noise = np.random.default_rng(6), 400, noise_at(200.0, factor)
@@ -194,6 +195,7 @@ def test_scatter_under_noise_is_the_covariance(factor: float) -> None:
     assert chi2.ppf(1e-4, 9 * runs) < total < chi2.ppf(1.0 - 1e-4, 9 * runs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 10.0])
 def test_true_errors_are_consistent_with_the_covariance(factor: float) -> None:
     """Against the analytic motion, smoothness found anew in every window: smoothing adds little."""
@@ -207,6 +209,7 @@ def test_true_errors_are_consistent_with_the_covariance(factor: float) -> None:
     assert 0.9 < total / (9 * runs) < 1.15
 
 
+@pytest.mark.slow
 def test_the_papers_kernel_does_no_better() -> None:
     """Squared-exponential GPs, dense, with integrals by erf (28), (29) and the same fixed point."""
     noise = noise_at(200.0)

@@ -152,6 +152,7 @@ def test_covariance_is_that_of_every_sample(rule: Rule) -> None:
     assert spread(found.covariance(0.047), expected) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", RULES)
 def test_scatter_under_noise_is_the_covariance(rule: Rule) -> None:
     rng, runs = np.random.default_rng(6), 400

@@ -25,6 +25,7 @@ def through(renewals: Renewals, samples: RecordArray, packet: int = 25) -> Recor
     return np.concatenate([renewals.passed(samples[a : a + packet]) for a in range(0, len(samples), packet)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packet", [1, 7, 25, 500])
 @pytest.mark.parametrize(("renewed", "rate_hz"), [(2.0, 500.0), (3.0, 333.3), (7 / 3, 428.6), (1.6, 625.0)])
 def test_each_renewed_value_passes_once_when_first_read(

@@ -32,6 +32,7 @@ def shaken(rng: np.random.Generator, rate_hz: float = 1000.0, sigma: float = 3e-
     return samples
 
 
+@pytest.mark.slow
 def test_packets_matter_only_until_an_end_is_known(rng: np.random.Generator) -> None:
     """A packet that holds the discovery gives back the readings that led to it; at once, none is missed."""
     samples = saturated(quantised(shaken(rng, 200.0), STEPS[0]), 6.0)

@@ -41,6 +41,7 @@ def smoothed(t: Array, row: NDArray[np.int64], y: Array, density: float, varianc
     return x
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     seed=st.integers(0, 1000),

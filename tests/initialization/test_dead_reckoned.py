@@ -181,6 +181,7 @@ def test_motion_and_gyroscope_bias_are_found_from_a_wrong_guess(style: str, seed
     assert np.arccos(min(cosine, 1.0)) < np.linalg.norm(BIAS[3:]) / GRAVITY
 
 
+@pytest.mark.slow
 def test_the_error_is_as_large_as_the_covariance_says() -> None:
     """Velocity, tilt and gyroscope bias over 12 draws of noise: normalised square 8 on average."""
     motion = styled(MotionStyle.AGGRESSIVE, 3)

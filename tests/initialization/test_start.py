@@ -50,6 +50,7 @@ def recorded(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("style", "pixel_sigma", "tolerance"),
     [
@@ -82,6 +83,7 @@ WITHOUT_SCALE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WITHOUT_SCALE)
 @pytest.mark.parametrize("pixel_sigma", [0.0, 0.5])
 def test_motions_without_scale_are_rejected_with_a_reason(name: str, pixel_sigma: float) -> None:

@@ -22,6 +22,7 @@ _LIMIT_S = 20.0
 _LIMIT_BYTES = 256 * 2**20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_flipped_bits(tmp_path: Path, kind: str) -> None:
     intact = intact_file(kind, tmp_path)

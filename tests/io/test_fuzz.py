@@ -69,6 +69,7 @@ def targets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Target]:
     return make_targets(tmp_path_factory.mktemp("targets"))
 
 
+@pytest.mark.slow
 def test_corpus(targets: dict[str, Target]) -> None:
     """Inputs that once led to a new kind of outcome: none ends in anything but an error of asyneio."""
     inputs = {name: corpus_of(name) for name in targets}
@@ -93,6 +94,7 @@ def intact(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], bytes]:
     return content
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 @given(
     changes=st.lists(st.tuples(st.integers(0, 10**6), st.binary(min_size=1, max_size=6)), max_size=4),
@@ -117,6 +119,7 @@ def test_damaged_files(
     valid_or_rejected(lambda: open_recording(path), assert_valid)
 
 
+@pytest.mark.slow
 @given(
     text=st.text(alphabet="0123456789.eE+-, \t\n#tgaxyzw_[]nsui\0", max_size=300), valid_start=st.booleans()
 )

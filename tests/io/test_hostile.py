@@ -128,6 +128,7 @@ def assert_rejected(read: Callable[[], object], match: str = ".", limit_bytes: i
     assert "content of another file" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_gzip_bomb(tmp_path: Path) -> None:
     """40 MB of one line in 40 kB: an archive of events compresses five times."""
     path = tmp_path / "events.txt.gz"

@@ -32,6 +32,8 @@ from asyneio.live.tracking import Shed
 from asyneio.pipeline import RunResult
 from asyneio.types import EventRecording, Health, StepReport
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def sensor(recording: EventRecording) -> Sensor:

@@ -70,6 +70,7 @@ def cut_live(recording: EventRecording, steps: list[int], delay: int = DELAY) ->
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     seed=st.integers(0, 10_000),

@@ -53,6 +53,7 @@ def items(source: SocketSource, seconds: float) -> list[Chunk | None]:
     return found
 
 
+@pytest.mark.slow
 def test_a_sender_that_stalls_within_a_frame_is_silent(
     recording: EventRecording, source: SocketSource
 ) -> None:
@@ -69,6 +70,7 @@ def test_a_sender_that_stalls_within_a_frame_is_silent(
         assert [chunk.events.size for chunk in chunks] == [1000]
 
 
+@pytest.mark.slow
 def test_a_silent_sender_is_replaced(
     recording: EventRecording, source: SocketSource, monkeypatch: pytest.MonkeyPatch
 ) -> None:

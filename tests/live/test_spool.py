@@ -78,6 +78,7 @@ def assert_whole(folder: Path) -> None:
     assert not (folder / "live" / ".states").exists()
 
 
+@pytest.mark.slow
 def test_recording_stops_before_the_disk_is_full(
     sensor: Sensor,
     recording: EventRecording,
@@ -99,6 +100,7 @@ def test_recording_stops_before_the_disk_is_full(
     np.testing.assert_array_equal(kept.events, spooled_events(recording)[: kept.events.size])
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_whole_files(
     sensor: Sensor, recording: EventRecording, wanted: RunResult, tmp_path: Path
 ) -> None:
@@ -114,6 +116,7 @@ def test_a_full_disk_leaves_whole_files(
     np.testing.assert_array_equal(kept.events, spooled_events(recording)[: kept.events.size])
 
 
+@pytest.mark.slow
 def test_a_row_that_does_not_fit_is_cut_off(
     sensor: Sensor, recording: EventRecording, wanted: RunResult, tmp_path: Path
 ) -> None:

@@ -38,6 +38,7 @@ def refined() -> Outcome:
     return run(spoilt(), switched(estimate_time_offset=True, estimate_extrinsic_rotation=True))
 
 
+@pytest.mark.slow
 def test_a_wrong_calibration_is_found() -> None:
     outcome = refined()
     assert outcome.reports[-1].health is Health.TRACKING
@@ -52,6 +53,7 @@ def test_a_wrong_calibration_is_found() -> None:
     assert (np.abs(left) < 4.0 * found.sigma[1:]).all()
 
 
+@pytest.mark.slow
 def test_and_costs_little_accuracy() -> None:
     simulation = simulated()
     best, found = (errors(simulation, outcome.estimates) for outcome in (plain_run(), refined()))
@@ -59,6 +61,7 @@ def test_and_costs_little_accuracy() -> None:
     assert found.position < 2.5 * best.position + 0.02
 
 
+@pytest.mark.slow
 def test_what_is_not_asked_for_is_taken_as_it_is() -> None:
     outcome = run(simulated().recording, switched(estimate_time_offset=False))
     found = outcome.odometry.calibration()
@@ -73,6 +76,7 @@ def test_before_the_start_there_is_no_estimate() -> None:
     assert odometry.calibration() is None
 
 
+@pytest.mark.slow
 def test_a_fixed_bearing_cannot_follow_the_time_offset() -> None:
     config = configured(calibration={"estimate_time_offset": True}, visual={"estimate_bearing": False})
     found = run(simulated().recording, config).odometry.calibration()
@@ -84,6 +88,7 @@ def test_a_fixed_bearing_cannot_follow_the_time_offset() -> None:
 SCALES = np.array([0.03, -0.03, 0.03])
 
 
+@pytest.mark.slow
 def test_wrong_scale_factors_of_the_gyroscope_are_found() -> None:
     """Three standard deviations of the prior off: more is found of them than was believed beforehand."""
     recording = simulated().recording
@@ -100,6 +105,7 @@ def test_wrong_scale_factors_of_the_gyroscope_are_found() -> None:
     assert (found.imu.accelerometer_sigma > 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimated", [True, False])
 def test_covariance_with_a_wrong_scale_of_the_accelerometer(estimated: bool) -> None:
     """One percent of gravity looks like a bias: its covariance has to allow for that, and does by default."""

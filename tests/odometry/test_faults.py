@@ -56,6 +56,7 @@ def corrupted(packet: Packet, stream: str, value: float) -> Packet:
     return replace(packet, **{stream: samples})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
 @pytest.mark.parametrize("stream", ["gyroscope", "accelerometer"])
 def test_a_corrupt_sample_is_left_out(stream: str, value: float) -> None:
@@ -73,6 +74,7 @@ def test_a_corrupt_sample_is_left_out(stream: str, value: float) -> None:
     assert e.tilt < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stream", ["gyroscope", "accelerometer"])
 def test_a_corrupt_sample_does_not_keep_it_from_starting(stream: str) -> None:
     recording = simulated().recording
@@ -82,6 +84,7 @@ def test_a_corrupt_sample_does_not_keep_it_from_starting(stream: str) -> None:
     assert outcome.reports[-1].health is Health.TRACKING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e9])
 def test_corrupt_observations_are_dropped(value: float) -> None:
     recording = simulated().recording
@@ -94,6 +97,7 @@ def test_corrupt_observations_are_dropped(value: float) -> None:
     assert e.tilt < 1.0
 
 
+@pytest.mark.slow
 def test_outliers_have_little_influence() -> None:
     recording = simulated().recording
     observations = recording.observations.copy()

@@ -112,6 +112,7 @@ def test_nothing_is_missing_while_stationary() -> None:
     assert set(states([stationary] * 5)) == {(Health.TRACKING, "")}
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(
     st.lists(

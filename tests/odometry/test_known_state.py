@@ -39,6 +39,7 @@ def run(
     return estimates, reports, odometry
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["gpif", "gpp"])
 def test_initializes_at_once_in_the_world_of_the_state(scheme: str) -> None:
     simulation = simulated()
@@ -76,6 +77,7 @@ def test_a_wrong_velocity_is_corrected_as_far_as_its_sigma_allows() -> None:
     assert left[1] > 2.0 * left[0]
 
 
+@pytest.mark.slow
 def test_covariance_begins_as_it_was_given() -> None:
     uncertain = np.repeat([1e-3, 2e-2, 1e-3, 1e-4, 1e-3], 3)
     estimates, _, _ = run(simulated().recording, true_state(0.73, uncertain))
@@ -91,6 +93,7 @@ def test_a_state_before_the_samples_is_rejected() -> None:
         run(simulated().recording, early)
 
 
+@pytest.mark.slow
 def test_waits_for_a_state_to_come() -> None:
     _, reports, _ = run(simulated().recording, true_state(2.0))
     waiting = [report for report in reports if report.health is Health.INITIALIZING]

@@ -89,6 +89,7 @@ def test_one_estimate_at_the_end_of_every_packet() -> None:
         )
 
 
+@pytest.mark.slow
 def test_estimates_of_the_runner_are_as_new_as_its_packets() -> None:
     recording = simulated().recording
     start_ns, _ = usable_span(recording)
@@ -115,6 +116,7 @@ def test_world_is_that_of_the_first_knot() -> None:
     assert np.degrees(np.arccos(up @ true_up)) < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 2])
 def test_stays_near_the_truth(seed: int) -> None:
     outcome = plain_run() if seed == 0 else run(simulated(seed).recording)
@@ -137,6 +139,7 @@ def test_covariance_is_honest() -> None:
         assert 0.01 < values.mean() / NEES_DOF[block] < 5.0, block
 
 
+@pytest.mark.slow
 def test_does_not_look_ahead() -> None:
     """What is estimated until an instant is the same if the recording ends there."""
     recording = simulated().recording
@@ -152,10 +155,12 @@ def test_does_not_look_ahead() -> None:
     assert list(map(as_bytes, short)) == list(map(as_bytes, whole[: len(short)]))
 
 
+@pytest.mark.slow
 def test_same_input_gives_the_same_bytes() -> None:
     assert_same(run(simulated().recording), plain_run())
 
 
+@pytest.mark.slow
 def test_packets_of_several_knots() -> None:
     """Several estimates, and the same: what comes later in a packet does not touch an earlier knot."""
     recording, plain = simulated().recording, plain_run()
@@ -169,6 +174,7 @@ def test_packets_of_several_knots() -> None:
     assert_same(grouped, plain)
 
 
+@pytest.mark.slow
 def test_packets_of_less_than_a_knot() -> None:
     """Cut somewhere inside every interval: an estimate waits until its knot is covered."""
     recording = simulated().recording
@@ -188,6 +194,7 @@ def test_packets_of_less_than_a_knot() -> None:
     assert errors(simulated(), outcome.estimates).position < 0.07
 
 
+@pytest.mark.slow
 def test_empty_packets_change_nothing() -> None:
     recording = simulated().recording
     stream = []
@@ -218,6 +225,7 @@ def sigma(outcome: Outcome, block: int) -> np.ndarray:
     return np.sqrt([np.trace(estimate.covariance[np.ix_(rows, rows)]) for estimate in outcome.estimates])
 
 
+@pytest.mark.slow
 def test_silence_of_all_sensors_is_bridged() -> None:
     """0.2 s without any data: estimates go on, less and less sure; afterwards they are what they claim."""
     recording = simulated().recording
@@ -239,6 +247,7 @@ def test_silence_of_all_sensors_is_bridged() -> None:
     assert np.linalg.norm(nu) < 0.1
 
 
+@pytest.mark.slow
 def test_silence_of_the_camera_is_bridged() -> None:
     recording = simulated().recording
     outcome = process(
@@ -272,6 +281,7 @@ def test_sensors_at_their_own_rates(rates: dict[str, float]) -> None:
     assert e.tilt < 1.0
 
 
+@pytest.mark.slow
 def test_inverse_depth_alone() -> None:
     """The paper's landmarks: the bearing at the anchor stays as first seen."""
     outcome = run(simulated().recording, configured(visual={"estimate_bearing": False}))
@@ -284,6 +294,7 @@ def test_inverse_depth_alone() -> None:
     assert e.tilt < 4.0
 
 
+@pytest.mark.slow
 def test_frozen_linearization() -> None:
     outcome = run(simulated().recording, configured(window={"frozen_linearization": True}))
     e = errors(simulated(), outcome.estimates)

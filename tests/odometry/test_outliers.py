@@ -49,6 +49,7 @@ def test_an_object_with_a_third_of_the_tracks_costs_little() -> None:
     assert spoilt.tilt < 2.0 * clean.tilt
 
 
+@pytest.mark.slow
 def test_consensus_finds_the_object_before_initialization() -> None:
     simulation = simulated()
     moving = swaying_object(simulation, 1.5, np.array([0.3, 1.0, 0.2]), 2.5)
@@ -76,6 +77,7 @@ def test_share_of_rejected_tracks() -> None:
     assert buffer.outlier_share(ids[:0]) == 0.0
 
 
+@pytest.mark.slow
 def test_wrong_tracks_cost_little() -> None:
     simulation = simulated()
     recording, _ = with_wrong_tracks(simulation.recording, 0.2, (30.0, 150.0))
@@ -85,6 +87,7 @@ def test_wrong_tracks_cost_little() -> None:
     assert spoilt.position < 2.0 * clean.position
 
 
+@pytest.mark.slow
 def test_spikes_of_the_imu_cost_nothing() -> None:
     simulation = simulated()
     rng = np.random.default_rng(0)
@@ -131,6 +134,7 @@ def test_rejected_tracks_stay_out() -> None:
     assert len(buffer.observations.track) > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["gpif", "gpp"])
 def test_a_displaced_landmark_is_removed_from_the_window(scheme: str) -> None:
     recording = simulated().recording

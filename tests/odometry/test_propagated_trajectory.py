@@ -23,6 +23,7 @@ def trajectory() -> PropagatedTrajectory:
     return found
 
 
+@pytest.mark.slow
 def test_a_knot_is_itself_and_the_next_is_met() -> None:
     newest, before = outcome().estimates[-1], outcome().estimates[-2]
     times = np.array([before.t_ns, newest.t_ns])

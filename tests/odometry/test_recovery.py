@@ -181,6 +181,7 @@ def test_time_that_jumps_back_begins_a_segment() -> None:
     assert early.reports[-1].health is Health.TRACKING
 
 
+@pytest.mark.slow
 def test_a_wrong_scale_is_reported_within_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     """An initialization with a scale error of a third: optimisation corrects it, and health reports it."""
     module = importlib.import_module("asyneio.odometry.initializer.initialize")
@@ -207,6 +208,7 @@ def test_a_wrong_scale_is_reported_within_two_seconds(monkeypatch: pytest.Monkey
     assert any("scale was revised by -2" in report.reason for report in reported)
 
 
+@pytest.mark.slow
 def test_an_accelerometer_that_fails_is_not_believed() -> None:
     """Half the readings of gravity from one time on: never TRACKING with a wrong state."""
     simulation = simulated(0)

@@ -29,6 +29,7 @@ def plain(scheme: str) -> Outcome:
     return run(simulated().recording, under(scheme))
 
 
+@pytest.mark.slow
 @every_other
 def test_stays_near_the_truth(scheme: str) -> None:
     outcome = plain(scheme)
@@ -110,6 +111,7 @@ def test_a_silent_gyroscope_is_bridged(scheme: str) -> None:
     assert errors(simulated(), outcome.estimates).position < 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", [np.nan, 1e16])
 @pytest.mark.parametrize("stream", ["gyroscope", "accelerometer"])
 @every_other

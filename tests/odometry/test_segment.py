@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 from asyneio.odometry import Odometry
 from asyneio.types import Health, Packet
@@ -52,6 +53,7 @@ def tracking() -> tuple[Odometry, list[Packet]]:
     return odometry, packets
 
 
+@pytest.mark.slow
 def test_reachable_objects_include_arrays_and_what_holds_them() -> None:
     """The test can fail: the packets of a segment are found in its buffer, and it shares all with itself."""
     odometry, _ = tracking()
@@ -62,6 +64,7 @@ def test_reachable_objects_include_arrays_and_what_holds_them() -> None:
     assert len(shared(odometry, segment, segment)) > 50
 
 
+@pytest.mark.slow
 def test_a_segment_after_a_clock_reset_refers_to_nothing_before() -> None:
     odometry, packets = tracking()
     old = odometry._segment
@@ -76,6 +79,7 @@ def test_a_segment_after_a_clock_reset_refers_to_nothing_before() -> None:
     assert len(new.buffer.gyroscope) <= len(packets[0].gyroscope)
 
 
+@pytest.mark.slow
 def test_a_segment_after_a_loss_begins_without_any_measurement() -> None:
     """Any motion exceeds this limit of the speed: the first knot after the first window is LOST."""
     recording = simulated().recording

@@ -81,6 +81,7 @@ def test_scale_is_right_once_it_moves(seed: int) -> None:
     assert e.tilt < 1.0
 
 
+@pytest.mark.slow
 def test_covariance_of_the_biases_after_a_stationary_phase() -> None:
     """Along gravity the accelerometer's bias is seen; across it, it stays as uncertain as before and is
     one with the tilt. The gyroscope's bias is seen as well as averaging its noise allows."""
@@ -131,6 +132,7 @@ def test_standing_still_from_the_start_does_not_drift() -> None:
     assert outcome.reports[-1].health is Health.TRACKING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wide", [False, True], ids=["usual priors", "wide priors of the biases"])
 def test_initialization_uses_a_short_phase(wide: bool) -> None:
     """Without it the same motion needs a second more. Wide priors are those of turn-on biases."""

@@ -29,6 +29,8 @@ from asyneio.types import (
 )
 from tests.cli.fakes import FakeOdometry
 
+pytestmark = pytest.mark.slow
+
 INTERVAL_NS = 100_000_000
 
 

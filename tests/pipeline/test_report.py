@@ -191,6 +191,7 @@ def test_features_are_counted_from_first_to_last_observation() -> None:
     assert np.isnan(features.age_s[4]).all()
 
 
+@pytest.mark.slow
 def test_features_of_many_tracks_match_a_plain_count(rng: np.random.Generator) -> None:
     observations = np.zeros(3000, dtype=OBSERVATION_DTYPE)
     observations["id"] = rng.integers(0, 200, 3000)

@@ -52,6 +52,7 @@ def recording() -> Recording:
     return simulated(0, duration_s=3.2).recording
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS.keys())
 def test_a_resumed_run_gives_the_same_estimates(config: Config, recording: Recording, tmp_path: Path) -> None:
     whole = run_recording(recording, config)
@@ -71,6 +72,7 @@ def test_a_resumed_run_gives_the_same_estimates(config: Config, recording: Recor
     assert contents(resumed) == contents(whole)
 
 
+@pytest.mark.slow
 def test_a_checkpoint_of_another_run_is_rejected(recording: Recording, tmp_path: Path) -> None:
     settings = CheckpointSettings(tmp_path, 1e-9, False)
     with pytest.raises(Killed):

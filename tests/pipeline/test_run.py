@@ -95,6 +95,7 @@ def stamped(dtype: np.dtype[np.void], stamps: list[int]) -> RecordArray:
 _STAMPS = st.lists(st.integers(0, 1000), min_size=1, max_size=60)
 
 
+@pytest.mark.slow
 @given(observed=_STAMPS, gyroscope=_STAMPS, accelerometer=_STAMPS, interval=st.integers(1, 300))
 def test_packets_hold_every_sample_once(
     observed: list[int], gyroscope: list[int], accelerometer: list[int], interval: int
@@ -236,6 +237,7 @@ def test_without_estimates_no_trajectory_and_nothing_stale(recording: Recording,
     assert "did not initialize" in summary["failure"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing compiles with NUMBA_DISABLE_JIT")
 def test_compilation_is_announced_once_and_counted_separately(recording: Recording) -> None:
     @njit

@@ -21,6 +21,7 @@ def run(clock: OnlineClock, sensor_ns: IntArray, stamp_ns: IntArray) -> IntArray
     return np.array(found, dtype=np.int64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drift_ppm", [0.0, 40.0, -80.0])
 def test_offset_and_drift(rng: np.random.Generator, drift_ppm: float) -> None:
     sensor_ns = np.arange(0, 120 * NS_PER_S, 4_000_000, dtype=np.int64)

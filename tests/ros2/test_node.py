@@ -17,6 +17,8 @@ from asyneio.ros2.poses import PosesInOdom, transform_of
 from tests.ros2.messages import empty, frozen
 from tests.ros2.test_poses import estimate
 
+pytestmark = pytest.mark.slow
+
 PACKAGE = Path(__file__).parents[2] / "ros2" / "asyneio_ros"
 NODE = PACKAGE / "asyneio_ros" / "node.py"
 _TYPES = {

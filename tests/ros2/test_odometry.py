@@ -20,6 +20,8 @@ from asyneio.ros2.poses import RosPose
 from asyneio.types import EventRecording
 from tests.ros2.messages import imu, live_messages, packet
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def _patient(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -73,6 +73,7 @@ def test_twist_is_the_motion_of_the_base(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(pose.angular, turn / (2.0 * dt), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_twist_covariance_by_sampling(rng: np.random.Generator) -> None:
     given = estimate(rng)
     pose = PosesInOdom(T_BASE_IMU).convert(given)

@@ -93,6 +93,7 @@ def test_the_same_scenario_gives_the_same_events_also_in_pieces(run: EventSimula
     assert not np.array_equal(other, streamed[: other.size])
 
 
+@pytest.mark.slow
 def test_events_add_up_to_the_change_of_the_light(stage: Stage) -> None:
     events = events_of(stage, sensor=IDEAL)
     frame, logs = empty_frame(stage.view), []
@@ -117,6 +118,7 @@ def test_thresholds_have_the_given_mismatch() -> None:
     assert abs(np.corrcoef(pixels.on, pixels.off)[0, 1]) < 0.05
 
 
+@pytest.mark.slow
 def test_a_pixel_is_blind_for_the_refractory_time(stage: Stage, run: EventSimulation) -> None:
     assert intervals_ns(run.recording.events).min() >= 1_500_000
     unlimited = events_of(stage, sensor=dataclasses.replace(SCENARIO.sensor, refractory_s=0.0))
@@ -124,6 +126,7 @@ def test_a_pixel_is_blind_for_the_refractory_time(stage: Stage, run: EventSimula
     assert unlimited.size > run.recording.events.size
 
 
+@pytest.mark.slow
 def test_a_static_scene_gives_only_noise_at_the_given_rate(stage: Stage) -> None:
     spec = dataclasses.replace(IDEAL, shot_noise_hz=4.0, leak_hz=1.0, hot_pixels=3, hot_pixel_hz=200.0)
     still = dataclasses.replace(stage, motion=drifting((0.0, 0.0, 0.0)))
@@ -139,6 +142,7 @@ def test_a_static_scene_gives_only_noise_at_the_given_rate(stage: Stage) -> None
     assert light.size < events.size
 
 
+@pytest.mark.slow
 def test_slow_photoreceptors_answer_late_and_less(stage: Stage) -> None:
     quick = events_of(stage, sensor=IDEAL)
     spec = dataclasses.replace(IDEAL, bandwidth_hz=20.0, least_bandwidth_hz=5.0)

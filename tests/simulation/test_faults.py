@@ -112,6 +112,7 @@ def test_kidnapping_jumps_in_all_sensors_and_in_the_truth_alike(run: Simulation)
     assert np.intersect1d(recording.observations["id"][before], recording.observations["id"][after]).size > 0
 
 
+@pytest.mark.slow
 def test_events_are_kidnapped_in_their_own_clock() -> None:
     recording = simulate_events(small_scenario(duration_s=0.2)).recording
     assert recording.calibration is not None

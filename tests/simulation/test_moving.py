@@ -44,6 +44,7 @@ def test_observations_on_the_object_are_the_projections_of_its_moving_points(run
     assert np.median(np.hypot(*(still - pixels).T)) > 10.0
 
 
+@pytest.mark.slow
 def test_the_asked_share_of_the_tracks_lies_on_the_object_while_it_is_in_view(run: Simulation) -> None:
     on_object = run.on_object
     # 20 of 60 tracks where the object fills them all, none where it is out of view.
@@ -52,6 +53,7 @@ def test_the_asked_share_of_the_tracks_lies_on_the_object_while_it_is_in_view(ru
     assert 0.5 * SHARE < on_object.mean() < 1.1 * SHARE
 
 
+@pytest.mark.slow
 def test_nothing_else_changes(run: Simulation) -> None:
     without = with_share(0.0)
     assert not without.on_object.any()

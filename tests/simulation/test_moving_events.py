@@ -86,6 +86,7 @@ def by_pixel(events: RecordArray) -> RecordArray:
     return events[np.lexsort((events["t_ns"], events["x"], events["y"]))]
 
 
+@pytest.mark.slow
 def test_a_moving_body_makes_the_events_of_a_camera_that_moves_the_other_way() -> None:
     # With all tiles rendered every millisecond, nothing but rounding can differ.
     moves, still = map(by_pixel, pair(largest_step_px=100.0, longest_step_s=0.001))
@@ -203,6 +204,7 @@ def test_twins_differ_in_the_person_alone(name: str, monkeypatch: pytest.MonkeyP
     assert 0.15 < np.mean(surface >= count) < 0.35
 
 
+@pytest.mark.slow
 def test_people_are_kept_at_a_distance() -> None:
     with pytest.raises(SimulationError, match=r"the camera comes within 0\.2 m of moving body 1"):
         set_stage(

@@ -131,6 +131,7 @@ def test_derivatives_of_the_residuals(sensor: int) -> None:
         np.testing.assert_allclose(slope, wanted, atol=2e-5)
 
 
+@pytest.mark.slow
 def test_a_known_motion_is_found_again(run: Run, fit: PathFit) -> None:
     motion = draw_motion("moderate", np.random.default_rng(0), np.eye(3), 1.0)
     t_s = np.linspace(0.5, 7.0, 200)
@@ -181,6 +182,7 @@ def test_a_part_is_upright_and_carries_the_samples_as_they_are(run: Run, fit: Pa
         part(run, fit, (6.0, 3.0))
 
 
+@pytest.mark.slow
 def test_a_hybrid_simulation_keeps_samples_and_truth(run: Run, fit: PathFit) -> None:
     some = part(run, fit, (1.0, 0.1))
     simulation = simulate_events(small_scenario(motion_scale=1.0).along(some, NOISE))
@@ -201,6 +203,7 @@ def test_a_hybrid_simulation_keeps_samples_and_truth(run: Run, fit: PathFit) -> 
         dataclasses.replace(simulation.scenario, motion_scale=0.5)
 
 
+@pytest.mark.slow
 def test_poses_alone_get_a_simulated_imu(run: Run) -> None:
     poses = run[0]
     fit = fit_path(poses, None, None, NOISE)
@@ -219,6 +222,7 @@ def test_poses_alone_get_a_simulated_imu(run: Run) -> None:
         fit_path(gap, None, None, NOISE)
 
 
+@pytest.mark.slow
 def test_gaps_and_outliers_of_poses_are_bridged(run: Run, fit: PathFit) -> None:
     poses, gyroscope, accelerometer = run
     wrong = poses.position.copy()
@@ -264,6 +268,7 @@ def test_what_does_not_agree_is_refused(run: Run) -> None:
         fit_path(in_cm, gyroscope, accelerometer, NOISE)
 
 
+@pytest.mark.slow
 def test_clocks_that_are_far_apart_are_aligned(run: Run, fit: PathFit) -> None:
     late = dataclasses.replace(run[0], t_ns=run[0].t_ns - 300_000_000)
     found = fit_path(late, run[1], run[2], NOISE)

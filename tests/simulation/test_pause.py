@@ -42,6 +42,7 @@ def test_derivatives_are_those_of_the_pose() -> None:
     )
 
 
+@pytest.mark.slow
 def test_scenario_with_a_pause_and_one_on_the_spot() -> None:
     scenario = replace(SCENARIOS["moderate"], duration_s=3.0)
     paused = simulate(replace(scenario, pause_s=(1.0, 2.0))).truth

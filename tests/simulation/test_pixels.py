@@ -121,6 +121,7 @@ def test_each_event_has_a_threshold_of_its_own_and_errors_do_not_add_up() -> Non
     assert np.unique(t).size == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [100.0, 120.0])
 def test_lamps_make_events_at_their_frequency_where_nothing_moves(rate_hz: float) -> None:
     depth, period_us = 0.5, 1e6 / rate_hz

@@ -55,6 +55,7 @@ def test_pixels_that_the_lens_cannot_image_have_no_ray() -> None:
     assert np.isnan(pixel_rays(lens_row(folding), np.array([[200.0, 200.0]]))).all()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 250_000_000), st.floats(1.0, 98.0), st.floats(1.0, 70.0))
 def test_a_point_is_projected_where_it_was_hit(t_ns: int, u: float, v: float) -> None:
     stage = near()

@@ -73,6 +73,7 @@ def test_readings_minus_truth_leave_the_bias_and_noise(run: Simulation) -> None:
     assert np.abs(truth.bias_gyroscope).max() > 0.0
 
 
+@pytest.mark.slow
 def test_the_same_scenario_gives_the_same_arrays(run: Simulation) -> None:
     again = simulate(SHORT)
     for name in ("observations", "gyroscope", "accelerometer"):

@@ -37,6 +37,7 @@ def spacings(run: Simulation) -> tuple[FloatArray, FloatArray]:
     return np.diff(observations["t_ns"])[same].astype(float), distance[same]
 
 
+@pytest.mark.slow
 def test_noise_free_observations_are_the_projections_of_their_landmarks(run: Simulation) -> None:
     observations = run.recording.observations[::7]
     T_w_c = run.truth.at(observations["t_ns"]).T_w_b @ run.scenario.T_b_c
@@ -106,6 +107,7 @@ def test_a_landmark_has_one_live_track_but_may_come_back(run: Simulation) -> Non
     assert np.all(first[order][1:][again] >= last[order][:-1][again])
 
 
+@pytest.mark.slow
 def test_pixel_noise_and_outliers_have_the_asked_size(run: Simulation) -> None:
     spec = dataclasses.replace(BASE.tracks, pixel_sigma=0.5, outlier_fraction=0.1)
     noisy = simulate(dataclasses.replace(BASE, tracks=spec))
@@ -118,6 +120,7 @@ def test_pixel_noise_and_outliers_have_the_asked_size(run: Simulation) -> None:
     assert np.linalg.norm(error[noisy.outlier], axis=1).min() > 2.0
 
 
+@pytest.mark.slow
 def test_a_scene_with_few_landmarks_gives_fewer_tracks() -> None:
     run = simulate(dataclasses.replace(BASE, landmarks=200, duration_s=1.5))
     first, last = spans(run)
@@ -139,6 +142,7 @@ def test_impossible_tracks_are_refused(change: dict[str, float], words: str) -> 
         dataclasses.replace(TrackSpec(), **change)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_camera_that_sees_nothing_is_an_error() -> None:
     blind = dataclasses.replace(SCENARIOS["plane"].camera, width=10, height=10)
     with pytest.raises(SimulationError, match="none of 3000 landmarks is visible"):

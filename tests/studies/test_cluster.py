@@ -126,6 +126,7 @@ def test_the_scheduler_is_killed(
     assert 3 <= len(found.records) < 30
 
 
+@pytest.mark.slow
 def test_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("asyneio.studies.cluster._CONNECT_S", 1)
     with pytest.raises(StudyError, match="no Dask scheduler at"):

@@ -27,6 +27,7 @@ def placeholder_records(study: Study) -> list[Record]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quick", [True, False])
 @pytest.mark.parametrize("name", STUDIES)
 def test_grids_are_complete(name: str, quick: bool) -> None:

@@ -57,6 +57,7 @@ def test_every_task_is_measured_once(tmp_path: Path) -> None:
     assert all(path.exists() for path in result.written)
 
 
+@pytest.mark.slow
 def test_processes_do_not_change_results(tmp_path: Path) -> None:
     one = run(stub.stub_study(), tmp_path / "one")
     two = run(stub.stub_study(), tmp_path / "two", jobs=2)
@@ -98,6 +99,7 @@ def test_results_of_other_code_are_kept_but_named(tmp_path: Path, monkeypatch: p
     assert f"other code: {code}" in (tmp_path / "README.md").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_failed_tasks_are_reported_and_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jobs: int
@@ -127,6 +129,7 @@ def test_nothing_but_failures_still_has_an_index(tmp_path: Path, monkeypatch: py
     assert "0 of 3 tasks measured" in (tmp_path / "README.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_killed_process_is_an_error_in_words(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"killed.*run the command again"):
         run(stub.stub_study(measure=stub.measure_and_die), tmp_path, jobs=2)
@@ -161,6 +164,7 @@ def test_an_interrupted_study_resumes(tmp_path: Path) -> None:
     assert run(stub.stub_study(9), tmp_path).reused == measured
 
 
+@pytest.mark.slow
 def test_processes_have_one_thread_and_the_environment_is_restored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

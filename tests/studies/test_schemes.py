@@ -25,6 +25,7 @@ def recording() -> Recording:
     return simulate(study.scenario_of(replace(_TASK, seconds=10.0))).recording
 
 
+@pytest.mark.slow
 def test_lost_samples(recording: Recording, rng: np.random.Generator) -> None:
     damaged = lose_samples(recording, 0.1, rng)
     for kept, whole in (

@@ -243,6 +243,7 @@ def test_the_simulated_stream_is_kept(tmp_path: Path) -> None:
     assert recording.gyroscope.size == pytest.approx(200, abs=2)
 
 
+@pytest.mark.slow
 def test_busy_processes_end() -> None:
     with speed_run.busy_processes(2) as processes:
         assert [process.poll() for process in processes] == [None, None]

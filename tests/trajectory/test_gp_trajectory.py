@@ -144,6 +144,7 @@ def test_one_time_or_many(name: str) -> None:
     assert query(t[:0]).shape == (0, *many.shape[1:])
 
 
+@pytest.mark.slow
 @given(times=st.lists(st.integers(int(KNOTS[0]), int(KNOTS[-1])), min_size=1, max_size=20))
 def test_order_of_times_does_not_matter(times: list[int]) -> None:
     found, t = whole(), np.array(times)

@@ -51,6 +51,7 @@ def test_the_newest_knot_has_the_covariance_the_odometry_reports(
     np.testing.assert_allclose(found / unit, reported / unit, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_both_intervals_of_a_knot_agree_on_its_covariance(
     started: FirstWindow, through: GPTrajectory
 ) -> None:

@@ -29,6 +29,7 @@ _MAP = Map(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_panels_open_and_repeat(count: int) -> None:
     data = render_panels("title", [_PANEL] * count)
@@ -38,6 +39,7 @@ def test_panels_open_and_repeat(count: int) -> None:
     assert render_panels("title", [_PANEL] * count) == data
 
 
+@pytest.mark.slow
 def test_what_is_not_finite_is_not_drawn() -> None:
     """A failing point and an infinite bound draw the same as a curve without them."""
     failing = Curve(

@@ -33,6 +33,7 @@ def test_path_is_never_cropped(scale: tuple[float, float, float]) -> None:
             assert limits[1] > values.max()
 
 
+@pytest.mark.slow
 @given(
     st.tuples(*[st.floats(1e-7, 1e4)] * 3),
     st.tuples(*[st.floats(-1e5, 1e5)] * 3),

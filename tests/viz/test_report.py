@@ -114,6 +114,7 @@ def test_what_is_not_known_is_left_out() -> None:
     assert headings[-1] == "Settings"
 
 
+@pytest.mark.slow
 def test_a_run_that_never_started_has_a_page_that_says_why() -> None:
     data = replace(make_data(with_truth=False), states=None, failure="the estimator never started: no motion")
     page = render(data)
@@ -123,6 +124,7 @@ def test_a_run_that_never_started_has_a_page_that_says_why() -> None:
     assert render_overview(data) is None
 
 
+@pytest.mark.slow
 def test_page_needs_nothing_from_outside(page: str) -> None:
     found = outline(page)
     assert found.references
@@ -213,6 +215,7 @@ def test_of_many_segments_the_longest_are_drawn() -> None:
     assert "longest of 30" in figures[0].caption
 
 
+@pytest.mark.slow
 def test_pictures_are_the_figures_of_the_page() -> None:
     data = replace(make_data(), states=None)
     pictures = dict(render_pictures(data))
@@ -224,6 +227,7 @@ def test_pictures_are_the_figures_of_the_page() -> None:
             assert image.width == 800
 
 
+@pytest.mark.slow
 def test_overview_is_a_picture() -> None:
     picture = render_overview(make_data())
     assert picture is not None

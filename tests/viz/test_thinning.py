@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from asyneio.viz.thinning import MAX_POINTS, envelope, thin
 
 
+@pytest.mark.slow
 @given(st.integers(1, 9000), st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
 def test_extremes_and_ends_are_kept(size: int, seed: int, missing: float) -> None:
     rng = np.random.default_rng(seed)

@@ -53,6 +53,7 @@ def test_image_shows_the_last_events_by_polarity(rng: np.random.Generator) -> No
     assert (scene.image(_START_NS - 1) == 1.0).all()
 
 
+@pytest.mark.slow
 def test_files_open(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("asyneio.viz.tracks._FRAMES", 7)
     scene = make_scene(rng)
@@ -63,6 +64,7 @@ def test_files_open(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -
         assert getattr(picture, "n_frames", 1) == 7
 
 
+@pytest.mark.slow
 def test_same_scene_same_picture(rng: np.random.Generator) -> None:
     scene = make_scene(rng)
     assert render_tracks(scene, "desk") == render_tracks(scene, "desk")

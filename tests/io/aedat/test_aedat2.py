@@ -101,6 +101,7 @@ def test_other_words_are_counted(tmp_path: Path) -> None:
         assert text in notes
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(0, 9), max_size=40), st.integers(1, 13))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_pieces_do_not_matter(tmp_path: Path, kinds: list[int], length: int) -> None:

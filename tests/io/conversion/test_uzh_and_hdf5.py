@@ -64,6 +64,7 @@ def test_real_formats(data_dir: Path, tmp_path: Path, name: str) -> None:
     assert (found.width, found.height) == (real.width, real.height)
 
 
+@pytest.mark.slow
 @given(st.data())
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
 def test_any_events(tmp_path: Path, data: st.DataObject) -> None:
@@ -83,6 +84,7 @@ def test_any_events(tmp_path: Path, data: st.DataObject) -> None:
     assert_events(read(path).events, events)
 
 
+@pytest.mark.slow
 def test_from_the_cache(tmp_path: Path, recording: EventRecording) -> None:
     """The events of large recordings are a read-only memory map."""
     convert(Source(recording), BY_NAME["hdf5"], tmp_path / "source.h5", ignore)

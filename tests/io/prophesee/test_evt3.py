@@ -38,6 +38,7 @@ def high_times(words: list[int], piece: int | None = None) -> list[float]:
     return (decode(words, piece)[0]["t_ns"] / HIGH_NS).tolist()
 
 
+@pytest.mark.slow
 @given(st.lists(st.sampled_from(["event", "row", "vector", "low", "high", "other"]), max_size=120), st.data())
 def test_against_another_decoder(kinds: list[str], data: st.DataObject) -> None:
     """Every kind of word in any order, with a clock that behaves, cut anywhere."""

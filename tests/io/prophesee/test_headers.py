@@ -65,6 +65,7 @@ def test_sizes_that_are_none() -> None:
         assert size_of(fields) == (None, ())
 
 
+@pytest.mark.slow
 @given(st.binary(max_size=300))
 def test_any_header(data: bytes) -> None:
     header = parse_header(b"% " + data, Path("x"))

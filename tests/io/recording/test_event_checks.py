@@ -40,6 +40,7 @@ def plain(events: RecordArray) -> RecordArray:
     return rows[np.argsort(rows["t_ns"], kind="stable")]
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32), st.lists(st.integers(0, 3000), max_size=6))
 @settings(max_examples=25)
 def test_pieces_do_not_matter(seed: int, cuts: list[int]) -> None:

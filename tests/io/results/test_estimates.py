@@ -90,6 +90,7 @@ def test_truncated_archive_is_refused(tmp_path: Path, estimates: list[Estimate],
         read_estimates(tmp_path / "e.npz")
 
 
+@pytest.mark.slow
 def test_archive_bomb_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "e.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("t_ns.npy", bytes(2**26))

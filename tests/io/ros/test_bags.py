@@ -48,6 +48,7 @@ def assert_found(found: EventRecording, wanted: EventRecording, step_ns: int = 1
     np.testing.assert_allclose(found.ground_truth.quaternion, wanted.ground_truth.quaternion, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ros", "packing", "storage"), BAGS)
 def test_every_container(
     tmp_path: Path, recording: EventRecording, ros: int, packing: str, storage: str
@@ -56,6 +57,7 @@ def test_every_container(
     assert_found(open_recording(path), recording)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", ["dvs_msgs", "other_msgs"])
 @pytest.mark.parametrize(("ros", "order"), [(1, "<"), (2, "<"), (2, ">")])
 def test_the_definition_says_what_a_message_holds(

@@ -21,6 +21,7 @@ def renamed(records: list[Record], old: str, new: str) -> list[Record]:
     return [replace(record, topic=new) for record in records if record.topic == old]
 
 
+@pytest.mark.slow
 def test_several_topics(tmp_path: Path, recording: EventRecording, records: list[Record]) -> None:
     more = renamed(records, "/dvs/events", "/right/events")[:2] + renamed(records, "/dvs/imu", "/right/imu")
     path = write_bag(tmp_path / "run", 1, records + more)
@@ -137,6 +138,7 @@ def test_no_lens(
     assert said in " ".join(found.notes)
 
 
+@pytest.mark.slow
 def test_texts_of_other_length(recording: EventRecording, records: list[Record], tmp_path: Path) -> None:
     """Messages of one topic with frames of different names, the same total length or not."""
     changed = []

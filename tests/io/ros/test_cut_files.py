@@ -16,6 +16,7 @@ from asyneio.types import EventRecording
 from tests.io.ros.bags import Record, write_bag
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ros", "packing", "storage"),
     [(1, "", ""), (1, "lz4", ""), (1, "bz2", ""), (2, "", "mcap"), (2, "storage", "mcap")],

@@ -123,6 +123,7 @@ def in_two_topics(records: list[Record]) -> list[Record]:
     return found
 
 
+@pytest.mark.slow
 def test_two_topics_complement_each_other(
     tmp_path: Path, recording: EventRecording, records: list[Record]
 ) -> None:

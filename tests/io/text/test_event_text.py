@@ -31,6 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("text")
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(0, 4 * 10**18), st.integers(0, 400), st.booleans()), max_size=30))
 def test_times_are_exact(folder: Path, rows: list[tuple[int, int, bool]]) -> None:
     text = "".join(f"{t // 10**9}.{t % 10**9:09d} {x} 7 {p:d}\n" for t, x, p in rows)

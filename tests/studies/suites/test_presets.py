@@ -33,6 +33,7 @@ def test_every_data_set_has_a_layout() -> None:
     assert set(LAYOUTS) == {name for name, suite in SUITES.items() if not suite.simulated}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LAYOUTS)
 @pytest.mark.usefixtures("_fake")
 def test_a_recording_in_its_own_layout(
