@@ -74,7 +74,7 @@ if "<svg" not in page or len(page) < 100_000:
 covered = summary["health_s"]["tracking"]
 if covered < 0.5 * seconds:
     sys.exit(f"tracked for {covered:.1f} s of {seconds:g} s; expected at least half")
-print(f"wheel_demo: {summary['knots']} knots, tracked {covered:.1f} s, compiled in {summary['compile_s']:.0f} s")
+print(f"wheel_demo: {summary['knots']} knots, tracked {covered:.1f} s, compiled in {summary['timing']['compile_s']:.0f} s")
 CHECK
 
 status=0
