@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ import pytest
 from asyneio.errors import EstimationError
 from asyneio.evaluation import NEES_DOF, NeesBlock, nees
 from asyneio.odometry import Odometry
+from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.initializer.consensus import outlier_tracks
 from asyneio.pipeline.packets import packets, usable_span
-from asyneio.types import Health, Packet
+from asyneio.types import Health, IntArray, Packet
 from tests.odometry.runs import (
     INTERVAL_NS,
     Outcome,
@@ -339,3 +342,18 @@ def test_no_trajectory_before_the_start() -> None:
     odometry = Odometry(configured(), simulated().recording.calibration)
     with pytest.raises(EstimationError, match="not initialized"):
         odometry.trajectory()
+
+
+def test_no_consensus_before_there_is_enough_to_initialize(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes a third of an attempt, and is repeated with all measurements."""
+    spans: list[float] = []
+
+    def noted(buffer: MeasurementBuffer, *rest: Any) -> IntArray:
+        spans.append(float(np.ptp(buffer.gyroscope["t_ns"])) * 1e-9)
+        return outlier_tracks(buffer, *rest)
+
+    monkeypatch.setattr("asyneio.odometry.initializer.initialize.outlier_tracks", noted)
+    recording, config = simulated().recording, configured()
+    process(cut(recording)[: first_step(plain_run()) + 1], recording.calibration, config)
+    assert spans
+    assert min(spans) > config.initialization.min_seconds - 0.02

@@ -31,11 +31,9 @@ _WARM_UP_SIGMA = np.array([10.0, 100.0])
 def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> FirstWindow | str:
     """A window over all measurements of the buffer, or the reason why not yet."""
     knots_ns = _knot_times(buffer, settings)
-    if knots_ns is None:
-        return "waiting for inertial samples and feature tracks that overlap in time"
-    span_s = float(knots_ns[-1] - knots_ns[0]) * 1e-9
-    if span_s < settings.initialization.min_seconds:
-        return f"collecting measurements: {span_s:.2f} s of {settings.initialization.min_seconds:.2f} s"
+    reason = missing_measurements(buffer, settings)
+    if knots_ns is None or reason:
+        return reason
     seen = buffer.observations.between(int(knots_ns[0]) - 1, int(knots_ns[-1]))
     seen = _long_tracks(seen, settings.window.min_observations)
     tracks = len(np.unique(seen.track))
@@ -56,6 +54,15 @@ def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> First
         return reason
     buffer.reject(np.concatenate([outliers, motion.outliers]))
     return FirstWindow(window, solution, relative_scale_sigma(solution))
+
+
+def missing_measurements(buffer: MeasurementBuffer, settings: Settings) -> str:
+    """What the buffer lacks for an attempt; empty if nothing."""
+    knots_ns = _knot_times(buffer, settings)
+    if knots_ns is None:
+        return "waiting for inertial samples and feature tracks that overlap in time"
+    span_s, least_s = float(knots_ns[-1] - knots_ns[0]) * 1e-9, settings.initialization.min_seconds
+    return f"collecting measurements: {span_s:.2f} s of {least_s:.2f} s" if span_s < least_s else ""
 
 
 def _at_offset(settings: Settings, motion: SpanMotion) -> Settings:

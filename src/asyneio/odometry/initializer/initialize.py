@@ -8,7 +8,7 @@ import numpy as np
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.consensus import outlier_tracks
 from asyneio.odometry.initializer.first_window import FirstWindow
-from asyneio.odometry.initializer.in_motion import initialize_in_motion
+from asyneio.odometry.initializer.in_motion import initialize_in_motion, missing_measurements
 from asyneio.odometry.initializer.known_state import initialize_from_state
 from asyneio.odometry.initializer.stationary import initialize_stationary
 from asyneio.odometry.settings import Settings
@@ -40,6 +40,10 @@ def initialize(
         return initialize_from_state(buffer, settings, first)
     if phase is not None and not phase.ended:
         return initialize_stationary(buffer, settings, phase)
+    if phase is None:
+        missing = missing_measurements(buffer, settings)
+        if missing:
+            return missing  # before the consensus, which takes a third of an attempt
     w = settings.window
     gravity = float(np.linalg.norm(w.gravity_w))
     buffer.reject(
