@@ -9,7 +9,7 @@ import pytest
 
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.consensus import outlier_tracks
-from asyneio.odometry.outliers import optimize_rejecting_outliers
+from asyneio.odometry.outliers import without_outliers
 from asyneio.pipeline.summarize import rejected_notes
 from asyneio.simulation.contamination import swaying_object, with_object, with_wrong_tracks
 from asyneio.simulation.faults import spikes
@@ -147,7 +147,7 @@ def test_a_displaced_landmark_is_removed_from_the_window(scheme: str) -> None:
     seen = window._visual.track == track
     window._visual.xy[seen] += np.linspace(0.0, 0.2, np.count_nonzero(seen))[:, None]
     before = window.observations
-    _, removed = optimize_rejecting_outliers(window, settings.optimizer)
+    _, removed = without_outliers(window, window.optimize(settings.optimizer), settings.optimizer)
     assert removed.tolist() == [track]
     assert track not in window.landmarks.track
     assert window.observations == before - np.count_nonzero(seen)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from asyneio.estimation.landmark_initialization import LandmarkCandidates
@@ -61,6 +63,15 @@ class Window:
         self.landmarks = LandmarkTable()
         #: The last solved problem, as long as the window has not changed.
         self._solved: Problem | None = None
+
+    def copied(self) -> Window:
+        """A copy; neither changes with the other."""
+        other = copy(self)
+        # All arrays are replaced, never written to.
+        other.landmarks, other._visual = copy(self.landmarks), copy(self._visual)
+        other._gyroscope, other._accelerometer = copy(self._gyroscope), copy(self._accelerometer)
+        other._preintegrations = copy(self._preintegrations)
+        return other
 
     @property
     def knots(self) -> int:
@@ -239,6 +250,32 @@ class Window:
         self._solved = None
         self._visual.keep(~np.isin(self._visual.track, ids))
         self.landmarks.keep(~np.isin(self.landmarks.track, ids))
+
+    def drop_landmarks(self, ids: IntArray) -> None:
+        """Forget the landmarks of tracks, whose observations stay without influence."""
+        self._solved = None
+        self.landmarks.keep(~np.isin(self.landmarks.track, ids))
+
+    def with_tracks_of(self, other: Window) -> Window:
+        """A copy with the tracks of `other`, a window of the same knots, and with landmarks that are
+        triangulated from the own trajectory."""
+        result = self.copied()
+        result._visual, result.landmarks, result._solved = copy(other._visual), LandmarkTable(), None
+        if self._moves_in_time:
+            result._visual.move_to(self.camera.time_offset, self.preintegrations, self.first)
+        result.add_landmarks()
+        return result
+
+    @property
+    def track_observations(self) -> TrackObservations:
+        """The observations held, of tracks with and without a landmark."""
+        visual = self._visual
+        return TrackObservations(visual.t_ns, visual.track, visual.xy, visual.root_information)
+
+    def tracks_since(self, t_ns: int) -> IntArray:
+        """Ids of the tracks whose first observation in the window is later than `t_ns`."""
+        ids, first = np.unique(self._visual.track, return_index=True)
+        return np.asarray(ids[self._visual.t_ns[first] > t_ns])
 
     def add_landmarks(self) -> int:
         """Add landmarks for the tracks with enough observations; returns their number."""

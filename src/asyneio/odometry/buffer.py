@@ -162,6 +162,10 @@ class MeasurementBuffer:
         self._drop_tracks(ids)
         return ids
 
+    def rejected_share(self, start_ns: int, end_ns: int) -> float:
+        """Share of the tracks observed after `start_ns`, up to `end_ns`, that are rejected."""
+        return self.outlier_share(self._seen.between(start_ns, end_ns).track)
+
     def outlier_share(self, ids: IntArray) -> float:
         """Share of the tracks with these ids (N,), which may repeat, that are rejected."""
         different = np.unique(ids)

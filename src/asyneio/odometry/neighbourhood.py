@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracks that are too short for the chi-square test are rejected by their neighbours.
+"""Tracks are rejected by their neighbours: those that are too short for the chi-square test, and those of a
+first window.
 
 A few observations over a tenth of a second are consistent with some static point, whatever was observed.
 Where most neighbouring tracks have been rejected by the chi-square test, an object moves, and tracks that
@@ -18,6 +19,8 @@ from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray
 #: size of a hand or an arm) and in time [s].
 _NEAR = 0.15
 _NEAR_S = 0.1
+#: The same in time [s] where all tracks of an object are looked for, and the share of the neighbours.
+_OBJECT_NEAR_S, _OBJECT_SHARE = 0.2, 1.0 / 3.0
 #: Tracks with this many observations are tested by themselves: three of them determine the point, the others
 #: test it.
 _LONG = 8
@@ -58,6 +61,27 @@ def rejected_by_neighbours(
     suspect = outliers_near > 0
     tested, middle, outliers_near = tested[suspect], middle[suspect], outliers_near[suspect]
     return ids[tested[outliers_near > _tracks_near(position, track, inlier, position[middle])]]
+
+
+def near_outliers(seen: TrackObservations, outliers: IntArray) -> IntArray:
+    """Tracks of which more than a third of the neighbours are outliers, two at least.
+
+    Args:
+        seen: observations of all tracks.
+        outliers: ids (O,) of the outliers.
+
+    Returns:
+        Ids (M,), of outliers too.
+    """
+    if len(outliers) == 0:
+        return np.empty(0, dtype=np.int64)
+    ids, track, count = np.unique(seen.track, return_inverse=True, return_counts=True)
+    order = np.argsort(track, kind="stable")
+    middle = order[np.cumsum(count) - count + count // 2]
+    position = np.column_stack([seen.xy / _NEAR, (seen.t_ns - seen.t_ns[0]) / (_OBJECT_NEAR_S * NS_PER_S)])
+    outliers_near = _tracks_near(position, track, np.isin(ids, outliers), position[middle])
+    all_near = _tracks_near(position, track, np.ones(len(ids), dtype=np.bool_), position[middle])
+    return ids[(outliers_near > _OBJECT_SHARE * all_near) & (outliers_near >= 2)]
 
 
 def _tracks_near(position: FloatArray, track: IntArray, chosen: BoolArray, middle: FloatArray) -> IntArray:

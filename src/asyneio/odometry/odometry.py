@@ -90,17 +90,17 @@ class Odometry:
         segment, tracking, settings = self._segment, self._segment.tracking, self._settings
         if tracking is None:
             return self._initialize(packet)  # from a known state, stationary or in motion
-        window, estimates, status = tracking.window, list[Estimate](), segment.health.status
+        estimates, status = list[Estimate](), segment.health.status
         try:
             for knot_ns in segment.due_knots(tracking.newest.t_ns, settings.knot_interval_ns):
                 interval = segment.buffer.interval(tracking.newest.t_ns, knot_ns)
-                before, gravity_w = window.states, settings.window.gravity_w
+                before, gravity_w = tracking.window.states, settings.window.gravity_w
                 knot = predict_knot(before, interval.start_ns, knot_ns, interval.streams, gravity_w)
                 stationary = self._is_stationary(interval.start_ns, knot_ns, tracking.newest)
                 tracking.extend(interval, knot, stationary, self._noise.now())  # factors (17), (20), (31)
-                window.add_landmarks()  # (33)
+                tracking.window.add_landmarks()  # (33)
                 solution = tracking.optimize(settings.optimizer, segment.buffer)  # (39), chi-square test
-                tracking.newest = newest_estimate(window, solution, settings, segment.number)
+                tracking.newest = newest_estimate(tracking.window, solution, settings, segment.number)
                 step = Step(interval, stationary, before.r, solution, tracking.newest)
                 status = segment.health.update(step)
                 if status.health is Health.LOST:

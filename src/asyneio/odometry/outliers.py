@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Optimising the window without the tracks that contradict the motion."""
+"""Removing the tracks that contradict the motion from a solved window."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ _MAJORITY = 0.5
 _MANY = 0.05
 
 
-def optimize_rejecting_outliers(
-    window: Window, settings: OptimizerSettings, rounds: int = 1
+def without_outliers(
+    window: Window, solution: Solution, settings: OptimizerSettings
 ) -> tuple[Solution, IntArray]:
-    """Optimise the window, remove the tracks whose landmarks fail the chi-square test, and optimise again
-    where these are many.
+    """Remove the tracks whose landmarks fail the chi-square test, and optimise again where these are many.
 
     Args:
         window: the window; outliers are removed from it.
+        solution: of the window.
         settings: of the optimiser.
-        rounds: largest number of tests.
 
     Returns:
         The solution, and the ids of the removed tracks.
@@ -35,16 +34,10 @@ def optimize_rejecting_outliers(
     Raises:
         EstimationError: as `Window.optimize`.
     """
-    solution = window.optimize(settings)
-    removed: list[IntArray] = [np.empty(0, dtype=np.int64)]
-    for _ in range(rounds):
-        outlier = contradicted_landmarks(solution)
-        share = float(np.mean(outlier)) if len(outlier) else 0.0
-        if share == 0.0 or share > _MAJORITY:
-            break
-        removed.append(window.landmarks.track[outlier])
-        window.remove_tracks(removed[-1])
-        if share <= _MANY:
-            break
-        solution = window.optimize(settings)
-    return solution, np.concatenate(removed)
+    outlier = contradicted_landmarks(solution)
+    share = float(np.mean(outlier)) if len(outlier) else 0.0
+    if share == 0.0 or share > _MAJORITY:
+        return solution, np.empty(0, dtype=np.int64)
+    removed = window.landmarks.track[outlier]
+    window.remove_tracks(removed)
+    return solution if share <= _MANY else window.optimize(settings), removed

@@ -16,7 +16,8 @@ from asyneio.inertial.noise import InertialNoise
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.health.monitor import HealthMonitor
 from asyneio.odometry.intervals import Interval
-from asyneio.odometry.outliers import optimize_rejecting_outliers
+from asyneio.odometry.moving_objects import WARY_NS, WARY_SHARE, optimize_warily
+from asyneio.odometry.outliers import without_outliers
 from asyneio.odometry.stationary import StationaryDetector
 from asyneio.types import Calibration, Estimate, Packet, RecordArray
 
@@ -52,8 +53,14 @@ class Tracking:
         Raises:
             EstimationError: as `Window.optimize`.
         """
-        window, knot_ns = self.window, int(self.window.t_ns[-1])
-        self.solution, outliers = optimize_rejecting_outliers(window, settings)
+        knot_ns = int(self.window.t_ns[-1])
+        if buffer.rejected_share(knot_ns - WARY_NS, knot_ns) > WARY_SHARE:
+            self.window, solution, removed = optimize_warily(self.window, settings)
+            buffer.reject(removed)
+        else:
+            solution = self.window.optimize(settings)
+        window = self.window
+        self.solution, outliers = without_outliers(window, solution, settings)
         buffer.reject(outliers)
         window.remove_tracks(buffer.reject_by_neighbours(window.landmarks.track, knot_ns))
         buffer.drop_until(knot_ns)

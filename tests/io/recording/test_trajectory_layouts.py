@@ -93,9 +93,20 @@ def test_kitti(tmp_path: Path) -> None:
         "".join(f"{t // 10**9}.{t % 10**9:09d}\n" for t in PATH.t_ns.tolist())
     )
     np.testing.assert_array_equal(read_trajectory(path)[0].t_ns, PATH.t_ns)
-    path.write_text("1 2 3 4 5 6 7 8 9 10 11 12\n" * 9)
-    with pytest.raises(RecordingError, match="not rigid transforms"):
-        read_trajectory(path)
+    for row in ("1 2 3 4 5 6 7 8 9 10 11 12", "-1 0 0 0 0 1 0 0 0 0 1 0"):
+        # The second one is a reflection.
+        path.write_text(f"{row}\n" * 9)
+        with pytest.raises(RecordingError, match="not rigid transforms"):
+            read_trajectory(path)
+
+
+def test_a_row_that_is_a_reflection_is_not_used(tmp_path: Path) -> None:
+    rows = matrices()
+    rows[1, :3] *= -1.0
+    path = tmp_path / "00.txt"
+    np.savetxt(path, rows)
+    found = read_trajectory_file(path).poses
+    np.testing.assert_allclose(found.quaternion, np.delete(PATH.quaternion, 1, axis=0), atol=1e-9)
 
 
 def test_columns_that_the_user_names(tmp_path: Path) -> None:

@@ -132,8 +132,9 @@ class PreintegrationBuffer:
             ) from error
         present = np.ones(1, dtype=np.bool_)
         bias = measured.preintegration.bias[None]
-        self._entries[interval] = Preintegrated(present, end.C, end.nu, end.r, end.d_bias, bias, root[None])
-        self._rules[interval] = measured.preintegration
+        entry = Preintegrated(present, end.C, end.nu, end.r, end.d_bias, bias, root[None])
+        self._entries = {**self._entries, interval: entry}
+        self._rules = {**self._rules, interval: measured.preintegration}
 
     def drop_before(self, interval: int) -> None:
         """Drop the increments of intervals before `interval`."""

@@ -186,6 +186,8 @@ def _from_matrices(rows: TextRows) -> TrajectoryFile:
     with np.errstate(invalid="ignore", over="ignore"):
         error = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
     good = (error < _MAX_ROTATION_ERROR) & np.isfinite(M).all(axis=(1, 2))
+    # A reflection is orthogonal too.
+    good[good] = np.linalg.det(R[good]) > 0.0
     if good.sum() < max(0.5 * good.size, 1):
         raise RecordingError(
             f"{rows.path}: rows of {rows.values.shape[1]} numbers, but not rigid transforms as in KITTI; "

@@ -18,7 +18,7 @@ from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.checks import joint_rejection, motion_rejection
 from asyneio.odometry.initializer.first_window import FirstWindow, filled_window
 from asyneio.odometry.initializer.span_motion import SpanMotion, span_motion
-from asyneio.odometry.outliers import optimize_rejecting_outliers
+from asyneio.odometry.initializer.static_tracks import fit_static_tracks
 from asyneio.odometry.propagation import rates_at
 from asyneio.odometry.settings import Settings
 from asyneio.types import IntArray
@@ -46,7 +46,7 @@ def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> First
             return reason
         states = _first_states(buffer, settings, knots_ns, motion)
         window = filled_window(buffer, _at_offset(settings, motion), knots_ns, states, motion.outliers)
-        solution, outliers = optimize_rejecting_outliers(window, settings.initialization.optimizer, rounds=4)
+        window, solution, outliers = fit_static_tracks(window, settings.initialization.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
     reason = joint_rejection(solution, motion, settings)

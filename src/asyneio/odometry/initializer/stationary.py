@@ -21,8 +21,8 @@ from asyneio.inertial.gravity_witness import FORCE_RATIO
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.checks import solution_rejection
 from asyneio.odometry.initializer.first_window import FirstWindow, filled_window, first_prior
+from asyneio.odometry.initializer.static_tracks import fit_static_tracks
 from asyneio.odometry.intervals import around
-from asyneio.odometry.outliers import optimize_rejecting_outliers
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.settings import Settings
 from asyneio.odometry.stationary import StationaryPhase
@@ -64,7 +64,7 @@ def initialize_stationary(
         if len(window.landmarks) < settings.initialization.min_landmarks:
             needed = settings.initialization.min_landmarks
             return f"too few feature tracks: {len(window.landmarks)}, {needed} are required"
-        solution, outliers = optimize_rejecting_outliers(window, settings.initialization.optimizer, rounds=4)
+        window, solution, outliers = fit_static_tracks(window, settings.initialization.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
     reason = solution_rejection(solution, settings)

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joint optimisation of a first window with the tracks of static points only.
+
+A first window has no prediction to test tracks against (`odometry.moving_objects` has), and a moving object
+with a tenth of the observations suffices to change velocity and tilt by many standard deviations, while its
+tracks fit hardly worse than the others. Therefore fit and test alternate: the fit leaves out the tracks that
+contradict the one before, and their neighbours; then every track is tested against the new trajectory, with a
+landmark that is triangulated from it. Tracks that were left out wrongly return.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from asyneio.estimation.linearization.linear_system import evaluate
+from asyneio.estimation.solver.chi_square import contradicts_trajectory, median_chi_square
+from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution
+from asyneio.estimation.window import Window
+from asyneio.odometry.neighbourhood import near_outliers
+from asyneio.types import IntArray
+
+#: Alternations at most; most end after two to four.
+_ROUNDS = 5
+#: Tracks are tested relative to the median track, but to no less than this mean square in declared variances.
+#: The median is 0.03 to 0.1 in simulation: tracks that drift by a pixel would fail, and most of those help.
+_LEAST_SCALE = 0.3
+#: Where a larger share of the tracks would be left out, the motion is wrong, and nothing is.
+_MAJORITY = 0.5
+
+
+class StaticFit(NamedTuple):
+    """A window of static tracks, its solution, and the ids of the tracks that were left out."""
+
+    window: Window
+    solution: Solution
+    removed: IntArray
+
+
+def fit_static_tracks(window: Window, settings: OptimizerSettings) -> StaticFit:
+    """Optimise a first window, and leave out the tracks of moving objects.
+
+    Args:
+        window: the window with all tracks, which is optimised too.
+        settings: of the optimiser.
+
+    Raises:
+        EstimationError: as `Window.optimize`.
+    """
+    everything = window.copied()
+    fit = StaticFit(window, window.optimize(settings), np.empty(0, dtype=np.int64))
+    for _ in range(_ROUNDS):
+        tested = fit.window.with_tracks_of(everything)
+        contradicting = _contradicting(tested, fit.removed)
+        near = near_outliers(tested.track_observations, contradicting)
+        removed = np.union1d(contradicting, near)
+        if len(removed) > _MAJORITY * len(tested.landmarks) or np.array_equal(removed, fit.removed):
+            break
+        tested.remove_tracks(removed)
+        fit = StaticFit(tested, tested.optimize(settings), removed)
+    return fit
+
+
+def _contradicting(tested: Window, removed: IntArray) -> IntArray:
+    """Ids of the tracks that contradict the trajectory of `tested`, which was fitted without `removed`."""
+    track = tested.landmarks.track
+    if len(track) == 0:
+        return track
+    problem = tested.problem()
+    squared = evaluate(problem)[1]
+    scale = median_chi_square(problem, squared, ~np.isin(track, removed))
+    return track[contradicts_trajectory(problem, squared, max(scale, _LEAST_SCALE))]
