@@ -19,8 +19,8 @@ from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray
 #: size of a hand or an arm) and in time [s].
 _NEAR = 0.15
 _NEAR_S = 0.1
-#: The same in time [s] where all tracks of an object are looked for, and the share of the neighbours.
-_OBJECT_NEAR_S, _OBJECT_SHARE = 0.2, 1.0 / 3.0
+#: The same in time [s] where all tracks of an object are looked for, and the shares of outliers.
+_OBJECT_NEAR_S, _OBJECT_SHARE, _WIDE_SHARE = 0.2, 1.0 / 3.0, 0.2
 #: Tracks with this many observations are tested by themselves: three of them determine the point, the others
 #: test it.
 _LONG = 8
@@ -63,12 +63,14 @@ def rejected_by_neighbours(
     return ids[tested[outliers_near > _tracks_near(position, track, inlier, position[middle])]]
 
 
-def near_outliers(seen: TrackObservations, outliers: IntArray) -> IntArray:
-    """Tracks of which more than a third of the neighbours are outliers, two at least.
+def near_outliers(seen: TrackObservations, outliers: IntArray, radius: float = 1.0) -> IntArray:
+    """Tracks with at least two outliers among their neighbours, which are a third of them, or a fifth in a
+    wider neighbourhood.
 
     Args:
         seen: observations of all tracks.
         outliers: ids (O,) of the outliers.
+        radius: of the neighbourhood, relative to the usual one.
 
     Returns:
         Ids (M,), of outliers too.
@@ -78,10 +80,12 @@ def near_outliers(seen: TrackObservations, outliers: IntArray) -> IntArray:
     ids, track, count = np.unique(seen.track, return_inverse=True, return_counts=True)
     order = np.argsort(track, kind="stable")
     middle = order[np.cumsum(count) - count + count // 2]
-    position = np.column_stack([seen.xy / _NEAR, (seen.t_ns - seen.t_ns[0]) / (_OBJECT_NEAR_S * NS_PER_S)])
+    seconds = (seen.t_ns - seen.t_ns[0]) / NS_PER_S
+    position = np.column_stack([seen.xy / (radius * _NEAR), seconds / (radius * _OBJECT_NEAR_S)])
     outliers_near = _tracks_near(position, track, np.isin(ids, outliers), position[middle])
     all_near = _tracks_near(position, track, np.ones(len(ids), dtype=np.bool_), position[middle])
-    return ids[(outliers_near > _OBJECT_SHARE * all_near) & (outliers_near >= 2)]
+    share = _OBJECT_SHARE if radius <= 1.0 else _WIDE_SHARE
+    return ids[(outliers_near > share * all_near) & (outliers_near >= 2)]
 
 
 def _tracks_near(position: FloatArray, track: IntArray, chosen: BoolArray, middle: FloatArray) -> IntArray:

@@ -5,7 +5,9 @@ A first window has no prediction to test tracks against (`odometry.moving_object
 with a tenth of the observations suffices to change velocity and tilt by many standard deviations, while its
 tracks fit hardly worse than the others. Therefore fit and test alternate: the fit leaves out the tracks that
 contradict the one before, and their neighbours; then every track is tested against the new trajectory, with a
-landmark that is triangulated from it. Tracks that were left out wrongly return.
+landmark that is triangulated from it. Tracks that were left out wrongly return. Where many tracks contradict
+the first fit, the neighbourhood is wide at first, so that it contains all of an object of which only a part
+contradicts.
 """
 
 from __future__ import annotations
@@ -21,13 +23,17 @@ from asyneio.estimation.window import Window
 from asyneio.odometry.neighbourhood import near_outliers
 from asyneio.types import IntArray
 
-#: Alternations at most; most end after two to four.
-_ROUNDS = 5
+#: Radius of the neighbourhood in each round, relative to the last. Most fits end with the second of the last
+#: ones.
+_WIDE, _ROUNDS = (2.0, 1.5), (1.0,) * 4
+#: Share of tracks that contradict the first fit where an object may be in view.
+_MANY = 0.1
 #: Tracks are tested relative to the median track, but to no less than this mean square in declared variances.
 #: The median is 0.03 to 0.1 in simulation: tracks that drift by a pixel would fail, and most of those help.
 _LEAST_SCALE = 0.3
-#: Where a larger share of the tracks would be left out, the motion is wrong, and nothing is.
-_MAJORITY = 0.5
+#: Where a larger share of the tracks would be left out, the motion is wrong, and nothing is; the second
+#: number is for a wide neighbourhood.
+_MAJORITY, _WIDE_MAJORITY = 0.5, 0.7
 
 
 class StaticFit(NamedTuple):
@@ -50,15 +56,21 @@ def fit_static_tracks(window: Window, settings: OptimizerSettings) -> StaticFit:
     """
     everything = window.copied()
     fit = StaticFit(window, window.optimize(settings), np.empty(0, dtype=np.int64))
-    for _ in range(_ROUNDS):
-        tested = fit.window.with_tracks_of(everything)
-        contradicting = _contradicting(tested, fit.removed)
-        near = near_outliers(tested.track_observations, contradicting)
+    tested = fit.window.with_tracks_of(everything)
+    contradicting = _contradicting(tested, fit.removed)
+    wide = len(contradicting) > _MANY * len(tested.landmarks)
+    for radius in (*_WIDE, *_ROUNDS) if wide else _ROUNDS:
+        near = near_outliers(tested.track_observations, contradicting, radius)
         removed = np.union1d(contradicting, near)
-        if len(removed) > _MAJORITY * len(tested.landmarks) or np.array_equal(removed, fit.removed):
+        last = radius == _ROUNDS[0]
+        enough = len(tested.landmarks) * (_MAJORITY if last else _WIDE_MAJORITY)
+        if len(removed) <= enough and not np.array_equal(removed, fit.removed):
+            tested.remove_tracks(removed)
+            fit = StaticFit(tested, tested.optimize(settings), removed)
+            tested = fit.window.with_tracks_of(everything)
+            contradicting = _contradicting(tested, fit.removed)
+        elif last:
             break
-        tested.remove_tracks(removed)
-        fit = StaticFit(tested, tested.optimize(settings), removed)
     return fit
 
 
