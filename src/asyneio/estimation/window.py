@@ -36,6 +36,8 @@ from asyneio.types import BoolArray, FloatArray, IntArray, RecordArray
 
 #: Inverse depth of the first landmarks without parallax, 1/m: a room.
 _DEFAULT_RHO = 0.5
+#: The end of a stationary phase is detected late, by up to this time [ns].
+LATE_NS = 200_000_000
 
 
 class Window:
@@ -139,11 +141,16 @@ class Window:
         self.states = self.states.joined(knot)
         self._linearization = self._linearization.joined(knot)
 
-    def revert_zero_velocity(self, since_ns: int) -> None:
-        """Intervals that end after `since_ns` no longer count as stationary."""
-        still = self._still & (self.t_ns[1:] <= since_ns)
+    def revert_zero_velocity(self, moving_ns: int) -> None:
+        """The sensor moved after `moving_ns`: the interval that ends then, and those shortly before, do not
+        count as stationary."""
+        still = self._still & (self.t_ns[1:] <= moving_ns - LATE_NS)
         if not np.array_equal(still, self._still):
             self._still, self._solved = still, None
+
+    def _confirmed_still(self) -> BoolArray:
+        """Which intervals (K-1,) are stationary, and motion has not begun shortly after them."""
+        return np.asarray(self._still & (self.t_ns[1:] <= self.t_ns[-1] - LATE_NS))
 
     def _increments(self, preintegration: Preintegration | None, t_ns: IntArray) -> Propagated:
         """Increments since the newest knot at times (N,); empty unless the scheme propagates."""
@@ -183,7 +190,7 @@ class Window:
             model=model,
             preintegrated=self._preintegrations.arrays(self.first, intervals),
             propagated=propagated,
-            zero_velocity=zero_velocity_of(self._still, model),
+            zero_velocity=zero_velocity_of(self._confirmed_still(), model),
             imu=self.imu,
         )
 

@@ -29,8 +29,8 @@ WARY_SHARE, WARY_NS = 0.1, 1_000_000_000
 #: inertial samples alone predict the velocity over this time to a few cm/s.
 _ESTABLISHED_NS = 500_000_000
 #: Largest squared Mahalanobis distance of the newest velocity from its prediction. Robust weights make
-#: variances about twice too large, so that without an object it is at most 1.9 (five sequences of 30 s); with one that
-#: takes over the estimate, it exceeds 4 before the error exceeds five standard deviations.
+#: variances about twice too large, so that without an object it is at most 1.9 (five sequences of 30 s). With
+#: one that takes over the estimate it exceeds 4 before the error exceeds five standard deviations.
 _MAX_CHANGE = 4.0
 
 

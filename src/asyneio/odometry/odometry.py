@@ -101,7 +101,8 @@ class Odometry:
                 tracking.window.add_landmarks()  # (33)
                 solution = tracking.optimize(settings.optimizer, segment.buffer)  # (39), chi-square test
                 tracking.newest = newest_estimate(tracking.window, solution, settings, segment.number)
-                step = Step(interval, stationary, before.r, solution, tracking.newest)
+                rejected = segment.buffer.rejected_share(interval.start_ns, knot_ns)
+                step = Step(interval, stationary, before.r, solution, tracking.newest, rejected)
                 status = segment.health.update(step)
                 if status.health is Health.LOST:
                     break

@@ -21,10 +21,6 @@ from asyneio.odometry.outliers import without_outliers
 from asyneio.odometry.stationary import StationaryDetector
 from asyneio.types import Calibration, Estimate, Packet, RecordArray
 
-#: The end of a stationary phase is detected late: zero-velocity updates of this duration before it [ns] are
-#: reverted.
-_REVERTED_NS = 200_000_000
-
 
 @dataclass
 class Tracking:
@@ -45,7 +41,7 @@ class Tracking:
         streams = interval.streams
         self.window.extend(interval.end_ns, knot, *streams, interval.observations, stationary, noise)
         if not stationary:
-            self.window.revert_zero_velocity(interval.start_ns - _REVERTED_NS)
+            self.window.revert_zero_velocity(interval.start_ns)
 
     def optimize(self, settings: OptimizerSettings, buffer: MeasurementBuffer) -> Solution:
         """Optimise the window and reject outliers, in the window and in the buffer; the solution.

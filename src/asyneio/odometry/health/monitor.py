@@ -22,7 +22,8 @@ class Step(NamedTuple):
     """What one knot added to the window.
 
     `interval` before the knot; `stationary` in it; `positions` (K,3) [m] of the earlier knots before, and
-    `solution` after the optimisation; `estimate` of the new knot.
+    `solution` after the optimisation; `estimate` of the new knot; `rejected_tracks`, the share of the
+    interval's tracks that were rejected then or before.
     """
 
     interval: Interval
@@ -30,6 +31,7 @@ class Step(NamedTuple):
     positions: FloatArray
     solution: Solution
     estimate: Estimate
+    rejected_tracks: float = 0.0
 
 
 class HealthMonitor:
@@ -100,6 +102,7 @@ class HealthMonitor:
             since_vision_s=(t_ns - self._observed_ns) / NS_PER_S,
             inertial_gap_s=interval.gap_s,
             rejected_samples=interval.rejected_samples,
+            rejected_tracks=step.rejected_tracks,
             saturated=interval.saturated,
             scene_changed=self.scene_changed,
             scale_change=self._scale_changes.add(t_ns, step.positions, positions),

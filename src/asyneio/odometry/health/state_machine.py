@@ -10,6 +10,7 @@ INITIALIZING ends with the first window; from then on each knot brings `HealthMe
 | velocity was revised by more than its covariance allows      | DEGRADED; earlier estimates were wrong     |
 | scale is too uncertain after an initialization in motion     | DEGRADED; it may still change              |
 | measurements contradict the estimate, or it is too uncertain | DEGRADED; LOST if it lasts                 |
+| most tracks were rejected                                    | DEGRADED; LOST if it lasts                 |
 | the estimate is impossible                                   | LOST                                       |
 | nothing connects this knot with the previous one             | LOST                                       |
 
@@ -34,6 +35,12 @@ MIN_LANDMARKS = 5
 MAX_RATIO = 2.5**2
 #: Share of the observations without influence from which on the majority contradicts the estimate.
 MAX_REJECTED_OBSERVATIONS = 0.5
+#: Share of the tracks in view that were rejected from which on either they or the others are those of a
+#: moving object.
+MAX_REJECTED_TRACKS = 0.5
+#: The estimate is trusted for this share of the time since the segment began, between these multiples of the
+#: patience: an initialization that was wrong shows it at once, and an object leaves the view after seconds.
+_TRUSTED_SHARE, _LEAST_TRUST, _MOST_TRUST = 0.5, 0.7, 2.0
 #: Rejected inertial samples are gaps, which the window weights accordingly; beyond this share the sensor
 #: fails or is saturated most of the time.
 MAX_REJECTED_SAMPLES = 0.2
@@ -62,6 +69,7 @@ class HealthMetrics:
         saturated: a sensor was at the end of its range.
         landmarks: number of landmarks with an observation in the newest interval.
         rejected_observations: share of those observations beyond the gate.
+        rejected_tracks: share of the tracks in the newest interval that were rejected then or before.
         visual_ratio: squared residuals of the newest interval's observations over their expectation.
         inertial_ratio: the same of its inertial samples.
         scene_changed: all tracks were replaced at once, and the inertial samples jumped.
@@ -83,6 +91,7 @@ class HealthMetrics:
     saturated: bool = False
     landmarks: int = 1000
     rejected_observations: float = 0.0
+    rejected_tracks: float = 0.0
     visual_ratio: float = 1.0
     inertial_ratio: float = 1.0
     scene_changed: bool = False
@@ -104,6 +113,25 @@ class HealthStatus(NamedTuple):
     reason: str
 
 
+class _Lasting:
+    """For how long a finding has lasted."""
+
+    def __init__(self) -> None:
+        self._since_ns: int | None = None
+
+    def update(self, t_ns: int, found: bool) -> float | None:
+        """Time [s] since the finding began; None where it is absent."""
+        if not found:
+            self._since_ns = None
+        elif self._since_ns is None:
+            self._since_ns = t_ns
+        return None if self._since_ns is None else (t_ns - self._since_ns) / NS_PER_S
+
+
+def _rejected_tracks(metrics: HealthMetrics) -> str:
+    return f"{100.0 * metrics.rejected_tracks:.0f} % of the tracks in view were rejected"
+
+
 class HealthStateMachine:
     """The state machine of one segment: begins in TRACKING with the first window, and ends in LOST."""
 
@@ -112,19 +140,14 @@ class HealthStateMachine:
         self.health = Health.TRACKING
         self.reason = ""
         self._degraded_ns: int | None = None
-        self._contradiction_ns: int | None = None
+        self._contradiction = _Lasting()
+        self._rejected_tracks = _Lasting()
+        self._began_ns: int | None = None
 
     def update(self, t_ns: int, metrics: HealthMetrics) -> HealthStatus:
         """State after the knot at `t_ns` (ascending), and the reason."""
         contradiction = next(self._contradictions(metrics), "")
-        if not contradiction:
-            self._contradiction_ns = None
-        elif self._contradiction_ns is None:
-            self._contradiction_ns = t_ns
-        lost = next(self._losses(metrics), "")
-        if not lost and self._contradiction_ns is not None:
-            lasting_s = (t_ns - self._contradiction_ns) / NS_PER_S
-            lost = f"{contradiction}, for {lasting_s:.1f} s" if lasting_s >= self._config.patience_s else ""
+        lost = next(self._losses(metrics), "") or self._lasting_loss(t_ns, metrics, contradiction)
         finding = contradiction or next(self._shortages(metrics), "")
         if lost:
             self.health, self.reason = Health.LOST, lost
@@ -133,6 +156,21 @@ class HealthStateMachine:
         elif self.health is Health.DEGRADED:
             self._recover(t_ns)
         return HealthStatus(self.health, self.reason)
+
+    def _lasting_loss(self, t_ns: int, metrics: HealthMetrics, contradiction: str) -> str:
+        """A finding that ends the segment because it has lasted too long; empty if none has."""
+        patience_s = self._config.patience_s
+        lasting_s = self._contradiction.update(t_ns, bool(contradiction))
+        if lasting_s is not None and lasting_s >= patience_s:
+            return f"{contradiction}, for {lasting_s:.1f} s"
+        many = metrics.rejected_tracks > MAX_REJECTED_TRACKS
+        lasting_s = self._rejected_tracks.update(t_ns, many)
+        self._began_ns = t_ns if self._began_ns is None else self._began_ns
+        trusted_s = _TRUSTED_SHARE * (t_ns - self._began_ns) / NS_PER_S
+        trusted_s = min(max(trusted_s, _LEAST_TRUST * patience_s), _MOST_TRUST * patience_s)
+        if lasting_s is not None and lasting_s >= trusted_s:
+            return f"{_rejected_tracks(metrics)}, for {lasting_s:.1f} s"
+        return ""
 
     def _recover(self, t_ns: int) -> None:
         last_ns = t_ns if self._degraded_ns is None else self._degraded_ns
@@ -164,6 +202,8 @@ class HealthStateMachine:
             yield f"no inertial samples for {m.inertial_gap_s:.2f} s"
         if m.landmarks < MIN_LANDMARKS and not m.stationary:
             yield f"{m.landmarks} landmarks in view, {MIN_LANDMARKS} are required"
+        if m.rejected_tracks > MAX_REJECTED_TRACKS:
+            yield _rejected_tracks(m)
         if m.saturated:
             yield "an inertial sensor is saturated"
         if m.rejected_samples > MAX_REJECTED_SAMPLES:

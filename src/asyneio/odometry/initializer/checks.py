@@ -37,11 +37,9 @@ def motion_rejection(motion: SpanMotion, settings: Settings) -> str:
     significant = adjusted.inverse_depth > _SIGNIFICANT * adjusted.inverse_depth_sigma
     if np.count_nonzero(significant) < settings.initialization.min_landmarks:
         return "the tracks show no parallax: move the sensor sideways"
-    if np.mean(adjusted.agreeing) < _SHARE_AGREEING:
-        return (
-            f"{100 * np.mean(~adjusted.agreeing):.0f} % of the tracks contradict the inertial samples: "
-            "wrong calibration, poor tracks or a moving scene"
-        )
+    reason = outlier_rejection(int(np.count_nonzero(~adjusted.agreeing)), len(adjusted.agreeing))
+    if reason:
+        return reason
     excess = np.abs(adjusted.motion.bias) / settings.initialization.bias_sigma
     if excess.max() > _MAX_BIAS:
         return (
@@ -56,6 +54,16 @@ def motion_rejection(motion: SpanMotion, settings: Settings) -> str:
     if not motion.relative_sigma < settings.initialization.max_scale_sigma:
         return _scale_unknown(motion.relative_sigma, settings.initialization.max_scale_sigma)
     return ""
+
+
+def outlier_rejection(outliers: int, tracks: int) -> str:
+    """Why a motion that so many of the tracks contradict is rejected; empty if it is accepted."""
+    if outliers <= (1.0 - _SHARE_AGREEING) * tracks:
+        return ""
+    return (
+        f"{100 * outliers / tracks:.0f} % of the tracks contradict the inertial samples: "
+        "wrong calibration, poor tracks or a moving scene"
+    )
 
 
 def _scale_unknown(sigma: float, needed: float) -> str:

@@ -15,7 +15,7 @@ from asyneio.estimation.solver.covariance import relative_scale_sigma
 from asyneio.geometry.gravity import upright
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.checks import joint_rejection, motion_rejection
+from asyneio.odometry.initializer.checks import joint_rejection, motion_rejection, outlier_rejection
 from asyneio.odometry.initializer.first_window import FirstWindow, filled_window
 from asyneio.odometry.initializer.span_motion import SpanMotion, span_motion
 from asyneio.odometry.initializer.static_tracks import fit_static_tracks
@@ -49,7 +49,7 @@ def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> First
         window, solution, outliers = fit_static_tracks(window, settings.initialization.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
-    reason = joint_rejection(solution, motion, settings)
+    reason = outlier_rejection(len(outliers), tracks) or joint_rejection(solution, motion, settings)
     if reason:
         return reason
     buffer.reject(np.concatenate([outliers, motion.outliers]))
