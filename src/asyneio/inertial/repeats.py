@@ -10,6 +10,8 @@ equal readings. A held value lasts `k` readings or, if the rates are not multipl
 `k + 1`, never fewer and never more; chance produces runs of all lengths, mostly short ones. Therefore no
 reading is dropped until holding is proven. A value that lasts longer than the sensor holds one has been
 measured again: one reading per hold period is kept, so that a long stationary phase is not a gap.
+
+A row with stamp and values of the row before is a duplicate, not a reading, and is dropped and counted.
 """
 
 from __future__ import annotations
@@ -49,10 +51,12 @@ _NOT_HELD = _Hold(1, 1, 1.0)
 class Renewals:
     """Passes each updated reading of one sensor once, at the time when it was first read.
 
-    `rate_hz` is the rate of the updates, 1 Hz before the second sample.
+    `rate_hz` is the rate of the updates, 1 Hz before the second sample. `duplicates`: number of the newest rows
+    that were dropped because they are equal to the row before.
     """
 
     def __init__(self) -> None:
+        self.duplicates = 0
         self._hold = _NOT_HELD
         self._lengths: IntArray = np.empty(0, dtype=np.int64)
         self._steps_ns: IntArray = np.empty(0, dtype=np.int64)
@@ -75,6 +79,7 @@ class Renewals:
 
     def passed(self, samples: RecordArray) -> RecordArray:
         """The samples (INERTIAL_DTYPE) without those that repeat a held value."""
+        samples = self._without_duplicates(samples)
         if len(samples) == 0:
             return samples
         rows = np.concatenate([self._last, samples])
@@ -90,6 +95,14 @@ class Renewals:
             self._kept_ns = int(samples["t_ns"][-1])
             return samples
         return samples[self._renewed(samples["t_ns"], same)]
+
+    def _without_duplicates(self, samples: RecordArray) -> RecordArray:
+        rows = np.concatenate([self._last, samples])
+        new = rows[1:] != rows[:-1]
+        if len(self._last) == 0 and len(samples):
+            new = np.append(True, new)
+        self.duplicates = int(len(new) - new.sum())
+        return samples if new.all() else samples[new]
 
     def _count(self, same: BoolArray) -> None:
         """Add the runs that ended, except the first one, which may have started before the recording."""
@@ -125,6 +138,11 @@ class RenewedPackets:
 
     def __init__(self) -> None:
         self._gyroscope, self._accelerometer = Renewals(), Renewals()
+
+    @property
+    def duplicates(self) -> int:
+        """Number of rows of the newest packet that were dropped because they are equal to the row before."""
+        return self._gyroscope.duplicates + self._accelerometer.duplicates
 
     @property
     def rates_hz(self) -> tuple[float, float]:

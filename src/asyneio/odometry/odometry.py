@@ -120,7 +120,7 @@ class Odometry:
         if before_ns is not None and packet.t_end_ns < before_ns:
             return f"timestamps jump back by {(before_ns - packet.t_end_ns) / NS_PER_S:.3f} s"
         gated = self._segment.append(packet, self._renewed.rates_hz)
-        self._rejected_samples = self._segment.buffer.rejected_samples
+        self._rejected_samples = self._segment.buffer.rejected_samples + self._renewed.duplicates
         interruption = self._interruption(before_ns, packet.t_end_ns)
         if not interruption:
             self._learn(packet, gated)

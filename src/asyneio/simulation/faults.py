@@ -119,9 +119,13 @@ def disordered(
         SimulationError: the interval ends before it starts.
     """
     begin, end = _cut(records, start_ns, end_ns)
-    arrival = records["t_ns"].copy()
-    arrival[begin:end] += rng.integers(0, delay_ns + 1, end - begin)
-    return records[np.argsort(arrival, kind="stable")]
+    # The order before and after stays: it may have a fault of its own.
+    last = max(end, int(np.searchsorted(records["t_ns"], end_ns + delay_ns)))
+    arrival = records["t_ns"][begin:last].copy()
+    arrival[: end - begin] += rng.integers(0, delay_ns + 1, end - begin)
+    mixed = records.copy()
+    mixed[begin:last] = records[begin:last][np.argsort(arrival, kind="stable")]
+    return mixed
 
 
 def with_burst(
