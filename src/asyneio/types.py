@@ -160,13 +160,27 @@ class Recording:
 
 
 @dataclass(frozen=True)
+class ClockJump:
+    """A place where the clock of a recording jumped back; the reader moves what follows.
+
+    `t_ns`: time stamp of the first event after the jump, as moved [ns, IMU clock]; `back_ns`: by how much time
+    jumped back in the file; `offset_ns`: what is added to the time stamps of the file from there on.
+    """
+
+    t_ns: int
+    back_ns: int
+    offset_ns: int
+
+
+@dataclass(frozen=True)
 class EventRecording:
     """Events and, where the recording has an IMU, inertial samples of one run.
 
     `events` EVENT_DTYPE, ascending, **in the camera clock** (they may be a memory map of a cached conversion,
     too large to shift); everything else in the IMU clock, ascending, as in Recording. `gyroscope` and
     `accelerometer` are empty without an IMU. `camera` is None where the intrinsics are unknown, `calibration`
-    is None unless intrinsics, extrinsics and IMU noise are all known.
+    is None unless intrinsics, extrinsics and IMU noise are all known. `clock_jumps`: where time jumps back in
+    the file; the arrays ascend, with a pause of at least a second there.
     """
 
     name: str
@@ -179,6 +193,7 @@ class EventRecording:
     calibration: Calibration | None = None
     ground_truth: PoseTrajectory | None = None
     notes: tuple[str, ...] = ()
+    clock_jumps: tuple[ClockJump, ...] = ()
 
 
 @dataclass(frozen=True)

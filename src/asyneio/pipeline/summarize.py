@@ -113,6 +113,7 @@ def summarize(recording: Recording | EventRecording, outcome: Outcome, grid: Gri
         camera=_camera_summary(outcome.calibration),
         imu_noise=_imu_noise_summary(calibration_of(recording).noise, run.reports),
         imu_scale=_imu_scale_summary(outcome.calibration),
+        clock_jumps=() if isinstance(recording, Recording) else recording.clock_jumps,
     )
 
 

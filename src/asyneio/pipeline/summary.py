@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 from asyneio.pipeline.json_text import to_json
-from asyneio.types import Health
+from asyneio.types import ClockJump, Health
 
 #: Fields of `Summary` that depend on the machine and its load.
 _TIMING = ("processing_s", "compile_s", "real_time_factor", "frontend_s", "slowest_step_s")
@@ -92,7 +92,7 @@ class Summary:
     `events` is 0 for a tracks recording. `first_estimate_s` counts from the start of the recording.
     `health` is the last state, `health_s` the seconds in each. `failure` says why the output is missing or
     incomplete; empty if it is complete. `camera` and `imu_scale` are None unless the run ends in a segment;
-    `imu_noise` is None for a run without steps.
+    `imu_noise` is None for a run without steps. `clock_jumps`: where time jumps back in the file.
     """
 
     recording: str
@@ -120,6 +120,7 @@ class Summary:
     camera: CameraSummary | None = None
     imu_noise: ImuNoiseSummary | None = None
     imu_scale: ImuScaleSummary | None = None
+    clock_jumps: tuple[ClockJump, ...] = ()
 
     def to_json(self) -> str:
         """The summary as JSON text; numbers that are not finite become null.
