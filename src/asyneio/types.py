@@ -163,8 +163,8 @@ class Recording:
 class ClockJump:
     """A place where the clock of a recording jumped back; the reader moves what follows.
 
-    `t_ns`: time stamp of the first event after the jump, as moved [ns, IMU clock]; `back_ns`: by how much time
-    jumped back in the file; `offset_ns`: what is added to the time stamps of the file from there on.
+    `t_ns`: time stamp of the first event after the jump, as moved [ns, IMU clock]; `back_ns`: by how much
+    time jumped back in the file; `offset_ns`: what is added to the time stamps of the file from there on.
     """
 
     t_ns: int

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Events after a clock that jumped back (sensor reset, recording played in a loop), moved behind those before.
+"""Events after a clock that jumped back (sensor reset, recording in a loop), moved behind those before.
 
 A recording stays one ascending sequence: what follows a jump is moved by one offset, a whole number of
 seconds, so that it begins after a pause. The pause is longer than any that the estimator bridges, so a new
@@ -143,20 +143,19 @@ class EventJoiner:
         first_ns, offset_ns = int(state[_RUN_FIRST]), self._next_offset_ns()
         ended = replace(last, end_ns=int(state[_LATEST]))
         event = self._taken + start
-        where = f"{self._what}: time jumps back by {(ended.end_ns - first_ns) / NS_PER_S:.3f} s before event {event}"
+        back_s = (ended.end_ns - first_ns) / NS_PER_S
+        where = f"{self._what}: time jumps back by {back_s:.3f} s before event {event}"
         short = len(self._parts) == 1 and ended.end_ns - ended.start_ns < MIN_PART_NS
         if short:
             self.dropped_parts += 1
             self._parts = [ClockPart(first_ns, first_ns, 0, event)]
             seconds = (ended.end_ns - ended.start_ns) / NS_PER_S
-            self._notes = [
-                f"{where}: dropped the events before it, {seconds:.3f} s (the sensor set its clock)"
-            ]
+            self._notes = [f"{where}: dropped the events before it, {seconds:.3f} s, too few for a segment"]
         else:
             self._parts[-1:] = [ended, ClockPart(first_ns, first_ns, offset_ns, event)]
             self._notes.append(
-                f"{where} (sensor reset, or a recording in a loop): a new segment begins; from there on, time "
-                f"stamps in the results are later by {offset_ns // NS_PER_S} s than in the file"
+                f"{where} (sensor reset, or a recording in a loop): a new segment begins; from there on, "
+                f"time stamps in the results are later by {offset_ns // NS_PER_S} s than in the file"
             )
         state[_LATEST] = state[_RUN_LATEST]
         return short

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.parsing.stamp_checks import MAX_DISORDER_NS, drop_isolated_rows
+from asyneio.io.parsing.isolated_stamps import MAX_DISORDER_NS, drop_isolated_rows
 from asyneio.io.recording.clock_jumps import MARGIN_NS, MIN_PART_NS, ClockPart
 from asyneio.io.recording.contents import Samples
 from asyneio.types import NS_PER_S, IntArray, RecordArray
