@@ -156,7 +156,7 @@ def check_clock_jumps(recording: Recording | EventRecording, lost_gap_s: float) 
     if isinstance(recording, EventRecording) and recording.clock_jumps and lost_gap_s >= pause_s:
         raise RecordingError(
             f"{recording.name}: time jumps back, and a segment must end there, but "
-            f"health.lost_inertial_gap_s is {lost_gap_s:g} s; set it below {pause_s:g} s, or split the recording"
+            f"health.lost_inertial_gap_s is {lost_gap_s:g} s; set it below {pause_s:g} s"
         )
 
 
