@@ -313,11 +313,13 @@ class NoiseEstimate:
 
     `density` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)] of the white noise that has the same effect on means over a
     knot interval; `vibration` [rad/s, m/s^2]: root mean square of the samples without white noise, above the
-    frequencies that the trajectory follows.
+    frequencies that the trajectory follows; `measured_density` of the white noise alone, without the least
+    value of the settings, 0 before it is known.
     """
 
     density: tuple[float, float]
     vibration: tuple[float, float]
+    measured_density: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -342,6 +344,8 @@ class StepReport:
         inertial_rejected: number of the packet's inertial samples that were rejected: spikes, saturated or
             corrupt readings.
         noise: of the inertial samples, as learned so far.
+        visual_nis, inertial_nis: squared residuals of the newest interval over what the noise predicts; not
+            a number before the first interval.
         origin: the knot that defines the segment's world frame, in the report of the step that initialized
             it.
     """
@@ -362,6 +366,8 @@ class StepReport:
     outlier_share: float = 0.0
     inertial_rejected: int = 0
     noise: NoiseEstimate | None = None
+    visual_nis: float = float("nan")
+    inertial_nis: float = float("nan")
     origin: Estimate | None = None
 
 
