@@ -144,15 +144,16 @@ def run_recording(
     )
     costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
     summary = summarize(recording, outcome, grid, costs)
-    _log_summary(summary, source)
+    _log_summary(summary, summary.notes[len(recording.notes) :])
     result = RunResult(loop.done, summary, outcome.observations, tuple(loop.origins.values()), config)
     if loop.interrupted:
         raise RunInterrupted(result)
     return result
 
 
-def _log_summary(summary: Summary, source: TrackSource) -> None:
-    for note in source.notes():
+def _log_summary(summary: Summary, notes: tuple[str, ...]) -> None:
+    """Log the notes that are new since the recording was opened, and the figures."""
+    for note in notes:
         _LOG.warning("%s: %s", summary.recording, note)
     _LOG.info(
         "%s: %d knots in %d segment(s), %.2f s processed in %.2f s",
