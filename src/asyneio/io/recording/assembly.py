@@ -20,12 +20,13 @@ from asyneio.io.parsing.stamp_checks import (
     tick_of,
 )
 from asyneio.io.recording.cache import EventTable, load_events
+from asyneio.io.recording.clock_jumps import ClockPart
 from asyneio.io.recording.contents import Contents, Samples, split_samples
 from asyneio.io.recording.event_checks import SensorSizeError
 from asyneio.io.recording.inertial_units import InertialStreams, check_units
 from asyneio.io.recording.sample_jumps import join_samples, jumps_back
 from asyneio.progress import ProgressCallback
-from asyneio.types import INERTIAL_DTYPE, Calibration, ClockJump, EventRecording, RecordArray
+from asyneio.types import INERTIAL_DTYPE, Calibration, ClockJump, EventRecording, PoseTrajectory, RecordArray
 
 #: Sensor sizes tried in this order if no file contains it: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
 USUAL_SIZES = ((240, 180), (320, 240), (346, 260), (640, 480), (1280, 720))
@@ -77,6 +78,7 @@ def assemble(
         if samples_needed:
             raise
         inertial = _without_samples(str(error), inertial.notes)
+    ground_truth, truth_notes = usable_truth(contents, table.parts)
     return EventRecording(
         name=contents.name,
         events=table.events,
@@ -86,21 +88,20 @@ def assemble(
         accelerometer=inertial.accelerometer,
         camera=resolved.camera,
         calibration=calibration,
-        ground_truth=None if len(table.parts) > 1 else contents.ground_truth,
-        notes=calibration_notes
-        + table.notes
-        + notes
-        + inertial.notes
-        + contents.notes
-        + _truth_note(contents, table),
+        ground_truth=ground_truth,
+        notes=calibration_notes + table.notes + notes + inertial.notes + contents.notes + truth_notes,
         clock_jumps=tuple(_clock_jumps(table, calibration.timeshift_ns if calibration else 0)),
     )
 
 
-def _truth_note(contents: Contents, table: EventTable) -> tuple[str, ...]:
-    if contents.ground_truth is None or len(table.parts) == 1:
-        return ()
-    return ("ground truth is not used: time jumps back, so its time stamps may belong to several parts",)
+def usable_truth(
+    contents: Contents, parts: tuple[ClockPart, ...]
+) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+    """The ground truth and no note; none and a note if the clock of the events jumps back."""
+    if contents.ground_truth is None or len(parts) < 2:
+        return contents.ground_truth, ()
+    note = "ground truth is not used: time jumps back, so its time stamps may belong to several parts"
+    return None, (note,)
 
 
 def _clock_jumps(table: EventTable, timeshift_ns: int) -> Iterator[ClockJump]:
