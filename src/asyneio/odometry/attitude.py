@@ -94,10 +94,12 @@ class AttitudeFilter:
         """Begin anew with the samples after a long gap of a sensor."""
         streams = (self._gyroscope, self._accelerometer)
         ends = [s["t_ns"][1:][np.diff(s["t_ns"]) > _UNKNOWN_NS] for s in streams]
-        after_ns = np.concatenate(ends)
-        if after_ns.size:
-            newest_ns = after_ns.max()
-            self._gyroscope, self._accelerometer = (s[s["t_ns"] >= newest_ns] for s in streams)
+        newest_ns = np.concatenate(ends)[-1:]
+        if newest_ns.size:
+            starts_ns = [end_ns[-1] if end_ns.size else newest_ns[0] for end_ns in ends]
+            self._gyroscope, self._accelerometer = (
+                s[s["t_ns"] >= start_ns] for s, start_ns in zip(streams, starts_ns, strict=True)
+            )
             self._t_ns, self._bias, self._P = None, np.zeros(3), np.zeros((6, 6))
 
     def _begin(self, t_end_ns: int) -> int:
