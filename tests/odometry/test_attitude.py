@@ -118,7 +118,7 @@ def test_proper_without_some_samples() -> None:
     assert attitudes.update(gyroscope, accelerometer[:0], begin_ns, noise) is None
 
 
-def test_begins_anew_after_a_long_gap() -> None:
+def test_starts_again_after_a_long_gap() -> None:
     """Nothing is known of the rotation: as if the sensors had been switched on."""
     before, imu = turning(2, 2.0), turning(5, 2.0)
     noise = learned_noise(NOISE).now()

@@ -32,7 +32,7 @@ from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Attitude, FloatArray, Record
 _STEP_S = 0.025
 #: Longest time [s] that an update propagates: after a longer one the clock was set, or samples are missing.
 _LONGEST_S = 10.0
-#: Time without samples of a sensor [ns] after which the attitude begins anew: the rotation is unknown.
+#: Time without samples of a sensor [ns] after which the attitude starts again: the rotation is unknown.
 _UNKNOWN_NS = NS_PER_S // 2
 #: Typical duration of an acceleration of a hand or a small vehicle [s].
 _PUSH_S = 0.2
@@ -91,7 +91,7 @@ class AttitudeFilter:
         return Attitude(t_end_ns, self._C.copy(), float(np.sqrt(variance)))
 
     def _forget_before_gap(self) -> None:
-        """Begin anew with the samples after a long gap of a sensor."""
+        """Start again with the samples after a long gap of a sensor."""
         streams = (self._gyroscope, self._accelerometer)
         ends = [s["t_ns"][1:][np.diff(s["t_ns"]) > _UNKNOWN_NS] for s in streams]
         newest_ns = np.concatenate(ends)[-1:]

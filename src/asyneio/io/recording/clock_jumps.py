@@ -166,7 +166,7 @@ class EventJoiner:
             return events
         moved = events.copy()
         t_ns = moved["t_ns"]
-        # Stamps out of range are reported as they are in the file.
+        # Stamps out of range are reported unchanged.
         np.add(t_ns, offset_ns, out=t_ns, where=(t_ns > -MAX_STAMP_NS) & (t_ns < MAX_STAMP_NS))
         return moved
 

@@ -115,6 +115,6 @@ def _is_short(t_ns: IntArray) -> bool:
 
 
 def _where(parts: tuple[ClockPart, ...]) -> str:
-    """The places of the jumps of the events."""
+    """Where the events jump, for a message."""
     at = [f"event {part.first_event} ({part.start_ns / NS_PER_S:.6f} s)" for part in parts[1:]]
     return f", before {', '.join(at)}" if at else ""
