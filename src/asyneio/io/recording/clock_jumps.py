@@ -180,7 +180,8 @@ def _find_jump(
     Returns:
         The index of the event that makes the run long enough, -1 if there is none.
     """
-    latest = state[_LATEST]
+    # Local variables: a store to the state per event would take as long as everything else.
+    latest, run = state[_LATEST], state[_RUN]
     for k in range(start, t_ns.size):
         # Unsigned indices avoid numba's handling of negative ones.
         i = np.uint64(k)
@@ -189,15 +190,15 @@ def _find_jump(
             continue
         if t >= latest - MAX_DISORDER_NS:
             latest = max(latest, t)
-            state[_RUN] = 0
+            run = 0
             continue
-        if state[_RUN] == 0 or t < state[_RUN_LATEST] - MAX_DISORDER_NS:
-            state[_RUN], state[_RUN_START], state[_RUN_FIRST], state[_RUN_LATEST] = 0, k, t, t
-        state[_RUN] += 1
+        if run == 0 or t < state[_RUN_LATEST] - MAX_DISORDER_NS:
+            run, state[_RUN_START], state[_RUN_FIRST], state[_RUN_LATEST] = 0, k, t, t
+        run += 1
         state[_RUN_FIRST] = min(state[_RUN_FIRST], t)
         state[_RUN_LATEST] = max(state[_RUN_LATEST], t)
-        if state[_RUN] > MAX_LATE_RUN:
-            state[_LATEST] = latest
+        if run > MAX_LATE_RUN:
+            state[_LATEST], state[_RUN] = latest, run
             return k
-    state[_LATEST] = latest
+    state[_LATEST], state[_RUN] = latest, run
     return -1
