@@ -14,7 +14,6 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import IO
@@ -23,10 +22,10 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_file, make_folder, write_text
-from asyneio.io.recording.clock_jumps import ClockPart, EventJoiner
-from asyneio.io.recording.event_checks import EventChecker, SensorSizeError, check_span
+from asyneio.io.recording.checked_events import CheckedEvents
+from asyneio.io.recording.clock_jumps import ClockPart
+from asyneio.io.recording.event_checks import SensorSizeError, check_span
 from asyneio.io.recording.event_source import SAMPLE_DTYPE, EventSource, join_events
-from asyneio.io.recording.isolated_events import IsolatedEventFilter
 from asyneio.progress import ProgressCallback
 from asyneio.types import EVENT_DTYPE, RecordArray
 
@@ -109,46 +108,8 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "asyneio"
 
 
-class _Checks:
-    """The checks of events: isolated wrong stamps, then jumps of the clock, then everything else.
-
-    `discarded`: number of events that `events` yielded before it dropped everything until then.
-    """
-
-    def __init__(self, source: EventSource, width: int, height: int) -> None:
-        self._source = source
-        self._lone = IsolatedEventFilter(source.path.name)
-        self.joiner = EventJoiner(source.path.name, width, height)
-        self._checker = EventChecker(source.path.name, width, height)
-        self._yielded = self.discarded = 0
-
-    def events(self, progress: ProgressCallback | None) -> Iterator[RecordArray]:
-        """Checked events in pieces."""
-        for chunk, fraction in self._source.chunks():
-            yield from self._checked(self._lone.feed(chunk))
-            if progress is not None:
-                progress(fraction)
-        yield from self._checked(self._lone.finish())
-        yield from self._checker.feed(self.joiner.finish())
-        yield self._checker.finish()
-
-    def _checked(self, chunk: RecordArray) -> Iterator[RecordArray]:
-        for joined, restart in self.joiner.feed(chunk):
-            if restart:
-                self._checker.restart()
-                self.discarded = self._yielded
-            for events in self._checker.feed(joined):
-                self._yielded += events.size
-                yield events
-
-    def notes(self) -> tuple[str, ...]:
-        """Notes on everything that was skipped, dropped, joined and sorted."""
-        of_order = self.joiner.notes() + self._checker.notes()
-        return self._source.notes() + self._lone.notes() + of_order
-
-
 def _in_memory(source: EventSource, width: int, height: int, progress: ProgressCallback | None) -> EventTable:
-    checks = _Checks(source, width, height)
+    checks = CheckedEvents(source, width, height)
     events = join_events(list(checks.events(progress)))[checks.discarded :]
     check_span(int(events["t_ns"][0]), int(events["t_ns"][-1]), source.path.name)
     joiner = checks.joiner
@@ -158,7 +119,7 @@ def _in_memory(source: EventSource, width: int, height: int, progress: ProgressC
 def _convert(
     source: EventSource, width: int, height: int, progress: ProgressCallback | None, stem: Path
 ) -> EventTable:
-    checks = _Checks(source, width, height)
+    checks = CheckedEvents(source, width, height)
     with atomic_file(_events_file(stem)) as stream:
         _write_header(stream, 0)
         start, count, first_ns, last_ns = stream.tell(), 0, 0, 0
@@ -186,7 +147,7 @@ def _convert(
     return table
 
 
-def _clock(checks: _Checks) -> dict[str, object]:
+def _clock(checks: CheckedEvents) -> dict[str, object]:
     """What the notes file says of jumps of the clock."""
     parts = [astuple(part) for part in checks.joiner.parts()]
     return {"parts": parts, "dropped_parts": checks.joiner.dropped_parts, "discarded": checks.discarded}
