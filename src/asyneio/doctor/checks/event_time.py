@@ -116,7 +116,7 @@ def check_event_order(inspection: Inspection) -> CheckResult | None:
         "event order",
         worst,
         "ascending timestamps",
-        f"events more than {limit} late are dropped; more than 1 % of them stop a run: sort the file by time",
+        f"events more than {limit} late are dropped; if the clock was set back, split the file there",
         **values,
     )
 

@@ -130,8 +130,9 @@ class EventChecker:
     def _reject_jump(self, index: int) -> None:
         raise RecordingError(
             f"{self._what}: time jumps backwards by {int(self._state[_JUMP]) / NS_PER_S:.3f} s before event "
-            f"{index} (after {int(self._state[_LATEST]) / NS_PER_S:.6f} s), and the rows after it are "
-            f"not in order, or the step is too short for a reset of the sensor. {_sorting(self._what)}"
+            f"{index} (after {int(self._state[_LATEST]) / NS_PER_S:.6f} s): rows that are not sorted "
+            "by time, or a clock that was set back by less than half a second, or too often (split the file "
+            f"there). {_sorting(self._what)}"
         )
 
 
