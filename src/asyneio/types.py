@@ -160,13 +160,27 @@ class Recording:
 
 
 @dataclass(frozen=True)
+class ClockJump:
+    """A place where the clock of a recording jumped back; the reader moves what follows.
+
+    `t_ns`: time stamp of the first event after the jump, as moved [ns, IMU clock]; `back_ns`: by how much
+    time jumped back in the file; `offset_ns`: what is added to the time stamps of the file from there on.
+    """
+
+    t_ns: int
+    back_ns: int
+    offset_ns: int
+
+
+@dataclass(frozen=True)
 class EventRecording:
     """Events and, where the recording has an IMU, inertial samples of one run.
 
     `events` EVENT_DTYPE, ascending, **in the camera clock** (they may be a memory map of a cached conversion,
     too large to shift); everything else in the IMU clock, ascending, as in Recording. `gyroscope` and
     `accelerometer` are empty without an IMU. `camera` is None where the intrinsics are unknown, `calibration`
-    is None unless intrinsics, extrinsics and IMU noise are all known.
+    is None unless intrinsics, extrinsics and IMU noise are all known. `clock_jumps`: where time jumps back in
+    the file; the arrays ascend, with a pause of at least a second there.
     """
 
     name: str
@@ -179,6 +193,7 @@ class EventRecording:
     calibration: Calibration | None = None
     ground_truth: PoseTrajectory | None = None
     notes: tuple[str, ...] = ()
+    clock_jumps: tuple[ClockJump, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -298,11 +313,13 @@ class NoiseEstimate:
 
     `density` [rad/s/sqrt(Hz), m/s^2/sqrt(Hz)] of the white noise that has the same effect on means over a
     knot interval; `vibration` [rad/s, m/s^2]: root mean square of the samples without white noise, above the
-    frequencies that the trajectory follows.
+    frequencies that the trajectory follows; `measured_density` of the white noise alone, without the least
+    value of the settings, 0 before it is known.
     """
 
     density: tuple[float, float]
     vibration: tuple[float, float]
+    measured_density: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -327,6 +344,8 @@ class StepReport:
         inertial_rejected: number of the packet's inertial samples that were rejected: spikes, saturated or
             corrupt readings.
         noise: of the inertial samples, as learned so far.
+        visual_nis, inertial_nis: squared residuals of the newest interval over what the noise predicts; not
+            a number before the first interval.
         origin: the knot that defines the segment's world frame, in the report of the step that initialized
             it.
     """
@@ -347,6 +366,8 @@ class StepReport:
     outlier_share: float = 0.0
     inertial_rejected: int = 0
     noise: NoiseEstimate | None = None
+    visual_nis: float = float("nan")
+    inertial_nis: float = float("nan")
     origin: Estimate | None = None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -209,18 +210,49 @@ def test_vibration_is_learned_and_reported(run: Run, desk: Path) -> None:
     assert ran.error_m() < 4 * CLOSE_M
 
 
-@pytest.mark.slow
-def test_noise_a_hundred_times_too_small_is_learned(run: Run, desk: Path) -> None:
-    content = yaml.safe_load((desk / "imu.yaml").read_text())
+def declare_noise(folder: Path, factor: float) -> None:
+    """Multiply the declared densities of both sensors."""
+    content = yaml.safe_load((folder / "imu.yaml").read_text())
     for name in content:
         if "density" in name:
-            content[name] /= 100.0
-    (desk / "imu.yaml").write_text(yaml.safe_dump(content))
+            content[name] *= factor
+    (folder / "imu.yaml").write_text(yaml.safe_dump(content))
+
+
+@pytest.mark.slow
+def test_noise_a_hundred_times_too_small_is_learned(run: Run, desk: Path) -> None:
+    declare_noise(desk, 0.01)
     ran = run(desk)
     assert ran.status == 0
     noise = ran.summary["imu_noise"]["gyroscope"]
     assert noise["effective_density"] > 10 * noise["declared_density"]
+    assert 50 < noise["measured_density"] / noise["declared_density"] < 200
+    said = " ".join(ran.said.split())
+    for sensor in ("gyroscope", "accelerometer"):
+        assert re.search(rf"note: the noise of the {sensor} is \d+ times the declared density", said)
+    assert "vibration, or wrong values in imu.yaml" in said
     assert ran.error_m() < 2 * CLOSE_M
+
+
+@pytest.mark.slow
+def test_a_noise_density_a_hundred_times_too_large_is_a_note(run: Run, desk: Path) -> None:
+    declare_noise(desk, 100.0)
+    ran = run(desk)
+    said = " ".join(ran.said.split())
+    for sensor in ("gyroscope", "accelerometer"):
+        assert re.search(rf"note: the declared noise density of the {sensor} is \d+ times its noise", said)
+    assert any("check its unit in imu.yaml" in note for note in ran.summary["notes"])
+    assert ran.summary["nis"]["inertial"] < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.3, 30.0])
+def test_usual_noise_densities_give_no_note(run: Run, desk: Path, factor: float) -> None:
+    """Densities of a data sheet, and those that other estimators need inflated."""
+    declare_noise(desk, factor)
+    ran = run(desk)
+    assert not any("declared" in note for note in ran.summary["notes"])
+    assert ran.summary["imu_noise"]["gyroscope"]["measured_density"] > 0.0
 
 
 def test_units_of_time(run: Run, desk: Path) -> None:

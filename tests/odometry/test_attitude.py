@@ -118,6 +118,24 @@ def test_proper_without_some_samples() -> None:
     assert attitudes.update(gyroscope, accelerometer[:0], begin_ns, noise) is None
 
 
+def test_starts_again_after_a_long_gap() -> None:
+    """Nothing is known of the rotation: as if the sensors had been switched on."""
+    before, imu = turning(2, 2.0), turning(5, 2.0)
+    noise = learned_noise(NOISE).now()
+    used, fresh = (AttitudeFilter(InertialConfig(), NOISE.gyroscope_walk) for _ in range(2))
+    end_ns = int(before.gyroscope["t_ns"][-1])
+    used.update(before.gyroscope, before.accelerometer, end_ns, noise)
+    streams = [stream.copy() for stream in (imu.gyroscope, imu.accelerometer)]
+    for stream in streams:
+        stream["t_ns"] += end_ns + 1_500_000_000 - int(imu.gyroscope["t_ns"][0])
+    after_ns = int(streams[0]["t_ns"][-1])
+    found, expected = (filter_.update(*streams, after_ns, noise) for filter_ in (used, fresh))
+    assert found is not None
+    assert expected is not None
+    np.testing.assert_array_equal(found.C_w_b, expected.C_w_b)
+    assert found.tilt_sigma_rad == expected.tilt_sigma_rad
+
+
 @pytest.mark.parametrize("end_ns", [-(2**63), 2**63 - 1])
 def test_a_packet_centuries_away_takes_no_memory(end_ns: int) -> None:
     imu = turning(6, 1.0)

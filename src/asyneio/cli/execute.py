@@ -76,6 +76,9 @@ def execute(job: Job) -> RunResult:
         remove_checkpoints(job.checkpoints().folder)
     if job.as_json:
         print(_json(result, report.scores, written))
+    # Those of the recording were printed when it was opened.
+    for note in result.summary.notes[len(job.recording.notes) :]:
+        console.say(f"note: {note}")
     for path in written:
         console.say(f"wrote {path}")
     if result.summary.failure:

@@ -19,8 +19,9 @@ from asyneio.errors import AsyneioError, CalibrationError, RecordingError
 from asyneio.io.calibration import IncompleteCalibration
 from asyneio.io.open_recording import TRACKS_FILE, find_format, open_contents
 from asyneio.io.parsing.stamp_checks import median_rate_hz
-from asyneio.io.recording.assembly import prepare_samples
+from asyneio.io.recording.assembly import prepare_samples, usable_truth
 from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.io.recording.sample_jumps import join_samples
 from asyneio.progress import ProgressCallback
 from asyneio.types import Calibration, RecordArray
 
@@ -103,6 +104,7 @@ def _look_at(
     samples = contents.samples if contents.samples is not None else read.samples
     streams = None
     try:
+        samples = join_samples(samples, read.parts, read.dropped_parts) if read.parts else samples
         streams = prepare_samples(samples, contents.calibration.declared_hz)
     except RecordingError as error:
         failures.append(ReadFailure("inertial samples", str(error)))
@@ -117,6 +119,7 @@ def _look_at(
         found, calibration_notes = sources.resolve(size, options.selection, contents.intrinsics, rate_hz)
     except AsyneioError as error:
         failures.append(ReadFailure("calibration", str(error)))
+    truth, truth_notes = usable_truth(contents, read.parts)
     inspection = Inspection(
         path=path,
         kind=opened.kind,
@@ -127,10 +130,15 @@ def _look_at(
         camera=found.camera,
         size_guessed=declared is None,
         calibration=found if isinstance(found, Calibration) else None,
-        truth=contents.ground_truth,
+        truth=truth,
+        clock_parts=read.parts,
         files=files_of(path, opened.source, contents, options) if opened.source else None,
         failures=tuple(failures),
-        notes=calibration_notes + read.notes + (streams.notes if streams else ()) + contents.notes,
+        notes=calibration_notes
+        + read.notes
+        + (streams.notes if streams else ())
+        + contents.notes
+        + truth_notes,
     )
     return inspection, read.excerpts
 

@@ -18,6 +18,7 @@ from asyneio.doctor.rotation.gains import Gains
 from asyneio.doctor.stationary import StationarySpans, find_stationary
 from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
 from asyneio.io.parsing.isolated_stamps import isolated
+from asyneio.io.recording.clock_jumps import ClockPart
 from asyneio.io.recording.contents import Samples
 from asyneio.io.recording.inertial_units import InertialStreams
 from asyneio.types import Calibration, CameraIntrinsics, PoseTrajectory, RecordArray
@@ -56,16 +57,18 @@ class Inspection:
     Attributes:
         path: path of the recording.
         kind: name of its format.
-        events: statistics of the events as stored in the file.
+        events: statistics of the events as stored in the file; what follows a jump of the clock is moved as
+            in a run.
         size: sensor size (width, height) that the recording itself declares [px].
         tracks: observations of a tracks folder (OBSERVATION_DTYPE, camera clock).
-        samples: inertial samples as stored in the file.
+        samples: inertial samples as stored in the file, moved like the events.
         streams: inertial samples as a run would use them.
         camera: intrinsics.
         intrinsics_guessed: no file contains intrinsics; `camera` is a rough guess.
         size_guessed: no file contains the sensor size that belongs to the intrinsics.
         calibration: intrinsics, extrinsics and noise, if all are known.
         truth: ground-truth poses.
+        clock_parts: the events between jumps of the clock.
         rates: angular velocity of the camera, from events or tracks.
         alignment: of these rates with the gyroscope.
         files: files of the folder, used or not.
@@ -87,6 +90,7 @@ class Inspection:
     size_guessed: bool = False
     calibration: Calibration | None = None
     truth: PoseTrajectory | None = None
+    clock_parts: tuple[ClockPart, ...] = ()
     rates: CameraRates | None = None
     alignment: Alignment | None = None
     files: FolderFiles | None = None

@@ -10,6 +10,7 @@ from asyneio.doctor.event_scan import EventFigures, EventScan
 from asyneio.doctor.excerpts import Excerpts
 from asyneio.doctor.inspection import ReadFailure
 from asyneio.errors import RecordingError
+from asyneio.io.recording.clock_jumps import ClockPart, EventJoiner
 from asyneio.io.recording.contents import Contents, Samples, split_samples
 from asyneio.io.recording.event_checks import EventChecker, SensorSizeError, check_span
 from asyneio.io.recording.event_source import FAR_OUTSIDE, EventSource
@@ -23,11 +24,14 @@ class EventReading:
     """Result of the pass over the events.
 
     Attributes:
-        figures: statistics of the events as stored in the file.
+        figures: statistics of the events as stored in the file; what follows a jump of the clock is moved as
+            in a run.
         excerpts: parts of the events as a run would use them.
         samples: inertial samples found in the event stream.
         failures: what could not be read.
         notes: messages in which a run would report repairs.
+        parts: the events between jumps of the clock; empty without events.
+        dropped_parts: number of short parts at the start that a run drops.
     """
 
     figures: EventFigures
@@ -35,6 +39,8 @@ class EventReading:
     samples: Samples
     failures: tuple[ReadFailure, ...]
     notes: tuple[str, ...]
+    parts: tuple[ClockPart, ...]
+    dropped_parts: int
 
 
 def read_events(
@@ -51,12 +57,16 @@ def read_events(
     """
     source = contents.decode()
     scan, excerpts = EventScan(), Excerpts()
-    checker: EventChecker | None = EventChecker(source.path.name, *(size or (FAR_OUTSIDE, FAR_OUTSIDE)))
+    sides = size or (FAR_OUTSIDE, FAR_OUTSIDE)
+    checker: EventChecker | None = EventChecker(source.path.name, *sides)
     failures: list[ReadFailure] = []
     notes: tuple[str, ...] = ()
-    lone = IsolatedEventFilter(source.path.name)
+    lone, joiner = IsolatedEventFilter(source.path.name), EventJoiner(source.path.name, *sides)
     try:
-        for events, share in _without_lone(source, lone):
+        for events, share, restart in _joined(source, lone, joiner):
+            if restart:
+                scan, excerpts = EventScan(), Excerpts()
+                checker = EventChecker(source.path.name, *sides)
             scan.feed(events)
             if checker is not None:
                 try:
@@ -81,9 +91,20 @@ def read_events(
             failures.append(ReadFailure("event times", str(error)))
         notes = checker.notes()
     samples = split_samples(source.samples(), f"the IMU of {contents.name}")
+    notes = source.notes() + lone.notes() + joiner.notes() + notes
     return EventReading(
-        figures, excerpts.all(), samples, tuple(failures), source.notes() + lone.notes() + notes
+        figures, excerpts.all(), samples, tuple(failures), notes, joiner.parts(), joiner.dropped_parts
     )
+
+
+def _joined(
+    source: EventSource, lone: IsolatedEventFilter, joiner: EventJoiner
+) -> Iterator[tuple[RecordArray, float, bool]]:
+    """Events as a run would check them, the share of the file, and whether a run drops those before."""
+    for events, share in _without_lone(source, lone):
+        for joined, restart in joiner.feed(events):
+            yield joined, share, restart
+    yield joiner.finish(), 1.0, False
 
 
 def _without_lone(source: EventSource, lone: IsolatedEventFilter) -> Iterator[tuple[RecordArray, float]]:

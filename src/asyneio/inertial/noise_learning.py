@@ -38,6 +38,8 @@ _SMOOTH, _QUIET_UP_TO = 5, 4.0
 _LEAST_VALUES = 5
 #: Minimum number of samples of a block.
 _LEAST_SAMPLES = 16
+#: A density below that of any sensor.
+_NOT_KNOWN = 1e-30
 #: Slow motion is removed from a block as a polynomial of this degree.
 _DEGREE = 3
 
@@ -80,6 +82,11 @@ class NoiseLearner:
         if least_density not in self._known:
             self._known[least_density] = self._noise(least_density)
         return self._known[least_density]
+
+    def measured_density(self) -> float:
+        """White noise density of the samples [unit/sqrt(Hz)] without a least value; 0: not known yet."""
+        found = self.noise(_NOT_KNOWN).density
+        return found if found > _NOT_KNOWN else 0.0
 
     def _noise(self, least_density: float) -> SensorNoise:
         rate_hz = self._rate_hz

@@ -32,6 +32,8 @@ from asyneio.types import INERTIAL_DTYPE, NS_PER_S, Attitude, FloatArray, Record
 _STEP_S = 0.025
 #: Longest time [s] that an update propagates: after a longer one the clock was set, or samples are missing.
 _LONGEST_S = 10.0
+#: Time without samples of a sensor [ns] after which the attitude starts again: the rotation is unknown.
+_UNKNOWN_NS = NS_PER_S // 2
 #: Typical duration of an acceleration of a hand or a small vehicle [s].
 _PUSH_S = 0.2
 #: Standard deviation of the initial tilt [rad], due to an acceleration of a tenth of gravity.
@@ -76,6 +78,7 @@ class AttitudeFilter:
         self._force_density = noise.accelerometer.density_of_mean(_STEP_S)
         self._gyroscope = np.concatenate([self._gyroscope, _possible(gyroscope)])
         self._accelerometer = np.concatenate([self._accelerometer, _possible(accelerometer)])
+        self._forget_before_gap()
         if min(len(self._gyroscope), len(self._accelerometer)) == 0:
             return None
         if self._t_ns is None:
@@ -86,6 +89,18 @@ class AttitudeFilter:
         world = self._C @ self._P[:3, :3] @ self._C.T
         variance = 0.5 * (world[0, 0] + world[1, 1]) + self._constant_tilt**2
         return Attitude(t_end_ns, self._C.copy(), float(np.sqrt(variance)))
+
+    def _forget_before_gap(self) -> None:
+        """Start again with the samples after a long gap of a sensor."""
+        streams = (self._gyroscope, self._accelerometer)
+        ends = [s["t_ns"][1:][np.diff(s["t_ns"]) > _UNKNOWN_NS] for s in streams]
+        newest_ns = np.concatenate(ends)[-1:]
+        if newest_ns.size:
+            starts_ns = [end_ns[-1] if end_ns.size else newest_ns[0] for end_ns in ends]
+            self._gyroscope, self._accelerometer = (
+                s[s["t_ns"] >= start_ns] for s, start_ns in zip(streams, starts_ns, strict=True)
+            )
+            self._t_ns, self._bias, self._P = None, np.zeros(3), np.zeros((6, 6))
 
     def _begin(self, t_end_ns: int) -> int:
         """Initialize roll and pitch with the first samples of force; the time from which samples are used."""

@@ -70,4 +70,5 @@ class LearnedNoise:
         now = self.now()
         first, second = now.gyroscope, now.accelerometer
         densities = first.density_of_mean(self._interval_s), second.density_of_mean(self._interval_s)
-        return NoiseEstimate(densities, (first.vibration, second.vibration))
+        measured = tuple(learner.measured_density() for learner in self._learners)
+        return NoiseEstimate(densities, (first.vibration, second.vibration), (measured[0], measured[1]))

@@ -207,6 +207,7 @@ class Odometry:
             noise=self._noise.estimate(),
             origin=origin,
             **({} if segment.tracking is None else segment.tracking.figures()),
+            **segment.health.nis,
         )
         self._log.update(report)
         return report

@@ -10,6 +10,7 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.inertial.gravity_witness import ask_gravity
+from asyneio.io.recording.clock_jumps import PAUSE_NS
 from asyneio.types import (
     NS_PER_S,
     OBSERVATION_DTYPE,
@@ -139,6 +140,24 @@ def calibration_of(recording: Recording | EventRecording) -> Calibration:
             "with --calibration and --imu; --preset adds the published values of a camera model"
         )
     return recording.calibration
+
+
+def check_clock_jumps(recording: Recording | EventRecording, lost_gap_s: float) -> None:
+    """Reject a setting with which poses would be predicted across a jump of the clock.
+
+    Args:
+        recording: what to run.
+        lost_gap_s: time without inertial samples after which a segment ends [s].
+
+    Raises:
+        RecordingError: time jumps back, and the pause there need not end a segment.
+    """
+    pause_s = PAUSE_NS / NS_PER_S
+    if isinstance(recording, EventRecording) and recording.clock_jumps and lost_gap_s >= pause_s:
+        raise RecordingError(
+            f"{recording.name}: time jumps back, and a segment must end there, but "
+            f"health.lost_inertial_gap_s is {lost_gap_s:g} s; set it below {pause_s:g} s"
+        )
 
 
 def check_inertial_scales(recording: Recording | EventRecording) -> None:

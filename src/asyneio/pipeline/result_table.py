@@ -35,6 +35,11 @@ def run_rows(summary: Summary, scores: dict[int, Evaluation]) -> Rows:
     if camera is not None and camera.time_offset_sigma_s > 0.0:
         offset = f"{1e3 * camera.time_offset_s:+.2f} ms, sigma {1e3 * camera.time_offset_sigma_s:.2f} ms"
         rows.append(("time offset of the camera", f"{offset}, added to the calibrated shift"))
+    if summary.nis is not None:
+        ratios = (
+            f"{summary.nis.visual:.2f} visual, {summary.nis.inertial:.2f} inertial (1: as the noise predicts)"
+        )
+        rows.append(("squared residuals (NIS)", ratios))
     degraded_s = summary.health_s[Health.DEGRADED]
     if degraded_s > 0.0:
         rows.append(("degraded", f"{degraded_s:.1f} s in total"))

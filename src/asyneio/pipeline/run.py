@@ -16,7 +16,13 @@ from asyneio.pipeline.checkpoint import Checkpoints, CheckpointSettings
 from asyneio.pipeline.compilation import Compilation, compile_ahead, watch_compilation
 from asyneio.pipeline.fingerprint import fingerprint_of
 from asyneio.pipeline.frontend_thread import ObservationStream
-from asyneio.pipeline.packets import calibration_of, check_inertial_scales, packets, usable_span
+from asyneio.pipeline.packets import (
+    calibration_of,
+    check_clock_jumps,
+    check_inertial_scales,
+    packets,
+    usable_span,
+)
 from asyneio.pipeline.summarize import Costs, Grid, Outcome, summarize
 from asyneio.pipeline.summary import Summary
 from asyneio.pipeline.track_source import ReplayedStream, TrackSource
@@ -117,11 +123,12 @@ def run_recording(
 
     Raises:
         RecordingError: the recording is shorter than two knot intervals, has no inertial samples or no
-            calibration, or inertial samples whose scale disagrees with gravity; the checkpoint to resume
-            from belongs to another run.
+            calibration, or inertial samples whose scale disagrees with gravity; time jumps back and the
+            settings bridge the pause there; the checkpoint to resume from belongs to another run.
         RunInterrupted: Ctrl-C while the estimator ran.
     """
     grid = _grid(recording, config.window.knot_interval_s)
+    check_clock_jumps(recording, config.health.lost_inertial_gap_s)
     check_inertial_scales(recording)
     with watch_compilation(progress) as compilation:
         compile_ahead(compilation, progress)
@@ -137,15 +144,16 @@ def run_recording(
     )
     costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
     summary = summarize(recording, outcome, grid, costs)
-    _log_summary(summary, source)
+    _log_summary(summary, summary.notes[len(recording.notes) :])
     result = RunResult(loop.done, summary, outcome.observations, tuple(loop.origins.values()), config)
     if loop.interrupted:
         raise RunInterrupted(result)
     return result
 
 
-def _log_summary(summary: Summary, source: TrackSource) -> None:
-    for note in source.notes():
+def _log_summary(summary: Summary, notes: tuple[str, ...]) -> None:
+    """Log the notes that are new since the recording was opened, and the figures."""
+    for note in notes:
         _LOG.warning("%s: %s", summary.recording, note)
     _LOG.info(
         "%s: %d knots in %d segment(s), %.2f s processed in %.2f s",

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 from asyneio.pipeline.json_text import to_json
-from asyneio.types import Health
+from asyneio.types import ClockJump, Health
 
 #: Fields of `Summary` that depend on the machine and its load.
 _TIMING = ("processing_s", "compile_s", "real_time_factor", "frontend_s", "slowest_step_s")
@@ -65,11 +65,13 @@ class ImuScaleSummary:
 class SensorNoiseSummary:
     """Noise of one inertial sensor; the unit is rad/s or m/s^2.
 
-    Densities of the white noise [unit/sqrt(Hz)]: declared in the calibration, and effective, as learned from
-    the samples (median and maximum over the run). Vibration [unit]: maximum root mean square.
+    Densities of the white noise [unit/sqrt(Hz)]: declared in the calibration; measured (median over the run;
+    0: the run is too short); effective, as the run uses it: at least the declared one times
+    `inertial.noise_inflation` (median and maximum). Vibration [unit]: maximum root mean square.
     """
 
     declared_density: float
+    measured_density: float
     effective_density: float
     largest_effective_density: float
     largest_vibration: float
@@ -84,6 +86,16 @@ class ImuNoiseSummary:
 
 
 @dataclass(frozen=True)
+class NisSummary:
+    """Normalized squared residuals (NIS) of observations and of inertial samples: medians over the intervals
+    between knots of the residuals over what the assumed noise predicts. Below 1: the assumed noise is larger
+    than the real one."""
+
+    visual: float
+    inertial: float
+
+
+@dataclass(frozen=True)
 class Summary:
     """Summary of one run; times in seconds, ratios without unit.
 
@@ -92,7 +104,8 @@ class Summary:
     `events` is 0 for a tracks recording. `first_estimate_s` counts from the start of the recording.
     `health` is the last state, `health_s` the seconds in each. `failure` says why the output is missing or
     incomplete; empty if it is complete. `camera` and `imu_scale` are None unless the run ends in a segment;
-    `imu_noise` is None for a run without steps.
+    `imu_noise` is None for a run without steps, `nis` without a tracked
+    interval. `clock_jumps`: where time jumps back in the file.
     """
 
     recording: str
@@ -120,6 +133,8 @@ class Summary:
     camera: CameraSummary | None = None
     imu_noise: ImuNoiseSummary | None = None
     imu_scale: ImuScaleSummary | None = None
+    nis: NisSummary | None = None
+    clock_jumps: tuple[ClockJump, ...] = ()
 
     def to_json(self) -> str:
         """The summary as JSON text; numbers that are not finite become null.

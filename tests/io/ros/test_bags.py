@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,24 @@ def assert_found(found: EventRecording, wanted: EventRecording, step_ns: int = 1
     np.testing.assert_array_equal(found.ground_truth.t_ns, wanted.ground_truth.t_ns)
     np.testing.assert_allclose(found.ground_truth.position, wanted.ground_truth.position, rtol=0, atol=0)
     np.testing.assert_allclose(found.ground_truth.quaternion, wanted.ground_truth.quaternion, atol=1e-15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ros", [1, 2])
+def test_a_bag_recorded_from_a_loop(tmp_path: Path, recording: EventRecording, ros: int) -> None:
+    """The messages twice, with their own stamps: the second time follows four seconds later."""
+    once = recording_records(recording)
+    again = [replace(record, logged_ns=record.logged_ns + 3 * NS_PER_S) for record in once]
+    found = open_recording(write_bag(tmp_path / "run", ros, [*once, *again]))
+    assert isinstance(found, EventRecording)
+    (jump,) = found.clock_jumps
+    assert jump.offset_ns == 4 * NS_PER_S
+    for name in ("events", "gyroscope", "accelerometer"):
+        stamps = getattr(recording, name)["t_ns"]
+        np.testing.assert_array_equal(
+            getattr(found, name)["t_ns"], np.concatenate([stamps, stamps + jump.offset_ns])
+        )
+    assert found.ground_truth is None
 
 
 @pytest.mark.slow

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.signal import welch
 
@@ -10,10 +12,13 @@ from asyneio.doctor.event_scan import PAUSE_NS
 from asyneio.doctor.inspection import Inspection, fail, note, ok, warning
 from asyneio.doctor.result import CheckResult
 from asyneio.io.parsing.stamp_checks import MAX_DISORDER_NS
+from asyneio.io.recording.clock_jumps import ClockPart
 from asyneio.types import NS_PER_S
 
 #: Event rate that the front end processes in real time on one core [events/s].
 FRONTEND_HZ = 2.5e6
+#: What a run does about jumps of the clock.
+_JOINED = "a run begins a new segment at each jump, with later time stamps than in the file"
 _PEAK_WINDOW_NS = 10_000_000
 #: Plausible events per second and pixel. A stationary sensor gives at least 0.05 from leak and noise events
 #: (two real ones: 0.44 and 0.62), a textured scene in fast motion 60; the readout limit is 300 (12 Mev/s of a
@@ -76,7 +81,7 @@ def check_event_pauses(inspection: Inspection) -> CheckResult | None:
 
 
 def check_event_order(inspection: Inspection) -> CheckResult | None:
-    """Ascending timestamps: drivers may swap neighbours; a jump is a clock reset (rejected by the reader)."""
+    """Ascending timestamps: drivers may swap neighbours; a jump is a clock reset, where a segment ends."""
     events = inspection.events
     if events is None or events.count < 2:
         return None
@@ -84,6 +89,7 @@ def check_event_order(inspection: Inspection) -> CheckResult | None:
         "backward": events.backward,
         "worst_s": events.worst_backward_ns / NS_PER_S,
         "impossible_stamps": events.impossible_stamps,
+        "jumps": max(len(inspection.clock_parts) - 1, 0),
     }
     if events.impossible_stamps:
         return fail(
@@ -92,6 +98,10 @@ def check_event_order(inspection: Inspection) -> CheckResult | None:
             "timestamps of one clock in the unit of the format",
             "the file is damaged, or the timestamps are in another unit",
             **values,
+        )
+    if len(inspection.clock_parts) > 1:
+        return warning(
+            "event order", _jumps(inspection.clock_parts), "one ascending clock", _JOINED, **values
         )
     if events.backward == 0:
         return ok("event order", "ascending", **values)
@@ -106,8 +116,17 @@ def check_event_order(inspection: Inspection) -> CheckResult | None:
         "event order",
         worst,
         "ascending timestamps",
-        f"events more than {limit} late are dropped; if the sensor was reset, split the file there",
+        f"events more than {limit} late are dropped; if the clock was set back, split the file there",
         **values,
+    )
+
+
+def _jumps(parts: tuple[ClockPart, ...]) -> str:
+    """Size and place of each jump of the clock."""
+    sizes_s = ((before.end_ns - after.start_ns) / NS_PER_S for before, after in pairwise(parts))
+    return ", ".join(
+        f"time jumps back by {size_s:.4g} s before event {part.first_event}"
+        for size_s, part in zip(sizes_s, parts[1:], strict=True)
     )
 
 

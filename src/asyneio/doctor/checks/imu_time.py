@@ -164,15 +164,22 @@ def check_imu_order(inspection: Inspection) -> CheckResult | None:
             found[readings.name] = counts
     if not inspection.readings:
         return None
+    expected = "ascending and unique timestamps, finite readings"
+    if not found and inspection.streams is not None and len(inspection.clock_parts) > 1:
+        jumps = f"time jumps back {len(inspection.clock_parts) - 1} time(s), as that of the events"
+        return warning("imu order", jumps, expected, "a run begins a new segment at each jump", found=found)
     if not found:
         return ok("imu order", "ascending and unique timestamps, all readings finite", found=found)
     measured = "; ".join(f"{name}: {_disorder(counts)}" for name, counts in found.items())
-    expected = "ascending and unique timestamps, finite readings"
     size = max(_size(inspection), 1)
     share = max((c["repeated"] + c["not_finite"] + c["wrong_stamps"]) / size for c in found.values())
     if max(c["worst_s"] for c in found.values()) * NS_PER_S > MAX_DISORDER_NS:
         return fail(
-            "imu order", measured, expected, "the clock jumped back: split the recording there", found=found
+            "imu order",
+            measured,
+            expected,
+            "the clock jumped back, and not with the events: split the recording there",
+            found=found,
         )
     if share > 0.05:
         return warning(

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,11 +20,13 @@ from asyneio.io.parsing.stamp_checks import (
     tick_of,
 )
 from asyneio.io.recording.cache import EventTable, load_events
+from asyneio.io.recording.clock_jumps import ClockPart
 from asyneio.io.recording.contents import Contents, Samples, split_samples
 from asyneio.io.recording.event_checks import SensorSizeError
 from asyneio.io.recording.inertial_units import InertialStreams, check_units
+from asyneio.io.recording.sample_jumps import join_samples, jumps_back
 from asyneio.progress import ProgressCallback
-from asyneio.types import INERTIAL_DTYPE, Calibration, EventRecording, RecordArray
+from asyneio.types import INERTIAL_DTYPE, Calibration, ClockJump, EventRecording, PoseTrajectory, RecordArray
 
 #: Sensor sizes tried in this order if no file contains it: DAVIS240, DVXplorer Lite, DAVIS346, VGA, HD.
 USUAL_SIZES = ((240, 180), (320, 240), (346, 260), (640, 480), (1280, 720))
@@ -56,14 +60,15 @@ def assemble(
     sources = contents.calibration
     if sources.error and samples_needed:
         raise CalibrationError(sources.error)
-    # Sample files are small: their errors are reported before the events are converted.
+    # Sample files are small: their errors are reported before the events are converted. Only jumps of the
+    # clock are compared with those of the events.
     inertial = None
-    if contents.samples:
+    if contents.samples and not jumps_back(contents.samples):
         inertial = _inertial(contents.samples, sources.declared_hz, samples_needed)
     table, size, notes = _load(contents, selection or CalibrationSelection(), progress, cache_from)
-    if inertial is None:
-        samples = split_samples(table.samples, f"the IMU of {contents.name}")
-        inertial = _inertial(samples, sources.declared_hz, samples_needed)
+    if inertial is None or len(table.parts) > 1:
+        samples = contents.samples or split_samples(table.samples, f"the IMU of {contents.name}")
+        inertial = _inertial(samples, sources.declared_hz, samples_needed, table)
     rate_hz = median_rate_hz(inertial.gyroscope["t_ns"]) if inertial.gyroscope.size else None
     resolved, calibration_notes = _resolve(contents, size, selection, rate_hz)
     calibration = resolved if isinstance(resolved, Calibration) else None
@@ -73,6 +78,7 @@ def assemble(
         if samples_needed:
             raise
         inertial = _without_samples(str(error), inertial.notes)
+    ground_truth, truth_notes = usable_truth(contents, table.parts)
     return EventRecording(
         name=contents.name,
         events=table.events,
@@ -82,9 +88,26 @@ def assemble(
         accelerometer=inertial.accelerometer,
         camera=resolved.camera,
         calibration=calibration,
-        ground_truth=contents.ground_truth,
-        notes=calibration_notes + table.notes + notes + inertial.notes + contents.notes,
+        ground_truth=ground_truth,
+        notes=calibration_notes + table.notes + notes + inertial.notes + contents.notes + truth_notes,
+        clock_jumps=tuple(_clock_jumps(table, calibration.timeshift_ns if calibration else 0)),
     )
+
+
+def usable_truth(
+    contents: Contents, parts: tuple[ClockPart, ...]
+) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
+    """The ground truth and no note; none and a note if the clock of the events jumps back."""
+    if contents.ground_truth is None or len(parts) < 2:
+        return contents.ground_truth, ()
+    note = "ground truth is not used: time jumps back, so its time stamps may belong to several parts"
+    return None, (note,)
+
+
+def _clock_jumps(table: EventTable, timeshift_ns: int) -> Iterator[ClockJump]:
+    for before, after in pairwise(table.parts):
+        t_ns = after.start_ns + after.offset_ns + timeshift_ns
+        yield ClockJump(t_ns, before.end_ns - after.start_ns, after.offset_ns)
 
 
 def _resolve(
@@ -120,10 +143,14 @@ def _check_clocks(table: EventTable, inertial: InertialStreams, timeshift_ns: in
         check_overlap(ends_ns, stream["t_ns"], "the events", what, tick_ns)
 
 
-def _inertial(samples: Samples, declared_hz: float | None, needed: bool) -> InertialStreams:
-    """Like `prepare_samples`; if samples are not needed, an error leaves empty streams and a note."""
+def _inertial(
+    samples: Samples, declared_hz: float | None, needed: bool, table: EventTable | None = None
+) -> InertialStreams:
+    """Like `prepare_samples`, of samples joined like the events of `table`; if samples are not needed, an
+    error leaves empty streams and a note."""
     try:
-        return prepare_samples(samples, declared_hz)
+        joined = join_samples(samples, table.parts, table.dropped_parts) if table else samples
+        return prepare_samples(joined, declared_hz)
     except RecordingError as error:
         if needed:
             raise

@@ -14,8 +14,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import IO
 
@@ -23,9 +22,10 @@ import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.atomic import atomic_file, make_folder, write_text
-from asyneio.io.recording.event_checks import EventChecker, SensorSizeError, check_span
+from asyneio.io.recording.checked_events import CheckedEvents
+from asyneio.io.recording.clock_jumps import ClockPart
+from asyneio.io.recording.event_checks import SensorSizeError, check_span
 from asyneio.io.recording.event_source import SAMPLE_DTYPE, EventSource, join_events
-from asyneio.io.recording.isolated_events import IsolatedEventFilter
 from asyneio.progress import ProgressCallback
 from asyneio.types import EVENT_DTYPE, RecordArray
 
@@ -40,11 +40,17 @@ _GROWTH = 2
 @dataclass(frozen=True)
 class EventTable:
     """Checked events (EVENT_DTYPE, ascending, read-only if cached) and the samples of the source
-    (SAMPLE_DTYPE)."""
+    (SAMPLE_DTYPE).
+
+    `parts`: the events between jumps of the clock; `dropped_parts`: short ones at the start, which are not
+    among them.
+    """
 
     events: RecordArray
     samples: RecordArray
     notes: tuple[str, ...]
+    parts: tuple[ClockPart, ...]
+    dropped_parts: int = 0
 
 
 def load_events(
@@ -66,7 +72,7 @@ def load_events(
 
     Raises:
         SensorSizeError: too many events outside the sensor.
-        RecordingError: unreadable, no events, time that jumps backwards, or disk full.
+        RecordingError: unreadable, no events, not sorted by time, or disk full.
     """
     status = _stat(source.path)
     if status.st_size < (CACHE_FROM_BYTES if cache_from is None else cache_from):
@@ -81,7 +87,7 @@ def load_events(
     obstacle = _obstacle(folder, status.st_size * _GROWTH)
     if obstacle:
         table = _in_memory(source, width, height, progress)
-        return EventTable(table.events, table.samples, (*table.notes, obstacle))
+        return replace(table, notes=(*table.notes, obstacle))
     for old in folder.glob(f"{source_key}-*"):
         if not old.name.startswith(f"{source_key}-{content_key}-"):
             old.unlink(missing_ok=True)
@@ -102,45 +108,24 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "asyneio"
 
 
-class _Checks:
-    """The checks of events: first isolated wrong stamps, then everything else."""
-
-    def __init__(self, source: EventSource, width: int, height: int) -> None:
-        self._source = source
-        self._lone = IsolatedEventFilter(source.path.name)
-        self._checker = EventChecker(source.path.name, width, height)
-
-    def events(self, progress: ProgressCallback | None) -> Iterator[RecordArray]:
-        """Checked events in pieces."""
-        for chunk, fraction in self._source.chunks():
-            yield from self._checker.feed(self._lone.feed(chunk))
-            if progress is not None:
-                progress(fraction)
-        yield from self._checker.feed(self._lone.finish())
-        yield self._checker.finish()
-
-    def notes(self) -> tuple[str, ...]:
-        """Notes on everything that was skipped, dropped and sorted."""
-        return self._source.notes() + self._lone.notes() + self._checker.notes()
-
-
 def _in_memory(source: EventSource, width: int, height: int, progress: ProgressCallback | None) -> EventTable:
-    checks = _Checks(source, width, height)
-    events = join_events(list(checks.events(progress)))
+    checks = CheckedEvents(source, width, height)
+    events = join_events(list(checks.events(progress)))[checks.discarded :]
     check_span(int(events["t_ns"][0]), int(events["t_ns"][-1]), source.path.name)
-    return EventTable(events, source.samples(), checks.notes())
+    joiner = checks.joiner
+    return EventTable(events, source.samples(), checks.notes(), joiner.parts(), joiner.dropped_parts)
 
 
 def _convert(
     source: EventSource, width: int, height: int, progress: ProgressCallback | None, stem: Path
 ) -> EventTable:
-    checks = _Checks(source, width, height)
+    checks = CheckedEvents(source, width, height)
     with atomic_file(_events_file(stem)) as stream:
         _write_header(stream, 0)
         start, count, first_ns, last_ns = stream.tell(), 0, 0, 0
         for events in checks.events(progress):
             if events.size:
-                first_ns = first_ns if count else int(events["t_ns"][0])
+                first_ns = first_ns if count > checks.discarded else int(events["t_ns"][0])
                 last_ns = int(events["t_ns"][-1])
                 count += events.size
                 stream.write(np.ascontiguousarray(events).data)
@@ -153,14 +138,19 @@ def _convert(
             )
     with atomic_file(_samples_file(stem)) as stream:
         np.save(stream, source.samples(), allow_pickle=False)
-    notes = checks.notes()
-    write_text(_notes_file(stem), json.dumps({"events": count, "notes": notes}))
+    write_text(_notes_file(stem), json.dumps({"events": count, "notes": checks.notes(), **_clock(checks)}))
     table = _reopen(stem)
     if table is None:
         raise RecordingError(
             f"the cached conversion of {source.path} disappeared from {stem.parent}; try again"
         )
     return table
+
+
+def _clock(checks: CheckedEvents) -> dict[str, object]:
+    """What the notes file says of jumps of the clock."""
+    parts = [astuple(part) for part in checks.joiner.parts()]
+    return {"parts": parts, "dropped_parts": checks.joiner.dropped_parts, "discarded": checks.discarded}
 
 
 def _reopen(stem: Path) -> EventTable | None:
@@ -179,9 +169,11 @@ def _reopen(stem: Path) -> EventTable | None:
         # The stored type has equal fields, but lacks the flag for aligned C structures.
         whole = events.dtype == EVENT_DTYPE and samples.dtype == SAMPLE_DTYPE
         whole = whole and events.shape == (summary["events"],)
+        parts = tuple(ClockPart(*map(int, part)) for part in summary["parts"])
+        dropped, discarded = int(summary["dropped_parts"]), int(summary["discarded"])
     except (OSError, ValueError, KeyError, TypeError, EOFError):
         return None
-    return EventTable(events.view(EVENT_DTYPE), samples, notes) if whole else None
+    return EventTable(events.view(EVENT_DTYPE)[discarded:], samples, notes, parts, dropped) if whole else None
 
 
 def _obstacle(folder: Path, bytes_needed: int) -> str:

@@ -32,6 +32,8 @@ class SensorSizeError(RecordingError):
 class EventChecker:
     """Checks events in file order and returns them sorted by time, with a delay.
 
+    Clocks that jump back are joined before, by `EventJoiner`.
+
     Args:
         what: the file, for messages.
         width, height: of the sensor [px]; events outside are dropped and counted.
@@ -45,6 +47,15 @@ class EventChecker:
         self._state[_LATEST] = -MAX_STAMP_NS
         self._taken = 0
         self._given = 0
+        self._discarded = 0
+
+    def restart(self) -> None:
+        """Discard all events so far and what was counted of them; any time may be next."""
+        self._discarded += self._taken
+        self._taken = self._given = 0
+        self._held = self._held[:0]
+        self._state[:] = 0
+        self._state[_LATEST] = -MAX_STAMP_NS
 
     def feed(self, events: RecordArray) -> list[RecordArray]:
         """Check a piece; returns, in pieces, the events that no later event can precede.
@@ -63,7 +74,7 @@ class EventChecker:
                 "expected seconds (text), microseconds (AEDAT) or nanoseconds (HDF5) of one epoch"
             )
         if stopped >= 0:
-            self._reject_jump(self._taken - events.size + stopped - MAX_LATE_RUN)
+            self._reject_jump(self._discarded + self._taken - events.size + stopped - MAX_LATE_RUN)
         if int(self._state[_LATE] + self._state[_OUTSIDE]) > dropped:
             events = events[keep]
         pieces = [self._held, events]
@@ -119,9 +130,9 @@ class EventChecker:
     def _reject_jump(self, index: int) -> None:
         raise RecordingError(
             f"{self._what}: time jumps backwards by {int(self._state[_JUMP]) / NS_PER_S:.3f} s before event "
-            f"{index} (after {int(self._state[_LATEST]) / NS_PER_S:.6f} s): a sensor reset, or two "
-            "recordings in one file (split the file there), or rows that are not sorted by time. "
-            f"{_sorting(self._what)}"
+            f"{index} (after {int(self._state[_LATEST]) / NS_PER_S:.6f} s): rows that are not sorted "
+            "by time, or a clock that was set back by less than half a second, or too often (split the file "
+            f"there). {_sorting(self._what)}"
         )
 
 

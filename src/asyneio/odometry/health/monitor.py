@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,8 @@ class HealthMonitor:
         self._packet_ns: int | None = None
         self._observed_ns: int | None = None
         self.scene_changed = False
+        #: Fields of `StepReport`: normalized squared residuals of the newest interval.
+        self.nis: dict[str, Any] = {}
 
     @property
     def status(self) -> HealthStatus:
@@ -110,6 +112,6 @@ class HealthMonitor:
             scale_sigma=scale_sigma,
             stationary=step.stationary,
         )
-        return self._state.update(
-            t_ns, with_estimate(metrics, step.solution, step.estimate, self._bias_sigma)
-        )
+        metrics = with_estimate(metrics, step.solution, step.estimate, self._bias_sigma)
+        self.nis = {"visual_nis": metrics.visual_ratio, "inertial_nis": metrics.inertial_ratio}
+        return self._state.update(t_ns, metrics)
