@@ -148,7 +148,8 @@ class Stream:
         self._checker = EventChecker("soak", *self._size)
 
     def _counters(self) -> Counters:
-        return Counters(*(self._earlier + self._of_sensor()).tolist(), self._rejected)
+        events, sorted_, late, shed = (int(n) for n in self._earlier + self._of_sensor())
+        return Counters(events, sorted_, late, shed, self._rejected)
 
     def _of_sensor(self) -> IntArray:
         """Events processed or dropped, sorted, dropped for being late, and shed, of the present front end."""

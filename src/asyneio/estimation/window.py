@@ -86,6 +86,11 @@ class Window:
         return self._settings.T_b_c[:3, 3]
 
     @property
+    def refines_bearings(self) -> bool:
+        """Whether the bearings of landmarks are unknowns."""
+        return self._settings.landmark_dof == 3
+
+    @property
     def observations(self) -> int:
         """Number of observations held, of tracks with and without a landmark."""
         return len(self._visual)

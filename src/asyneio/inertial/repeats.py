@@ -51,8 +51,8 @@ _NOT_HELD = _Hold(1, 1, 1.0)
 class Renewals:
     """Passes each updated reading of one sensor once, at the time when it was first read.
 
-    `rate_hz` is the rate of the updates, 1 Hz before the second sample. `duplicates`: number of the newest rows
-    that were dropped because they are equal to the row before.
+    `rate_hz` is the rate of the updates, 1 Hz before the second sample. `duplicates`: number of the newest
+    rows that were dropped because they are equal to the row before.
     """
 
     def __init__(self) -> None:

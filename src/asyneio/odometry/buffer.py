@@ -14,6 +14,7 @@ from asyneio.odometry.raw_measurements import MEMORY_NS as RAW_MEMORY_NS
 from asyneio.odometry.raw_measurements import RawMeasurements
 from asyneio.types import (
     INERTIAL_DTYPE,
+    NS_PER_S,
     BoolArray,
     CameraIntrinsics,
     FloatArray,
@@ -26,6 +27,8 @@ from asyneio.types import (
 #: No sensor for this use has a smaller full-scale range: rad/s (half the smallest on the market), m/s^2
 #: (gravity and the motion of a gentle hand).
 _LEAST_RANGES = (1.0, 12.0)
+#: Tracks of which a share is meaningful.
+_ENOUGH_TRACKS = 10
 #: Ids of rejected tracks that are remembered: many more than a tracker follows at a time.
 _MAX_REJECTED = 10_000
 
@@ -165,6 +168,15 @@ class MeasurementBuffer:
     def rejected_share(self, start_ns: int, end_ns: int) -> float:
         """Share of the tracks observed after `start_ns`, up to `end_ns`, that are rejected."""
         return self.outlier_share(self._seen.between(start_ns, end_ns).track)
+
+    def contradicting_share_of_new(self, start_ns: int, end_ns: int) -> float:
+        """Share of the tracks observed then, which began within a second before `end_ns`, that contradict the
+        motion by themselves, whatever their neighbours; 0 if there are few."""
+        recent = self._seen.between(end_ns - MEMORY_NS, end_ns)
+        ids, first = np.unique(recent.track, return_index=True)
+        new = ids[recent.t_ns[first] > end_ns - NS_PER_S]
+        seen = np.intersect1d(new, recent.between(start_ns, end_ns).track)
+        return float(np.mean(np.isin(seen, self._outliers))) if len(seen) >= _ENOUGH_TRACKS else 0.0
 
     def outlier_share(self, ids: IntArray) -> float:
         """Share of the tracks with these ids (N,), which may repeat, that are rejected."""

@@ -101,7 +101,7 @@ class Odometry:
                 tracking.window.add_landmarks()  # (33)
                 solution = tracking.optimize(settings.optimizer, segment.buffer)  # (39), chi-square test
                 tracking.newest = newest_estimate(tracking.window, solution, settings, segment.number)
-                rejected = segment.buffer.rejected_share(interval.start_ns, knot_ns)
+                rejected = segment.buffer.contradicting_share_of_new(interval.start_ns, knot_ns)
                 step = Step(interval, stationary, before.r, solution, tracking.newest, rejected)
                 status = segment.health.update(step)
                 if status.health is Health.LOST:

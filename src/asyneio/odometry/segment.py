@@ -50,7 +50,9 @@ class Tracking:
             EstimationError: as `Window.optimize`.
         """
         knot_ns = int(self.window.t_ns[-1])
-        if buffer.rejected_share(knot_ns - WARY_NS, knot_ns) > WARY_SHARE:
+        share = buffer.rejected_share(knot_ns - WARY_NS, knot_ns)
+        # A fixed bearing is off by its noise, which changes the velocity as an object does.
+        if share > WARY_SHARE and self.window.refines_bearings:
             self.window, solution, removed = optimize_warily(self.window, settings)
             buffer.reject(removed)
         else:

@@ -23,7 +23,7 @@ class Step(NamedTuple):
 
     `interval` before the knot; `stationary` in it; `positions` (K,3) [m] of the earlier knots before, and
     `solution` after the optimisation; `estimate` of the new knot; `rejected_tracks`, the share of the
-    interval's tracks that were rejected then or before.
+    interval's new tracks that were rejected.
     """
 
     interval: Interval

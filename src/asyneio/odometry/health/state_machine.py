@@ -10,7 +10,7 @@ INITIALIZING ends with the first window; from then on each knot brings `HealthMe
 | velocity was revised by more than its covariance allows      | DEGRADED; earlier estimates were wrong     |
 | scale is too uncertain after an initialization in motion     | DEGRADED; it may still change              |
 | measurements contradict the estimate, or it is too uncertain | DEGRADED; LOST if it lasts                 |
-| most tracks were rejected                                    | DEGRADED; LOST if it lasts                 |
+| most new tracks were rejected                                | DEGRADED; LOST if it lasts                 |
 | the estimate is impossible                                   | LOST                                       |
 | nothing connects this knot with the previous one             | LOST                                       |
 
@@ -35,8 +35,8 @@ MIN_LANDMARKS = 5
 MAX_RATIO = 2.5**2
 #: Share of the observations without influence from which on the majority contradicts the estimate.
 MAX_REJECTED_OBSERVATIONS = 0.5
-#: Share of the tracks in view that were rejected from which on either they or the others are those of a
-#: moving object.
+#: Share of the new tracks that were rejected from which on either they or the others are those of a moving
+#: object.
 MAX_REJECTED_TRACKS = 0.5
 #: The estimate is trusted for this share of the time since the segment began, between these multiples of the
 #: patience: an initialization that was wrong shows it at once, and an object leaves the view after seconds.
@@ -69,7 +69,8 @@ class HealthMetrics:
         saturated: a sensor was at the end of its range.
         landmarks: number of landmarks with an observation in the newest interval.
         rejected_observations: share of those observations beyond the gate.
-        rejected_tracks: share of the tracks in the newest interval that were rejected then or before.
+        rejected_tracks: share of those tracks in the newest interval that began in the last second and that
+            the chi-square test has rejected since.
         visual_ratio: squared residuals of the newest interval's observations over their expectation.
         inertial_ratio: the same of its inertial samples.
         scene_changed: all tracks were replaced at once, and the inertial samples jumped.
@@ -129,7 +130,7 @@ class _Lasting:
 
 
 def _rejected_tracks(metrics: HealthMetrics) -> str:
-    return f"{100.0 * metrics.rejected_tracks:.0f} % of the tracks in view were rejected"
+    return f"{100.0 * metrics.rejected_tracks:.0f} % of the new tracks were rejected"
 
 
 class HealthStateMachine:

@@ -21,13 +21,15 @@ from asyneio.estimation.solver.chi_square import contradicts_trajectory, median_
 from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution
 from asyneio.estimation.window import Window
 from asyneio.odometry.neighbourhood import near_outliers
+from asyneio.odometry.outliers import without_outliers
 from asyneio.types import IntArray
 
 #: Radius of the neighbourhood in each round, relative to the last. Most fits end with the second of the last
 #: ones.
 _WIDE, _ROUNDS = (2.0, 1.5), (1.0,) * 4
-#: Share of tracks that contradict the first fit where an object may be in view.
-_MANY = 0.1
+#: Shares of tracks that contradict the first fit: up to the first no object is in view, above the second a
+#: large one may be.
+_FEW, _MANY = 0.05, 0.1
 #: Tracks are tested relative to the median track, but to no less than this mean square in declared variances.
 #: The median is 0.03 to 0.1 in simulation: tracks that drift by a pixel would fail, and most of those help.
 _LEAST_SCALE = 0.3
@@ -58,12 +60,17 @@ def fit_static_tracks(window: Window, settings: OptimizerSettings) -> StaticFit:
     fit = StaticFit(window, window.optimize(settings), np.empty(0, dtype=np.int64))
     tested = fit.window.with_tracks_of(everything)
     contradicting = _contradicting(tested, fit.removed)
+    if len(contradicting) <= _FEW * len(tested.landmarks):
+        return StaticFit(window, *without_outliers(window, fit.solution, settings))
     wide = len(contradicting) > _MANY * len(tested.landmarks)
     for radius in (*_WIDE, *_ROUNDS) if wide else _ROUNDS:
         near = near_outliers(tested.track_observations, contradicting, radius)
         removed = np.union1d(contradicting, near)
         last = radius == _ROUNDS[0]
         enough = len(tested.landmarks) * (_MAJORITY if last else _WIDE_MAJORITY)
+        if last and len(removed) > enough:
+            # Outliers everywhere are not an object.
+            removed = contradicting
         if len(removed) <= enough and not np.array_equal(removed, fit.removed):
             tested.remove_tracks(removed)
             fit = StaticFit(tested, tested.optimize(settings), removed)
