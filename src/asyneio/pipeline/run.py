@@ -17,6 +17,7 @@ from asyneio.pipeline.compilation import Compilation, compile_ahead, watch_compi
 from asyneio.pipeline.fingerprint import fingerprint_of
 from asyneio.pipeline.frontend_thread import ObservationStream
 from asyneio.pipeline.packets import calibration_of, check_inertial_scales, packets, usable_span
+from asyneio.pipeline.scale_check import contradicted_scale
 from asyneio.pipeline.summarize import Costs, Grid, Outcome, summarize
 from asyneio.pipeline.summary import Summary
 from asyneio.pipeline.track_source import ReplayedStream, TrackSource
@@ -132,9 +133,11 @@ def run_recording(
             fingerprint = fingerprint_of(recording, config)
             loop.use_checkpoints(Checkpoints(checkpoints, fingerprint, progress.message))
         loop.run(recording)
-    outcome = Outcome(
-        loop.done, loop.estimator.calibration(), source.observations(), source.notes(), loop.error
+    found, observations = loop.estimator.calibration(), source.observations()
+    contradiction = contradicted_scale(
+        found, config, calibration_of(recording), recording.gyroscope, observations
     )
+    outcome = Outcome(loop.done, found, observations, source.notes(), loop.error, contradiction)
     costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
     summary = summarize(recording, outcome, grid, costs)
     _log_summary(summary, source)

@@ -66,7 +66,8 @@ class Outcome:
     """What a run leaves to be summarized.
 
     `run`: estimates and reports; `calibration`: as estimated at the end; `observations`: OBSERVATION_DTYPE,
-    what the estimator received; `notes`: on the front end; `error`: what stopped the run, empty if nothing.
+    what the estimator received; `notes`: on the front end; `error`: what stopped the run, `contradiction`: why
+    the scale of the trajectory is wrong, each empty if nothing.
     """
 
     run: Run
@@ -74,6 +75,7 @@ class Outcome:
     observations: RecordArray
     notes: tuple[str, ...]
     error: str
+    contradiction: str = ""
 
 
 def summarize(recording: Recording | EventRecording, outcome: Outcome, grid: Grid, costs: Costs) -> Summary:
@@ -108,7 +110,7 @@ def summarize(recording: Recording | EventRecording, outcome: Outcome, grid: Gri
         health_s={str(health): n * grid.interval_ns / NS_PER_S for health, n in counts.items()},
         segments=tuple(_segments(run, grid)),
         transitions=tuple(_transitions(run, grid)),
-        failure=_failure(run, grid, outcome.error),
+        failure=_failure(run, grid, outcome.error) or outcome.contradiction,
         notes=(*recording.notes, *outcome.notes, *rejected_notes(outcome.run.reports)),
         camera=_camera_summary(outcome.calibration),
         imu_noise=_imu_noise_summary(calibration_of(recording).noise, run.reports),

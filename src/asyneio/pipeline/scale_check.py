@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the estimated scale factors of the IMU contradict their prior.
+
+An estimate `d` with standard deviation `s`, whose prior is zero with standard deviation `s_0`, has the variance
+`s_0^2 - s^2` if the prior is right. A wrong full-scale range, unit or focal length changes it by far more. The
+prior pulls the estimate towards zero; without it, it would be `d s_0^2 / (s_0^2 - s^2)`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import chdtri
+
+from asyneio.config import Config
+from asyneio.doctor.rotation.camera_rates import pairs_from_tracks
+from asyneio.doctor.rotation.epipolar import gains_of_tracks
+from asyneio.doctor.rotation.gains import Gains
+from asyneio.doctor.rotation.time_offset import TurnOf
+from asyneio.types import Calibration, CalibrationEstimate, FloatArray, RecordArray
+
+#: Probability with which a sensor that meets its prior is rejected. A sensor with a scale error of three
+#: standard deviations of the prior on each axis passes.
+_PROBABILITY = 1e-7
+#: Largest ratio of posterior to prior variance of an axis that counts as observed.
+_OBSERVED = 0.95
+#: A comparison of tracks and gyroscope names the cause if it is off by this factor and by more than this
+#: number of standard deviations.
+_NAMED, _SIGMAS = 1.06, 3.5
+
+
+def contradicted_scale(
+    found: CalibrationEstimate | None,
+    config: Config,
+    calibration: Calibration,
+    gyroscope: RecordArray,
+    observations: RecordArray,
+) -> str:
+    """What is wrong with the scale of the trajectory, as a phrase; empty if nothing is.
+
+    Args:
+        found: calibration as estimated at the end of a run.
+        config: of the run; its prior of the scale factors is tested.
+        calibration: as given to the run.
+        gyroscope: samples (INERTIAL_DTYPE), ascending.
+        observations: tracks (OBSERVATION_DTYPE, IMU clock), ascending.
+    """
+    if found is None or found.imu is None:
+        return ""
+    prior = config.calibration.imu_scale_sigma
+    imu = found.imu
+    said = [
+        _contradicted(name, np.diag(matrix) - 1.0, np.diag(sigma), prior)
+        for name, matrix, sigma in (
+            ("gyroscope", imu.gyroscope, imu.gyroscope_sigma),
+            ("accelerometer", imu.accelerometer, imu.accelerometer_sigma),
+        )
+    ]
+    if not any(said):
+        return ""
+    gains = compare_with_tracks(calibration, found, gyroscope, observations)
+    causes = [text for text in said if text] + _cause(gains)
+    return "the scale of the trajectory is not reliable: " + "; ".join(causes)
+
+
+def _contradicted(name: str, error: FloatArray, sigma: FloatArray, prior: float) -> str:
+    """A contradiction of the prior by scale errors (3,) with their standard deviations, or nothing."""
+    ratio = (sigma / prior) ** 2
+    observed = (sigma > 0.0) & (ratio < _OBSERVED)
+    dof = int(np.count_nonzero(observed))
+    if dof == 0:
+        return ""
+    information = 1.0 - ratio[observed]
+    squared = float((error[observed] ** 2 / information).sum()) / prior**2
+    limit = float(chdtri(dof, _PROBABILITY))
+    if squared <= limit:
+        return ""
+    factors = ", ".join(f"{1.0 + value:.3f}" for value in error[observed] / information)
+    return (
+        f"the motion fits {name} readings that are {factors} times too large (prior 1, standard deviation "
+        f"{prior:.2g}; chi-square {squared:.0f}, at most {limit:.0f})"
+    )
+
+
+def compare_with_tracks(
+    calibration: Calibration, found: CalibrationEstimate, gyroscope: RecordArray, observations: RecordArray
+) -> Gains | None:
+    """Gyroscope scale and focal length by tracks alone; None if there are too few tracks."""
+    if observations.size == 0 or gyroscope.size < 2:
+        return None
+    pairs, times = pairs_from_tracks(observations, calibration.camera)
+    body, inside = TurnOf(gyroscope).means(times, found.time_offset_s)
+    try:
+        return gains_of_tracks(pairs.of(inside), body[inside], found.C_b_c.T, 1.0)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _cause(gains: Gains | None) -> list[str]:
+    """The cause according to the tracks, if they show one."""
+    if gains is None:
+        return []
+    for factor, sigma, text in (
+        (gains.gyroscope, gains.gyroscope_sigma, "the gyroscope reads {:.3g} times what the camera sees"),
+        (gains.focal, gains.focal_sigma, "the focal length is {:.3g} times the calibrated one"),
+    ):
+        if abs(math.log(factor)) > max(math.log(_NAMED), _SIGMAS * sigma):
+            return [text.format(factor) + f" (standard deviation {sigma:.1%})"]
+    return []
