@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the estimated scale factors of the IMU contradict their prior.
 
-An estimate `d` with standard deviation `s`, whose prior is zero with standard deviation `s_0`, has the variance
-`s_0^2 - s^2` if the prior is right. A wrong full-scale range, unit or focal length changes it by far more. The
-prior pulls the estimate towards zero; without it, it would be `d s_0^2 / (s_0^2 - s^2)`.
+An estimate `d` with standard deviation `s`, whose prior is zero with standard deviation `s_0`, has the
+variance `s_0^2 - s^2` if the prior is right. A wrong full-scale range, unit or focal length changes it by far
+more. The prior pulls the estimate towards zero; without it, it would be `d s_0^2 / (s_0^2 - s^2)`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ _PROBABILITY = 1e-7
 #: Largest ratio of posterior to prior variance of an axis that counts as observed.
 _OBSERVED = 0.95
 #: A comparison of tracks and gyroscope names the cause if it is off by this factor and by more than this
-#: number of standard deviations.
-_NAMED, _SIGMAS = 1.06, 3.5
+#: number of standard deviations; a larger factor of the focal length is not plausible.
+_NAMED, _SIGMAS, _MOST_FOCAL = 1.06, 3.5, 1.5
+#: The same factor for a run without estimates: nothing else shows an error.
+_NAMED_ALONE = 1.15
 
 
 def contradicted_scale(
@@ -39,14 +41,18 @@ def contradicted_scale(
 ) -> str:
     """What is wrong with the scale of the trajectory, as a phrase; empty if nothing is.
 
+    Without an estimate, the tracks alone are compared with the gyroscope.
+
     Args:
-        found: calibration as estimated at the end of a run.
+        found: calibration as estimated at the end of a run; None if it did not end in a segment.
         config: of the run; its prior of the scale factors is tested.
         calibration: as given to the run.
         gyroscope: samples (INERTIAL_DTYPE), ascending.
         observations: tracks (OBSERVATION_DTYPE, IMU clock), ascending.
     """
-    if found is None or found.imu is None:
+    if found is None:
+        return "; ".join(_cause(_compare(calibration, gyroscope, observations, found), _NAMED_ALONE))
+    if found.imu is None:
         return ""
     prior = config.calibration.imu_scale_sigma
     imu = found.imu
@@ -59,8 +65,8 @@ def contradicted_scale(
     ]
     if not any(said):
         return ""
-    gains = compare_with_tracks(calibration, found, gyroscope, observations)
-    causes = [text for text in said if text] + _cause(gains)
+    gains = _compare(calibration, gyroscope, observations, found)
+    causes = [text for text in said if text] + _cause(gains, _NAMED)
     return "the scale of the trajectory is not reliable: " + "; ".join(causes)
 
 
@@ -83,28 +89,38 @@ def _contradicted(name: str, error: FloatArray, sigma: FloatArray, prior: float)
     )
 
 
-def compare_with_tracks(
-    calibration: Calibration, found: CalibrationEstimate, gyroscope: RecordArray, observations: RecordArray
+def _compare(
+    calibration: Calibration,
+    gyroscope: RecordArray,
+    observations: RecordArray,
+    found: CalibrationEstimate | None,
 ) -> Gains | None:
     """Gyroscope scale and focal length by tracks alone; None if there are too few tracks."""
     if observations.size == 0 or gyroscope.size < 2:
         return None
     pairs, times = pairs_from_tracks(observations, calibration.camera)
-    body, inside = TurnOf(gyroscope).means(times, found.time_offset_s)
+    C_b_c, offset_s = (
+        (calibration.T_b_c[:3, :3], 0.0) if found is None else (found.C_b_c, found.time_offset_s)
+    )
+    body, inside = TurnOf(gyroscope).means(times, offset_s)
     try:
-        return gains_of_tracks(pairs.of(inside), body[inside], found.C_b_c.T, 1.0)
+        return gains_of_tracks(pairs.of(inside), body[inside], C_b_c.T, 1.0)
     except np.linalg.LinAlgError:
         return None
 
 
-def _cause(gains: Gains | None) -> list[str]:
-    """The cause according to the tracks, if they show one."""
+def _cause(gains: Gains | None, least: float) -> list[str]:
+    """The cause according to the tracks, if they show one beyond the factor `least`."""
     if gains is None:
         return []
-    for factor, sigma, text in (
-        (gains.gyroscope, gains.gyroscope_sigma, "the gyroscope reads {:.3g} times what the camera sees"),
-        (gains.focal, gains.focal_sigma, "the focal length is {:.3g} times the calibrated one"),
-    ):
-        if abs(math.log(factor)) > max(math.log(_NAMED), _SIGMAS * sigma):
-            return [text.format(factor) + f" (standard deviation {sigma:.1%})"]
+    error, sigma = math.log(gains.gyroscope), gains.gyroscope_sigma
+    if gains.gyroscope_observable and abs(error) > max(math.log(least), _SIGMAS * sigma):
+        factor = f"{gains.gyroscope:.3g} times what the camera sees (standard deviation {sigma:.1%})"
+        return [f"the gyroscope reads {factor}"]
+    error, sigma = math.log(gains.focal), gains.focal_sigma
+    plausible = gains.focal_observable and abs(error) < math.log(_MOST_FOCAL)
+    if plausible and abs(error) > max(math.log(least), _SIGMAS * sigma):
+        return [
+            f"the focal length is {gains.focal:.3g} times the calibrated one (standard deviation {sigma:.1%})"
+        ]
     return []

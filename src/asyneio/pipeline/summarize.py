@@ -66,8 +66,8 @@ class Outcome:
     """What a run leaves to be summarized.
 
     `run`: estimates and reports; `calibration`: as estimated at the end; `observations`: OBSERVATION_DTYPE,
-    what the estimator received; `notes`: on the front end; `error`: what stopped the run, `contradiction`: why
-    the scale of the trajectory is wrong, each empty if nothing.
+    what the estimator received; `notes`: on the front end; `error`: what stopped the run;
+    `contradiction`: why the scale of the trajectory is not reliable. Both are empty if there is nothing.
     """
 
     run: Run
@@ -110,7 +110,7 @@ def summarize(recording: Recording | EventRecording, outcome: Outcome, grid: Gri
         health_s={str(health): n * grid.interval_ns / NS_PER_S for health, n in counts.items()},
         segments=tuple(_segments(run, grid)),
         transitions=tuple(_transitions(run, grid)),
-        failure=_failure(run, grid, outcome.error) or outcome.contradiction,
+        failure=_with_contradiction(_failure(run, grid, outcome.error), outcome),
         notes=(*recording.notes, *outcome.notes, *rejected_notes(outcome.run.reports)),
         camera=_camera_summary(outcome.calibration),
         imu_noise=_imu_noise_summary(calibration_of(recording).noise, run.reports),
@@ -196,6 +196,13 @@ def _failure(run: Run, grid: Grid, error: str) -> str:
     if gap_ns > 2 * grid.interval_ns:
         return f"the trajectory has a gap of {gap_ns / NS_PER_S:.2f} s{because}"
     return ""
+
+
+def _with_contradiction(failure: str, outcome: Outcome) -> str:
+    """The failure, with the contradiction as its likely cause if there are no estimates."""
+    if failure and outcome.contradiction and not outcome.run.estimates:
+        return f"{failure}; {outcome.contradiction}"
+    return failure or outcome.contradiction
 
 
 def _because(run: Run) -> str:

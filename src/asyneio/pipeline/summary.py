@@ -91,8 +91,8 @@ class Summary:
     is counted separately. `frontend_s` is the time the front end took, in its own thread in parallel;
     `events` is 0 for a tracks recording. `first_estimate_s` counts from the start of the recording.
     `health` is the last state, `health_s` the seconds in each. `failure` says why the output is missing,
-    incomplete or not reliable; empty otherwise. `camera` and `imu_scale` are None unless the run ends in a segment;
-    `imu_noise` is None for a run without steps.
+    incomplete or not reliable; empty otherwise. `camera` and `imu_scale` are None unless the run ends in a
+    segment; `imu_noise` is None for a run without steps.
     """
 
     recording: str
