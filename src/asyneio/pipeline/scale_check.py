@@ -23,6 +23,9 @@ from asyneio.types import Calibration, CalibrationEstimate, FloatArray, RecordAr
 #: Probability with which a sensor that meets its prior is rejected. A sensor with a scale error of three
 #: standard deviations of the prior on each axis passes.
 _PROBABILITY = 1e-7
+#: Least standard deviation that is tested, for a narrow prior: an error of some tenths of a percent in a
+#: calibrated IMU is no reason to reject a trajectory.
+_TOLERANCE = 0.01
 #: Largest ratio of posterior to prior variance of an axis that counts as observed.
 _OBSERVED = 0.95
 #: A comparison of tracks and gyroscope names the cause if it is off by this factor and by more than this
@@ -78,7 +81,7 @@ def _contradicted(name: str, error: FloatArray, sigma: FloatArray, prior: float)
     if dof == 0:
         return ""
     information = 1.0 - ratio[observed]
-    squared = float((error[observed] ** 2 / information).sum()) / prior**2
+    squared = float((error[observed] ** 2 / information).sum()) / max(prior, _TOLERANCE) ** 2
     limit = float(chdtri(dof, _PROBABILITY))
     if squared <= limit:
         return ""
