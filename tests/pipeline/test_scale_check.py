@@ -12,7 +12,7 @@ import pytest
 from asyneio.config import Config
 from asyneio.io import read_tracks_folder
 from asyneio.pipeline import run_recording
-from asyneio.pipeline.scale_check import contradicted_scale
+from asyneio.pipeline.scale_check import contradicted_scale, scale_notes
 from asyneio.types import CalibrationEstimate, ImuCorrectionEstimate, Recording
 from tests.io.recordings import make_recording
 from tests.pipeline.test_real_recording import first_seconds
@@ -61,6 +61,24 @@ def changed(recording: Recording, gyroscope: float, focal: float) -> Recording:
     readings["xyz"] *= gyroscope
     camera = replace(calibration.camera, fx=focal * calibration.camera.fx, fy=focal * calibration.camera.fy)
     return replace(recording, gyroscope=readings, calibration=replace(calibration, camera=camera))
+
+
+@pytest.mark.parametrize(
+    ("gyroscope", "focal", "note"),
+    [(1.0, 1.0, ""), (1.1, 1.0, "the gyroscope reads 1.1 times"), (1.0, 1.05, "the focal length is 0.95")],
+)
+def test_notes_by_real_tracks(data_dir: Path, gyroscope: float, focal: float, note: str) -> None:
+    recording = read_tracks_folder(data_dir / "tumvi_calib", max_track_seconds=1.0)
+    used = changed(recording, gyroscope, focal)
+    notes = scale_notes(None, used.calibration, used.gyroscope, used.observations)
+    assert len(notes) == bool(note)
+    assert not note or note in notes[0]
+
+
+def test_too_few_tracks_give_no_note(rng: np.random.Generator) -> None:
+    recording = make_recording(rng, seconds=3.0)
+    found = scale_notes(None, recording.calibration, recording.gyroscope, recording.observations[:50])
+    assert found == ()
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from asyneio.pipeline.compilation import Compilation, compile_ahead, watch_compi
 from asyneio.pipeline.fingerprint import fingerprint_of
 from asyneio.pipeline.frontend_thread import ObservationStream
 from asyneio.pipeline.packets import calibration_of, check_inertial_scales, packets, usable_span
-from asyneio.pipeline.scale_check import contradicted_scale
+from asyneio.pipeline.scale_check import contradicted_scale, scale_notes
 from asyneio.pipeline.summarize import Costs, Grid, Outcome, summarize
 from asyneio.pipeline.summary import Summary
 from asyneio.pipeline.track_source import ReplayedStream, TrackSource
@@ -137,18 +137,21 @@ def run_recording(
     contradiction = contradicted_scale(
         found, config, calibration_of(recording), recording.gyroscope, observations
     )
-    outcome = Outcome(loop.done, found, observations, source.notes(), loop.error, contradiction)
+    notes = source.notes()
+    if not contradiction:
+        notes += scale_notes(found, calibration_of(recording), recording.gyroscope, observations)
+    outcome = Outcome(loop.done, found, observations, notes, loop.error, contradiction)
     costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
     summary = summarize(recording, outcome, grid, costs)
-    _log_summary(summary, source)
+    _log_summary(summary, notes)
     result = RunResult(loop.done, summary, outcome.observations, tuple(loop.origins.values()), config)
     if loop.interrupted:
         raise RunInterrupted(result)
     return result
 
 
-def _log_summary(summary: Summary, source: TrackSource) -> None:
-    for note in source.notes():
+def _log_summary(summary: Summary, notes: tuple[str, ...]) -> None:
+    for note in notes:
         _LOG.warning("%s: %s", summary.recording, note)
     _LOG.info(
         "%s: %d knots in %d segment(s), %.2f s processed in %.2f s",

@@ -33,6 +33,9 @@ _OBSERVED = 0.95
 _NAMED, _SIGMAS, _MOST_FOCAL = 1.06, 3.5, 1.5
 #: The same factor for a run without estimates: nothing else shows an error.
 _NAMED_ALONE = 1.15
+#: For a note on a run that is complete: least factor, least number of windows and largest standard deviation.
+#: With less rotation or fewer windows the claimed standard deviations are too small.
+_NOTED, _LEAST_WINDOWS, _MOST_SIGMA = 1.045, 20, 0.02
 
 
 def contradicted_scale(
@@ -73,6 +76,22 @@ def contradicted_scale(
     return "the scale of the trajectory is not reliable: " + "; ".join(causes)
 
 
+def scale_notes(
+    found: CalibrationEstimate | None,
+    calibration: Calibration,
+    gyroscope: RecordArray,
+    observations: RecordArray,
+) -> tuple[str, ...]:
+    """A note if tracks and gyroscope show a wrong focal length or scale, although the run is complete.
+
+    Args: as those of `contradicted_scale`.
+    """
+    gains = _compare(calibration, gyroscope, observations, found, _LEAST_WINDOWS)
+    if gains is None or max(gains.gyroscope_sigma, gains.focal_sigma) > _MOST_SIGMA:
+        return ()
+    return tuple(f"{text}: calibrate again, or run `asyneio doctor`" for text in _cause(gains, _NOTED))
+
+
 def _contradicted(name: str, error: FloatArray, sigma: FloatArray, prior: float) -> str:
     """A contradiction of the prior by scale errors (3,) with their standard deviations, or nothing."""
     ratio = (sigma / prior) ** 2
@@ -97,8 +116,9 @@ def _compare(
     gyroscope: RecordArray,
     observations: RecordArray,
     found: CalibrationEstimate | None,
+    least_windows: int = 1,
 ) -> Gains | None:
-    """Gyroscope scale and focal length by tracks alone; None if there are too few tracks."""
+    """Gyroscope scale and focal length by tracks alone; None if there are too few tracks or windows."""
     if observations.size == 0 or gyroscope.size < 2:
         return None
     pairs, times = pairs_from_tracks(observations, calibration.camera)
@@ -106,6 +126,8 @@ def _compare(
         (calibration.T_b_c[:3, :3], 0.0) if found is None else (found.C_b_c, found.time_offset_s)
     )
     body, inside = TurnOf(gyroscope).means(times, offset_s)
+    if np.count_nonzero(inside) < least_windows:
+        return None
     try:
         return gains_of_tracks(pairs.of(inside), body[inside], C_b_c.T, 1.0)
     except np.linalg.LinAlgError:
@@ -119,7 +141,7 @@ def _cause(gains: Gains | None, least: float) -> list[str]:
     error, sigma = math.log(gains.gyroscope), gains.gyroscope_sigma
     if gains.gyroscope_observable and abs(error) > max(math.log(least), _SIGMAS * sigma):
         factor = f"{gains.gyroscope:.3g} times what the camera sees (standard deviation {sigma:.1%})"
-        return [f"the gyroscope reads {factor}"]
+        return [f"the gyroscope reads {factor}, so its scale or the focal length is wrong"]
     error, sigma = math.log(gains.focal), gains.focal_sigma
     plausible = gains.focal_observable and abs(error) < math.log(_MOST_FOCAL)
     if plausible and abs(error) > max(math.log(least), _SIGMAS * sigma):
