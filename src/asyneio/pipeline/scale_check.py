@@ -32,7 +32,7 @@ _OBSERVED = 0.95
 #: number of standard deviations; a larger factor of the focal length is not plausible.
 _NAMED, _SIGMAS, _MOST_FOCAL = 1.06, 3.5, 1.5
 #: The same factor for a run without estimates: nothing else shows an error.
-_NAMED_ALONE = 1.15
+_NAMED_ALONE = 1.07
 #: For a note on a run that is complete: least factor, least number of windows and largest standard deviation.
 #: With less rotation or fewer windows the claimed standard deviations are too small.
 _NOTED, _LEAST_WINDOWS, _MOST_SIGMA = 1.045, 20, 0.02
