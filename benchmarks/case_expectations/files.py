@@ -108,7 +108,7 @@ _BAGS: Expectations = {
             own=True, says=(r"0 FAIL",),
         ),
     ),
-    "B10b": (Step(_DOCTOR, says=(r"30 ground-truth poses", r"poses of /gt_path were taken as truth")),),
+    "B10b": (Step(_DOCTOR, says=(r"30 ground-truth poses", r"ground truth from the poses of /gt_path")),),
     "B15": (
         Step(
             _DOCTOR,

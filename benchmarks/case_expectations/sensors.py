@@ -16,7 +16,12 @@ CASES: Expectations = {
         Step(
             "asyneio doctor data", status=(1,), says=(r"FAIL +imu scale: the gyroscope reads 0\.12\d? times",)
         ),
-        Step("asyneio run data -o out", status=(1,), says=(r"0\.12\d? times what gravity",), own=True),
+        Step(
+            "asyneio run data -o out",
+            status=(1,),
+            says=(r"0\.12\d? times the rotation of gravity",),
+            own=True,
+        ),
     ),
     "GY2": (
         Step(
@@ -101,7 +106,7 @@ CASES: Expectations = {
         Step(
             "asyneio track data -o data",
             status=(1,),
-            says=(r"holds the recording itself",),
+            says=(r"contains the recording itself",),
             absent=("data/tracks.csv",),
         ),
         Step("asyneio track data -o out", files=("out/tracks.csv",)),

@@ -270,6 +270,20 @@ def test_a_short_recording_only_lacks_duration(short: Path) -> None:
     assert report.usable_for == ("track",)
 
 
+def test_clocks_that_disagree_do_not_prevent_tracking(short: Path, tmp_path: Path) -> None:
+    folder = copy_of(short, tmp_path / "faulty")
+    rows = np.loadtxt(folder / "imu.txt")
+    rows[:, 0] += 1e5
+    np.savetxt(folder / "imu.txt", rows, fmt=["%.9f", *["%.12g"] * 6])
+    report = examine(folder)
+    assert result_of(report, "clocks").severity is FAIL
+    assert report.worst is FAIL
+    assert report.usable_for == ("track",)
+    assert report.headline.startswith(
+        "not usable as it is for asyneio run, but for asyneio track; first cause: clocks: "
+    )
+
+
 def test_unreadable_files_do_not_hide_the_others(short: Path, tmp_path: Path) -> None:
     folder = copy_of(short, tmp_path / "faulty")
     (folder / "imu.txt").write_text("nothing\n" * 100)

@@ -26,11 +26,36 @@ def test_files_used_and_not_used(folder: Path) -> None:
     assert plain.severity is Severity.OK
     assert "events.txt (events)" in plain.measured
     assert "imu.txt (inertial samples)" in plain.measured
-    (folder / "other.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
+    np.save(folder / "other.npy", np.column_stack([np.arange(9), np.ones((9, 3), dtype=int)]))
     result = next(v for v in examine(folder).results if v.check == "files")
     assert result.severity is Severity.NOTE
-    assert "other.bag (a ROS 1 bag: another recording)" in result.measured
-    assert set(result.values["unused"]) == {"notes.md", "other.bag"}
+    assert "other.npy (NumPy .npy or .npz with columns of events: another recording)" in result.measured
+    assert set(result.values["unused"]) == {"notes.md", "other.npy"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "content", "text"),
+    [
+        ("other.bag", b"#ROSBAG V2.0\n" + bytes(100), "a ROS 1 bag, unreadable: "),
+        (
+            "other.raw",
+            b"% evt 4.0\n% geometry 240x180\n% end\n" + bytes(800),
+            "EVT 4.0, which is not supported",
+        ),
+        ("other.h5", b"noise" * 100, "other.h5 (of an unknown format)"),
+    ],
+)
+def test_an_unreadable_recording_beside_a_good_one(
+    folder: Path, name: str, content: bytes, text: str
+) -> None:
+    (folder / name).write_bytes(content)
+    report = examine(folder)
+    result = next(v for v in report.results if v.check == "files")
+    assert result.severity is Severity.WARNING
+    assert text in result.measured
+    assert name in result.fix
+    assert result.values["unreadable"] == [name]
 
 
 @pytest.mark.parametrize(

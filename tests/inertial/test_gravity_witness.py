@@ -50,11 +50,16 @@ def test_the_scale_of_the_gyroscope_is_found(scale: float) -> None:
     assert witness.force_complaint() == ""
 
 
-@pytest.mark.parametrize("scale", [0.5, 2.0])
+@pytest.mark.parametrize("scale", [0.5, 0.85, 2.0])
 def test_the_scale_of_the_accelerometer_is_found(scale: float) -> None:
     witness = hand(force_scale=scale)
     assert witness.force == pytest.approx(scale * GRAVITY, rel=0.05)
     assert "times its true value" in witness.force_complaint()
+
+
+@pytest.mark.parametrize("scale", [0.95, 1.1])
+def test_tolerances_of_the_accelerometer_are_accepted(scale: float) -> None:
+    assert hand(force_scale=scale).force_complaint() == ""
 
 
 def test_a_body_whose_tilt_and_acceleration_cancel_tells_nothing() -> None:

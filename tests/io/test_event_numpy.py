@@ -35,9 +35,28 @@ def npy_of_fields(path: Path, events: np.ndarray) -> None:
         np.save(stream, table)
 
 
+def npz_of_long_names(path: Path, events: np.ndarray) -> None:
+    t, x, y, p = events.T
+    np.savez(path, event_timestamps=t + T0_US, x_pos=x.astype("u2"), y_pos=y.astype("u2"), pols=p)
+
+
+def npz_of_pixels(path: Path, events: np.ndarray) -> None:
+    """As EVIMO2: column and row in one array."""
+    np.savez(
+        path, events_t=events[:, 0] + T0_US, events_xy=events[:, 1:3].astype("u2"), events_p=events[:, 3]
+    )
+
+
 @pytest.mark.parametrize(
     ("name", "write"),
-    [("a.npz", npz), ("b.npz", npz_of_one_array), ("c.npy", npy), ("d.npy", npy_of_fields)],
+    [
+        ("a.npz", npz),
+        ("b.npz", npz_of_one_array),
+        ("c.npy", npy),
+        ("d.npy", npy_of_fields),
+        ("e.npz", npz_of_long_names),
+        ("f.npz", npz_of_pixels),
+    ],
 )
 def test_numpy(
     tmp_path: Path, events: np.ndarray, name: str, write: Callable[[Path, np.ndarray], None]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -117,6 +119,32 @@ def test_containers_without_content(tmp_path: Path, content: bytes, message: str
     for path in (tmp_path, tmp_path / "thing"):
         with pytest.raises(RecordingError, match=message):
             open_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("module", "suffix", "program"),
+    [("bz2", ".bz2", "bunzip2"), ("lzma", ".xz", "unxz"), ("gzip", ".tar.gz", "gunzip")],
+)
+def test_advice_on_compressed_files_works(
+    tmp_path: Path, rng: np.random.Generator, module: str, suffix: str, program: str
+) -> None:
+    """The named program unpacks a file that can be read."""
+    if shutil.which(program) is None:
+        pytest.skip(f"{program} is not installed")
+    write_uzh_folder(make_event_recording(rng), tmp_path)
+    events = tmp_path / "events.txt"
+    # gzip of text is read directly; of an archive it is not.
+    content = b"archive" if module == "gzip" else events.read_bytes()
+    packed = tmp_path / f"events.txt{suffix}"
+    packed.write_bytes(importlib.import_module(module).compress(content))
+    if module != "gzip":
+        events.unlink()
+    with pytest.raises(RecordingError, match=rf"decompress it: {program} FILE\)") as raised:
+        open_recording(tmp_path if module != "gzip" else packed)
+    assert packed.name in str(raised.value)
+    subprocess.run([program, packed], check=True)
+    assert not packed.exists()
+    assert isinstance(open_recording(tmp_path), EventRecording)
 
 
 def test_nothing(tmp_path: Path) -> None:

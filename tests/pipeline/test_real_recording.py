@@ -18,7 +18,8 @@ from asyneio.types import Health, Recording
 SECONDS = 9.0
 
 
-def _first_seconds(recording: Recording, seconds: float) -> Recording:
+def first_seconds(recording: Recording, seconds: float) -> Recording:
+    """The beginning of a tracks recording."""
     end_ns = int(recording.observations["t_ns"][0]) + round(seconds * 1e9)
     streams = {
         name: stream[: np.searchsorted(stream["t_ns"], end_ns)]
@@ -35,7 +36,7 @@ def _first_seconds(recording: Recording, seconds: float) -> Recording:
 def test_tumvi_calibration_recording(data_dir: Path) -> None:
     """Tracks cut to a second, default settings: errors below half a centimetre and 0.6 degrees."""
     recording = read_tracks_folder(data_dir / "tumvi_calib", max_track_seconds=1.0)
-    result = run_recording(_first_seconds(recording, SECONDS), Config())
+    result = run_recording(first_seconds(recording, SECONDS), Config())
     assert result.summary.failure == ""
     assert result.summary.health is Health.TRACKING
     assert result.summary.first_estimate_s < 3.0

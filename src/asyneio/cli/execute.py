@@ -168,5 +168,6 @@ def _json(result: RunResult, scores: dict[int, Evaluation], written: list[Path])
 
 def _advice(result: RunResult) -> str:
     if result.run.estimates:
-        return f"The {len(result.run.estimates)} estimated knots are written, but the output is incomplete"
+        knots = len(result.run.estimates)
+        return f"The {knots} estimated knots are written, but the output is incomplete or not reliable"
     return "Check calibration and units first, then whether the sensor moves enough at the beginning"

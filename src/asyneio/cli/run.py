@@ -79,7 +79,7 @@ def run(
     and overview.png. If the estimator loses track and initializes again,
     further segments follow as trajectory_1.tum, ..., each with its own world
     frame. attitude.csv contains the attitude while there is no pose. The exit
-    status is not 0 if the trajectory is missing or incomplete.
+    status is not 0 if the trajectory is missing, incomplete or not reliable.
 
     A run that was interrupted or killed continues from its last checkpoint
     when the same command is given with --resume; it then writes the files of

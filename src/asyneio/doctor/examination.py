@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from asyneio.doctor.checks.event_pixels import (
@@ -92,6 +93,13 @@ _OF_EVENTS = {
     "polarity", "hot pixels", "flicker", "clocks",
 }  # fmt: skip
 
+#: Checks of the IMU, its calibration and its clock, which tracking does not need.
+_OF_THE_IMU = {
+    "inertial samples", "imu rate", "imu order", "imu gaps", "imu units", "imu axes", "imu range",
+    "stationary", "imu gravity", "imu scale", "imu noise", "clocks", "extrinsics", "image scale",
+    "time offset",
+}  # fmt: skip
+
 #: What to do with files that are not recordings.
 FIXES = {
     MATLAB: "this is a MATLAB file: write its events as text (events.txt), one line `t[s] x y p` per event",
@@ -120,6 +128,8 @@ def examine(
         # The reader already reported why it stopped: checks must not fail for the same cause.
         found = [result for result in found if result.check not in _OF_EVENTS or not result.fix]
     results += found
+    if inspection.sees and inspection.tracks is None:
+        results = [_for_odometry(result) for result in results]
     return Report(
         recording=str(path),
         results=tuple(results),
@@ -129,6 +139,13 @@ def examine(
         seconds=time.perf_counter() - started,
         reading_s=reading_s,
     )
+
+
+def _for_odometry(result: CheckResult) -> CheckResult:
+    """The result, which prevents odometry alone if it is a failure of the IMU."""
+    if result.severity is not Severity.FAIL or result.check not in _OF_THE_IMU:
+        return result
+    return replace(result, prevents=("run",))
 
 
 def _what_it_is(inspection: Inspection) -> CheckResult:

@@ -6,12 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from asyneio.doctor.inspection import Inspection, note, ok
+from asyneio.doctor.inspection import Inspection, note, ok, warning
 from asyneio.doctor.result import CheckResult
 from asyneio.doctor.views import is_calibration
-from asyneio.errors import AsyneioError
+from asyneio.errors import AsyneioError, CalibrationError
 from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
-from asyneio.io.open_recording import described, format_of_file
+from asyneio.io.formats import Format
+from asyneio.io.open_recording import UNKNOWN, described, format_of_file, open_contents
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.recording.sidecar import GROUND_TRUTH_FILES, first_file
 
@@ -20,7 +21,12 @@ _DATA = {
     ".raw", ".dat", ".aedat", ".aedat4", ".h5", ".hdf5", ".bag", ".db3", ".mcap", ".npz", ".npy", ".es",
     ".mat", ".zip", ".gz", ".zst", ".bz2", ".xz", ".7z", ".tar", ".csv", ".tum", ".bin",
 }  # fmt: skip
+#: Suffixes of recordings alone.
+_RECORDINGS = {
+    ".raw", ".aedat", ".aedat4", ".h5", ".hdf5", ".bag", ".db3", ".mcap", ".npz", ".npy", ".es",
+}  # fmt: skip
 _TABLES = {".txt", ".csv"}
+_OF_A_BAG = "metadata.yaml"
 _LENS = "calib.txt"
 _MOST_LISTED = 8
 
@@ -33,11 +39,13 @@ class FolderFiles:
         used: name and use of each used file.
         unused: name of each unused file, and why it is not used.
         data: names of the unused files that may contain sensor data.
+        unreadable: names of the unused files that should be recordings but cannot be read.
     """
 
     used: dict[str, str]
     unused: dict[str, str]
     data: tuple[str, ...]
+    unreadable: tuple[str, ...] = ()
 
 
 def files_of(path: Path, source: Path, contents: Contents, options: ReadOptions) -> FolderFiles | None:
@@ -66,15 +74,21 @@ def files_of(path: Path, source: Path, contents: Contents, options: ReadOptions)
         roles[contents.calibration.file.path] = "calibration"
     if source == path and events.parent != path:
         return None
-    used, unused = {}, {}
+    used: dict[str, str] = {}
+    unused: dict[str, str] = {}
+    unreadable: list[str] = []
+    if source == path:
+        roles[path / _OF_A_BAG] = "index of the bag"
     resolved = {file.resolve(): role for file, role in roles.items()}
     for entry in files_in(path):
         role = resolved.get(entry.resolve())
         if role is not None:
             used[entry.name] = role
         else:
-            unused[entry.name] = _why_unused(entry, contents)
-    return FolderFiles(used, unused, tuple(name for name in unused if may_be_data(path / name)))
+            unused[entry.name], readable = _why_unused(entry, contents)
+            unreadable += [] if readable else [entry.name]
+    data = tuple(name for name in unused if may_be_data(path / name))
+    return FolderFiles(used, unused, data, tuple(unreadable))
 
 
 def files_in(folder: Path) -> list[Path]:
@@ -101,24 +115,41 @@ def check_files(inspection: Inspection) -> CheckResult | None:
         listed = [f"{name} ({why})" for name, why in files.unused.items()]
         more = f" and {len(listed) - _MOST_LISTED} more" if len(listed) > _MOST_LISTED else ""
         text += f"; not used: {', '.join(listed[:_MOST_LISTED])}{more}"
-    values = {"used": files.used, "unused": files.unused}
+    values = {"used": files.used, "unused": files.unused, "unreadable": list(files.unreadable)}
+    if files.unreadable:
+        names = ", ".join(files.unreadable)
+        fix = f"copy or record {names} again, or remove it; pass a file to use it alone"
+        return warning("files", text, "files that can be read", fix, **values)
     if not files.data:
         return ok("files", text, **values)
     fix = "to use another recording, pass its file; to use other samples, pass --samples FILE"
     return note("files", text, "files of one recording", fix, **values)
 
 
-def _why_unused(file: Path, contents: Contents) -> str:
+def _why_unused(file: Path, contents: Contents) -> tuple[str, bool]:
+    """Why a file is not used, and False if it should be a recording but cannot be read."""
     name = file.name.lower()
     try:
         format = format_of_file(file)
         if format is not None:
-            return f"{format.title}: another recording"
+            return _other_recording(file, format)
         if "imu" in name and file.suffix.lower() in _TABLES:
             taken = contents.samples.name if contents.samples is not None else "none"
-            return f"inertial samples; {taken} is used instead"
+            return f"inertial samples; {taken} is used instead", True
         if is_calibration(file):
-            return "not applied"
-        return described(file)
+            return "not applied", True
+        text = described(file)
+        return text, not (file.suffix.lower() in _RECORDINGS and text in UNKNOWN)
     except AsyneioError as error:
-        return str(error)
+        return str(error), file.suffix.lower() not in _RECORDINGS
+
+
+def _other_recording(file: Path, format: Format) -> tuple[str, bool]:
+    """Another recording, and whether it can be opened."""
+    try:
+        open_contents(file, ReadOptions())
+    except CalibrationError:
+        pass
+    except AsyneioError as error:
+        return f"{format.title}, unreadable: {error}", False
+    return f"{format.title}: another recording", True

@@ -38,7 +38,7 @@ class CheckResult:
         expected: what a good recording has; empty if there is no problem.
         fix: what to do; empty if there is no problem.
         values: the figures as plain values, for programs.
-        prevents: commands that need the missing part, although the parts that exist are good.
+        prevents: commands that need the missing or failed part. A FAIL without any prevents all commands.
     """
 
     check: str
@@ -92,7 +92,7 @@ class Report:
     @property
     def usable_for(self) -> tuple[str, ...]:
         """Commands that can use the recording as it is."""
-        if self.worst is Severity.FAIL:
+        if any(result.severity is Severity.FAIL and not result.prevents for result in self.results):
             return ()
         prevented = {command for result in self.results for command in result.prevents}
         return tuple(command for command in self.commands if command not in prevented)
@@ -102,13 +102,22 @@ class Report:
         """One line: usable or not, and the most severe finding."""
         first = max(self.results, key=lambda result: result.severity, default=None)
         if first is not None and first.severity is Severity.FAIL:
-            return f"not usable as it is; first cause: {first.check}: {first.measured}"
+            return f"{self._not_usable}; first cause: {first.check}: {first.measured}"
         if not self.usable_for:
             return "neither odometry nor tracking is possible with this recording"
         usable = f"usable for {' and '.join(f'asyneio {command}' for command in self.usable_for)}"
         if first is None or first.severity is not Severity.WARNING:
             return usable
         return f"{usable}; check first: {first.check}: {first.measured}"
+
+    @property
+    def _not_usable(self) -> str:
+        """Which commands cannot use a recording with a FAIL."""
+        if not self.usable_for:
+            return "not usable as it is"
+        prevented = " and ".join(f"asyneio {name}" for name in self.commands if name not in self.usable_for)
+        usable = " and ".join(f"asyneio {name}" for name in self.usable_for)
+        return f"not usable as it is for {prevented}, but for {usable}"
 
     @property
     def summary(self) -> str:
@@ -119,7 +128,7 @@ class Report:
         )
         failed = [v.check for v in self.results if v.severity is Severity.FAIL]
         if failed:
-            return f"not usable as it is ({', '.join(dict.fromkeys(failed))}): {counts}"
+            return f"{self._not_usable} ({', '.join(dict.fromkeys(failed))}): {counts}"
         if not self.usable_for:
             return f"neither odometry nor tracking is possible with this recording: {counts}"
         return f"usable for {' and '.join(f'asyneio {command}' for command in self.usable_for)}: {counts}"

@@ -19,7 +19,13 @@ import numpy as np
 from asyneio.errors import RecordingError
 from asyneio.io.calibration import find_calibration
 from asyneio.io.hdf5.columns import PolarityCheck, blocks, nanoseconds, pixels, signed
-from asyneio.io.parsing.column_meaning import Meaning, columns_by_name, columns_by_values, unit_of_time
+from asyneio.io.parsing.column_meaning import (
+    Meaning,
+    columns_by_name,
+    columns_by_values,
+    names_pixels,
+    unit_of_time,
+)
 from asyneio.io.parsing.safe_npz import DAMAGE, read_npz
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.recording.event_source import SAMPLE_DTYPE, pack_events
@@ -116,7 +122,7 @@ def read_columns(path: Path) -> tuple[list[np.ndarray], Meaning, str]:
 
 def _events_in(path: Path, arrays: dict[str, np.ndarray]) -> tuple[list[np.ndarray], Meaning]:
     """Columns and their meaning. Raises RecordingError: the arrays are not events."""
-    named = {name: array for name, array in arrays.items() if array.ndim == 1 and array.dtype.kind in "iufb"}
+    named = {name: array for name, array in _split(arrays).items() if _is_column(array)}
     found = columns_by_name(list(named))
     if found is not None:
         values = list(named.values())
@@ -178,6 +184,21 @@ def _load_npy(path: Path, size: int) -> tuple[np.ndarray, str]:
         raise ValueError("it ends before its first row; truncated? Copy the file again")
     array = np.memmap(path, dtype, "r", start, (rows, *shape[1:]))
     return array, f"{path.name} has {rows} of {shape[0]} declared rows: truncated? read up to there"
+
+
+def _split(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays, with those (N,2) of pixels split into columns x and y, as EVIMO2 and others store them."""
+    out: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        if names_pixels(name) and array.ndim == 2 and array.shape[1] == 2:
+            out |= {"x": array[:, 0], "y": array[:, 1]}
+        else:
+            out[name] = array
+    return out
+
+
+def _is_column(array: np.ndarray) -> bool:
+    return array.ndim == 1 and array.dtype.kind in "iufb"
 
 
 def _is_table(array: np.ndarray) -> bool:

@@ -30,9 +30,15 @@ _NOT_READ = {
     b"#ROSBAG": "a ROS bag of another version than 2.0",
     b"SQLite format 3\0": "a SQLite file, but not a ROS 2 bag",
     b"\x28\xb5\x2f\xfd": "compressed with zstd (decompress it: zstd -d FILE)",
-    b"\x1f\x8b": "compressed with gzip (decompress it first)",
+    b"\x1f\x8b": "compressed with gzip (decompress it: gunzip FILE)",
+    b"BZh": "compressed with bzip2 (decompress it: bunzip2 FILE)",
+    b"\xfd7zXZ\0": "compressed with xz (decompress it: unxz FILE)",
+    b"7z\xbc\xaf\x27\x1c": "an archive of 7-Zip (unpack it: 7z x FILE)",
+    b"Rar!": "an archive of RAR (unpack it: unrar x FILE)",
     b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
 }
+#: Descriptions of files without a known beginning, and without content.
+UNKNOWN = ("of an unknown format", "empty")
 _SNIFF_BYTES = 4096
 _LOG = logging.getLogger("asyneio.io")
 _AnyRecording = TypeVar("_AnyRecording", Recording, EventRecording)
@@ -157,9 +163,13 @@ def _only_event_file(folder: Path) -> tuple[Path, Format]:
     named = [file for file in files if "imu" in file.name.lower() and file.suffix in (".csv", ".txt")]
     inertial = first_file(folder, SAMPLE_FILES) or (named[0] if named else None)
     if inertial is not None:
+        others = [
+            file for file in files if file != inertial and file.suffix not in (".yaml", ".yml", ".json")
+        ]
+        rest = _listed([f"{file.name} ({described(file)})" for file in others])
         raise RecordingError(
-            f"{folder} contains inertial samples ({inertial.relative_to(folder)}) but no events; expected "
-            f"{_supported()}"
+            f"{folder} contains inertial samples ({inertial.relative_to(folder)}) but no events"
+            f"{f'; not readable as events: {rest}' if rest else ''}; expected {_supported()}"
         )
     content = _listed([f"{file.name} ({described(file)})" for file in files]) if files else "no files"
     raise RecordingError(f"{folder} contains {content}; expected {_supported()}")
@@ -190,7 +200,7 @@ def described(path: Path) -> str:
     for magic, text in _NOT_READ.items():
         if head.startswith(magic):
             return f"{text}, which is not supported"
-    return "of an unknown format" if head else "empty"
+    return UNKNOWN[0] if head else UNKNOWN[1]
 
 
 def _head(path: Path) -> bytes:

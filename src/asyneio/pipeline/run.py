@@ -23,6 +23,7 @@ from asyneio.pipeline.packets import (
     packets,
     usable_span,
 )
+from asyneio.pipeline.scale_check import contradicted_scale, scale_notes
 from asyneio.pipeline.summarize import Costs, Grid, Outcome, summarize
 from asyneio.pipeline.summary import Summary
 from asyneio.pipeline.track_source import ReplayedStream, TrackSource
@@ -139,9 +140,14 @@ def run_recording(
             fingerprint = fingerprint_of(recording, config)
             loop.use_checkpoints(Checkpoints(checkpoints, fingerprint, progress.message))
         loop.run(recording)
-    outcome = Outcome(
-        loop.done, loop.estimator.calibration(), source.observations(), source.notes(), loop.error
+    found, observations = loop.estimator.calibration(), source.observations()
+    contradiction = contradicted_scale(
+        found, config, calibration_of(recording), recording.gyroscope, observations
     )
+    notes = source.notes()
+    if not contradiction:
+        notes += scale_notes(found, calibration_of(recording), recording.gyroscope, observations)
+    outcome = Outcome(loop.done, found, observations, notes, loop.error, contradiction)
     costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
     summary = summarize(recording, outcome, grid, costs)
     _log_summary(summary, summary.notes[len(recording.notes) :])

@@ -74,7 +74,8 @@ class Outcome:
     """What a run leaves to be summarized.
 
     `run`: estimates and reports; `calibration`: as estimated at the end; `observations`: OBSERVATION_DTYPE,
-    what the estimator received; `notes`: on the front end; `error`: what stopped the run, empty if nothing.
+    what the estimator received; `notes`: on the front end; `error`: what stopped the run;
+    `contradiction`: why the scale of the trajectory is not reliable. Both are empty if there is nothing.
     """
 
     run: Run
@@ -82,6 +83,7 @@ class Outcome:
     observations: RecordArray
     notes: tuple[str, ...]
     error: str
+    contradiction: str = ""
 
 
 def summarize(recording: Recording | EventRecording, outcome: Outcome, grid: Grid, costs: Costs) -> Summary:
@@ -117,7 +119,7 @@ def summarize(recording: Recording | EventRecording, outcome: Outcome, grid: Gri
         health_s={str(health): n * grid.interval_ns / NS_PER_S for health, n in counts.items()},
         segments=tuple(_segments(run, grid)),
         transitions=tuple(_transitions(run, grid)),
-        failure=_failure(run, grid, outcome.error),
+        failure=_with_contradiction(_failure(run, grid, outcome.error), outcome),
         notes=(*recording.notes, *outcome.notes, *rejected_notes(run.reports), *_noise_notes(imu_noise)),
         camera=_camera_summary(outcome.calibration),
         imu_noise=imu_noise,
@@ -240,6 +242,13 @@ def _failure(run: Run, grid: Grid, error: str) -> str:
     if gap_ns > 2 * grid.interval_ns:
         return f"the trajectory has a gap of {gap_ns / NS_PER_S:.2f} s{because}"
     return ""
+
+
+def _with_contradiction(failure: str, outcome: Outcome) -> str:
+    """The failure, with the contradiction as its likely cause if there are no estimates."""
+    if failure and outcome.contradiction and not outcome.run.estimates:
+        return f"{failure}; {outcome.contradiction}"
+    return failure or outcome.contradiction
 
 
 def _because(run: Run) -> str:

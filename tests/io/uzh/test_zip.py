@@ -46,6 +46,18 @@ def test_same_as_the_folder(tmp_path: Path, recording: EventRecording, inside: s
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.zip"]
 
 
+def test_samples_beside_the_archive(tmp_path: Path, recording: EventRecording) -> None:
+    write_uzh_folder(recording, tmp_path / "files")
+    with zipfile.ZipFile(tmp_path / "run.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(tmp_path / "files" / "events.txt", "events.txt")
+    for name in ("imu.txt", "camchain-imucam.yaml", "imu.yaml"):
+        shutil.move(tmp_path / "files" / name, tmp_path / name)
+    shutil.rmtree(tmp_path / "files")
+    found = open_recording(tmp_path / "run.zip")
+    np.testing.assert_array_equal(found.gyroscope["t_ns"], recording.gyroscope["t_ns"])
+    assert found.calibration is not None
+
+
 def test_real_zip(tmp_path: Path, data_dir: Path) -> None:
     source = data_dir / "ecd_excerpts" / "shapes_rotation"
     path = tmp_path / "shapes.zip"

@@ -14,7 +14,7 @@ from asyneio.doctor.rotation.epipolar import Pairs
 from asyneio.doctor.rotation.sharpness import find_rate
 from asyneio.geometry.camera import CameraModel
 from asyneio.progress import ProgressCallback
-from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, IntArray, RecordArray
+from asyneio.types import NS_PER_S, BoolArray, CameraIntrinsics, FloatArray, IntArray, RecordArray
 
 #: Maximum number of windows: those with the fastest rotation. The precision grows with the square root of
 #: their number, the computing time with their number.
@@ -30,9 +30,12 @@ _LEAST_GAIN = 0.01
 #: Length of the windows for tracks, and minimum number of tracks in one.
 _TRACK_WINDOW_NS = 100_000_000
 _LEAST_TRACKS = 6
-#: Length of the windows for pairs of bearings (shorter ones contain mostly noise), and minimum number of
-#: pairs.
-_PAIR_WINDOW_NS, _LEAST_PAIRS = 250_000_000, 10
+#: Length of the windows for pairs of bearings (shorter ones contain mostly noise): shortest and longest [ns],
+#: and their number if it is between these. Then the minimum number of pairs.
+_PAIR_WINDOW_NS, _PAIR_WINDOWS = (125_000_000, 250_000_000), 16
+_LEAST_PAIRS = 10
+#: Longest time between two observations of a track that are interpolated [ns].
+_LONGEST_STEP_NS = 60_000_000
 _ROBUST_STEPS = 5
 
 
@@ -119,27 +122,62 @@ def rates_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> Ca
 
 
 def pairs_from_tracks(observations: RecordArray, camera: CameraIntrinsics) -> tuple[Pairs, CameraRates]:
-    """Bearings of tracks at both ends of windows, and the windows (with zero rates)."""
+    """Bearings of tracks at both ends of windows, and the windows (with zero rates).
+
+    Tracks that are not observed at the same times are interpolated linearly.
+    """
     xy, _, valid = CameraModel(camera).undistort(np.stack([observations["u"], observations["v"]], axis=1))
-    t_ns, ids = observations["t_ns"][valid], observations["id"][valid]
-    xy = xy[valid]
-    numbers = np.unique((t_ns - t_ns[0]) // _PAIR_WINDOW_NS)
-    starts = t_ns[0] + numbers[:: max(1, -(-numbers.size // _MAX_WINDOWS))] * _PAIR_WINDOW_NS
+    tracks = _Tracks(observations["id"][valid], observations["t_ns"][valid], xy[valid])
+    t_ns = observations["t_ns"][valid]
+    window_ns = int(np.clip((t_ns[-1] - t_ns[0]) // _PAIR_WINDOWS, *_PAIR_WINDOW_NS))
+    numbers = np.unique((t_ns - t_ns[0]) // window_ns)
+    starts = t_ns[0] + numbers[:: max(1, -(-numbers.size // _MAX_WINDOWS))] * window_ns
     ends: list[tuple[int, int]] = []
     parts: list[tuple[FloatArray, FloatArray]] = []
-    for a, b in zip(*(np.searchsorted(t_ns, starts + d) for d in (0, _PAIR_WINDOW_NS)), strict=True):
-        if b - a < _LEAST_PAIRS:
+    for a, b in zip(*(np.searchsorted(t_ns, starts + d) for d in (0, window_ns)), strict=True):
+        if b - a < _LEAST_PAIRS or t_ns[b - 1] == t_ns[a]:
             continue
-        first, last = (np.flatnonzero(t_ns[a:b] == t) + a for t in (t_ns[a], t_ns[b - 1]))
-        _, i, j = np.intersect1d(ids[first], ids[last], return_indices=True)
-        if i.size >= _LEAST_PAIRS and t_ns[b - 1] > t_ns[a]:
+        candidates = np.unique(tracks.ids_between(a, b))
+        (first, begun), (last, ended) = (tracks.at(candidates, int(t)) for t in (t_ns[a], t_ns[b - 1]))
+        both = begun & ended
+        if np.count_nonzero(both) >= _LEAST_PAIRS:
             ends.append((int(t_ns[a]), int(t_ns[b - 1])))
-            parts.append((xy[first[i]], xy[last[j]]))
+            parts.append((first[both], last[both]))
     start_ns, end_ns = np.array(ends, dtype=np.int64).reshape(-1, 2).T
     times = CameraRates(start_ns, end_ns, np.zeros((len(ends), 3)))
     window = np.repeat(np.arange(len(parts)), [len(first) for first, _ in parts])
     stacked = [np.concatenate([np.zeros((0, 2)), *side]) for side in zip(*parts, strict=True)] or 2 * [xy[:0]]
     return Pairs(window, stacked[0], stacked[1], (times.end_ns - times.start_ns) / NS_PER_S), times
+
+
+class _Tracks:
+    """Tracks that can be interpolated: ids (N,), ascending times (N,) [ns] and positions (N,2)."""
+
+    def __init__(self, ids: IntArray, t_ns: IntArray, xy: FloatArray) -> None:
+        self._ids = ids
+        order = np.lexsort((t_ns, ids))
+        self._t_ns, self._xy = t_ns[order], xy[order]
+        self._known, self._begin = np.unique(ids[order], return_index=True)
+        self._end = np.append(self._begin[1:], len(ids))
+
+    def ids_between(self, first: int, last: int) -> IntArray:
+        """Ids of the observations `first` to `last` (exclusive), in the order of time."""
+        return self._ids[first:last]
+
+    def at(self, ids: IntArray, t_ns: int) -> tuple[FloatArray, BoolArray]:
+        """Positions (M,2) of tracks (M,) at a time, and which ones are observed until and from then on."""
+        xy, seen = np.zeros((len(ids), 2)), np.zeros(len(ids), dtype=np.bool_)
+        for k, track in enumerate(np.searchsorted(self._known, ids).tolist()):
+            begin, end = self._begin[track], self._end[track]
+            j = begin + int(np.searchsorted(self._t_ns[begin:end], t_ns))
+            if j == end or (j == begin and self._t_ns[j] != t_ns):
+                continue
+            i = j if self._t_ns[j] == t_ns else j - 1
+            gap_ns = int(self._t_ns[j] - self._t_ns[i])
+            if gap_ns <= _LONGEST_STEP_NS:
+                share = (t_ns - int(self._t_ns[i])) / gap_ns if gap_ns else 0.0
+                xy[k], seen[k] = self._xy[i] + share * (self._xy[j] - self._xy[i]), True
+        return xy, seen
 
 
 def _joined(rows: list[tuple[int, int, FloatArray]]) -> CameraRates:

@@ -22,10 +22,14 @@ UNIT_WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": 
 #: Names of the four columns; a unit may follow.
 _NAMES = {
     "t": re.compile(r"t|ts|time|times|timestamps?|stamps?|time_?stamps?"),
-    "x": re.compile(r"xs?|col(umn)?|x_?coord(inate)?s?"),
-    "y": re.compile(r"ys?|row|y_?coord(inate)?s?"),
-    "p": re.compile(r"ps?|pol|pols|polarity|polarities|on|is_?on"),
+    "x": re.compile(r"xs?|col(umn)?s?|x_?(coord(inate)?|pos(ition)?|addr(ess)?|pix(el)?)s?|(pos|pixel)_?x"),
+    "y": re.compile(r"ys?|rows?|y_?(coord(inate)?|pos(ition)?|addr(ess)?|pix(el)?)s?|(pos|pixel)_?y"),
+    "p": re.compile(r"ps?|pols?|polarity|polarities|on|is_?on|signs?"),
 }
+#: Words before the names.
+_PREFIX = re.compile(r"(events?|ev|dvs|cd)[ _./]")
+#: Names of arrays (N,2) with column and row.
+_PIXELS = re.compile(r"xys?|coord(inate)?s?|pixels?|positions?|locations?")
 _UNIT = re.compile(r"(.*?)[ _]*[\[(_ ](s|sec|seconds|ms|us|µs|usec|microseconds|ns|nsec|nanoseconds)[\])]?")
 _SPELLINGS = {
     "sec": "s", "seconds": "s", "µs": "us", "usec": "us", "microseconds": "us", "nsec": "ns",
@@ -88,6 +92,7 @@ def columns_by_name(names: Sequence[str]) -> tuple[dict[str, int], str] | None:
     unit = ""
     for position, name in enumerate(names):
         plain, name_unit = name_and_unit(name)
+        plain = _PREFIX.sub("", plain, count=1) if _PREFIX.match(plain) else plain
         letter = next((letter for letter, names_of in _NAMES.items() if names_of.fullmatch(plain)), None)
         if letter is None:
             continue
@@ -97,6 +102,12 @@ def columns_by_name(names: Sequence[str]) -> tuple[dict[str, int], str] | None:
         if letter == "t":
             unit = name_unit
     return (found, unit) if len(found) == 4 else None
+
+
+def names_pixels(name: str) -> bool:
+    """Whether this is the name of an array (N,2) of column and row."""
+    plain = name_and_unit(name)[0]
+    return _PIXELS.fullmatch(_PREFIX.sub("", plain, count=1)) is not None
 
 
 def name_and_unit(name: str) -> tuple[str, str]:

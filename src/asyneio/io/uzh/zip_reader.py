@@ -15,7 +15,8 @@ from asyneio.io.calibration import (
     sources_of,
 )
 from asyneio.io.parsing.zip_member import ZipMember, open_zip
-from asyneio.io.recording.contents import Contents, ReadOptions, no_samples
+from asyneio.io.recording.contents import Contents, ReadOptions
+from asyneio.io.recording.sidecar import find_samples
 from asyneio.io.text.reader import TextEvents
 from asyneio.io.uzh.folder_reader import EVENTS_FILE, SAMPLES_FILE, uzh_contents, uzh_samples
 
@@ -24,6 +25,8 @@ _MAX_LISTED = 8
 
 def read_uzh_zip(path: Path, options: ReadOptions) -> Contents:
     """A zip with `events.txt` and other files of a UZH folder, in its root or in a folder.
+
+    Without inertial samples or a calibration inside, those next to the archive are used.
 
     Args:
         path: the archive.
@@ -45,7 +48,7 @@ def read_uzh_zip(path: Path, options: ReadOptions) -> Contents:
         calibration = _calibration_inside(file(CAMCHAIN_FILE), file(IMU_FILE)) or calibration
     events = ZipMember(path, member)
     name = folder.rsplit("/", 1)[-1] or path.resolve().stem
-    samples = uzh_samples(file(SAMPLES_FILE)) or no_samples(SAMPLES_FILE)
+    samples = uzh_samples(file(SAMPLES_FILE)) or find_samples(path.parent, options)
     return uzh_contents(name, lambda: TextEvents(path, events), calibration, file, samples, variant=member)
 
 
