@@ -299,7 +299,7 @@ def test_a_wrong_calibration_is_found(name: str) -> None:
 
 
 def test_a_tail_of_the_prior_lets_a_large_error_be_found() -> None:
-    """A rotation by eleven standard deviations: a Gaussian keeps most of the error."""
+    """A rotation by eleven standard deviations: a Gaussian keeps a quarter of the error."""
     left, turn = [], 5.0 * TRUE_TURN
     for tail in (np.inf, 0.02):
         toy = CASES["rotation"].toy(noise=0.0, count=8, landmarks=40)
