@@ -152,8 +152,8 @@ class CalibrationConfig(_Section):
     extrinsic_rotation_sigma_deg: float = Field(
         0.3,
         gt=0.0,
-        description="standard deviation of the calibrated rotation, per axis; the tails of the prior are those "
-        "of a Cauchy distribution, so that errors of several degrees are found too",
+        description="standard deviation of the calibrated rotation, per axis; the tails of the prior are "
+        "those of a Cauchy distribution, so that errors of several degrees are found too",
     )
     time_offset_walk: float = Field(
         2e-4,

@@ -17,7 +17,6 @@ from asyneio.inertial.noise import InertialNoise
 from asyneio.trajectory.model import motion_model_named
 from asyneio.types import NS_PER_S, Calibration, FloatArray
 
-
 #: The weight of the prior on the camera's rotation is halved at this number of standard deviations.
 _ROTATION_TAIL = 2.0
 
