@@ -230,12 +230,12 @@ _IMU_KINDS = (
 )
 _CALIBRATION_KINDS = (
     Nuisance("turned_1", "camera rotated by 1 degree", calibration=_turned(1.0), mild=True),
-    Nuisance("turned_3", "camera turned by 3 degrees", calibration=_turned(3.0)),
+    Nuisance("turned_3", "camera rotated by 3 degrees", calibration=_turned(3.0)),
     Nuisance(
-        "turned_3_estimated",
-        "camera rotated by 3 degrees, rotation estimated",
+        "turned_3_not_estimated",
+        "camera rotated by 3 degrees, rotation not estimated",
         calibration=_turned(3.0),
-        config={"calibration": {"estimate_extrinsic_rotation": True}},
+        config={"calibration": {"estimate_extrinsic_rotation": False}},
     ),
     Nuisance("moved", "camera moved by 2 cm", calibration=_moved(0.02), mild=True),
     Nuisance("focal", "focal length 1 % too long", calibration=_longer(0.01), mild=True),

@@ -144,13 +144,16 @@ class CalibrationConfig(_Section):
         "requires visual.estimate_bearing",
     )
     estimate_extrinsic_rotation: bool = Field(
-        False, description="estimate the rotation of the camera in the body"
+        True, description="estimate the rotation of the camera in the body"
     )
     time_offset_sigma_s: float = Field(
         0.005, gt=0.0, description="standard deviation of the calibrated shift"
     )
     extrinsic_rotation_sigma_deg: float = Field(
-        1.0, gt=0.0, description="standard deviation of the calibrated rotation, per axis"
+        0.3,
+        gt=0.0,
+        description="standard deviation of the calibrated rotation, per axis; the tails of the prior are "
+        "those of a Cauchy distribution, so that errors of several degrees are found too",
     )
     time_offset_walk: float = Field(
         2e-4,

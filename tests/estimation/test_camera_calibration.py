@@ -15,10 +15,12 @@ from asyneio.estimation.linearization.linear_system import evaluate_cost, linear
 from asyneio.estimation.linearization.prior import add_prior, difference
 from asyneio.estimation.problem.camera_calibration import (
     CalibrationSettings,
+    RotationPrior,
     after_walk,
     at_offset,
     camera_difference,
     moved_camera,
+    with_camera,
 )
 from asyneio.estimation.problem.problem import Prior, Problem
 from asyneio.estimation.problem.schemes import SCHEMES
@@ -234,6 +236,42 @@ def test_walk_forgets_in_the_window() -> None:
     assert (sigmas[1] > 1.02 * sigmas[0]).all()
 
 
+@pytest.mark.parametrize("weight", [0.05, 0.6])
+def test_prior_with_another_weight_equals_one_that_always_had_it(weight: float) -> None:
+    problem, prior = drawn(CASES["rotation"])
+    assert prior.camera is not None
+    own = prior._replace(R=prior.R[:-3, :-3], r_0=prior.r_0[:-3], camera=None)
+    settings = CalibrationSettings(np.array(ROTATION), SIGMA, np.zeros(4))
+    always = replace(settings, sigma=SIGMA / np.sqrt(weight))
+    turn = np.linalg.norm(camera_difference(problem.camera, prior.camera))
+    information = 1.0 / SIGMA[1] ** 2
+    tail = float(turn * np.sqrt(weight / (1.0 - weight)))
+    first = RotationPrior(prior.camera.C_bc, tail, information, information)
+    renewed, more, gradient = first.reweighted(problem.camera)
+    assert renewed.present == pytest.approx(weight * information)
+    found, expected = (
+        marginalize_oldest(problem, with_camera(own, prior.camera, used), added=added)
+        for used, added in ((settings, (np.full(3, more), gradient)), (always, None))
+    )
+    np.testing.assert_allclose(found.information, expected.information, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.R.T @ found.r_0, expected.R.T @ expected.r_0, rtol=1e-6, atol=1e-6)
+
+
+def test_information_of_the_prior_remains_positive(rng: np.random.Generator) -> None:
+    """Whatever the camera does between two random walks: the prior alone, without any observation."""
+    camera = drawn(CASES["rotation"])[0].camera
+    prior = RotationPrior(camera.C_bc, 0.01, 1e4, 1e4)
+    left, variance = 1e4, 1e-4
+    for _ in range(50):
+        step = moved_camera(camera, rng.normal(scale=0.03, size=3))
+        prior, more, _ = prior.reweighted(step)
+        left += more
+        assert left > 0.0
+        left = float(after_walk(np.array([[left]]), np.zeros(1), np.array([variance]))[0][0, 0])
+        prior = prior.after_walk(variance)
+    assert left == pytest.approx(prior.present)
+
+
 TRUE_OFFSET, TRUE_TURN = 0.006, np.array([0.01, -0.012, 0.015])
 
 
@@ -258,6 +296,26 @@ def test_a_wrong_calibration_is_found(name: str) -> None:
     # Without noise only the weak prior on the wrong calibration causes an error.
     assert np.abs(window.camera.time_offset - TRUE_OFFSET) < min(sigma[0], 0.2 * TRUE_OFFSET)
     assert np.linalg.norm(turn_left) < min(np.linalg.norm(sigma[1:]), 0.5 * np.linalg.norm(TRUE_TURN))
+
+
+def test_a_tail_of_the_prior_lets_a_large_error_be_found() -> None:
+    """A rotation by eleven standard deviations: a Gaussian keeps a quarter of the error."""
+    left, turn = [], 5.0 * TRUE_TURN
+    for tail in (np.inf, 0.02):
+        toy = CASES["rotation"].toy(noise=0.0, count=8, landmarks=40)
+        settings = toy.settings
+        T_b_c = settings.T_b_c.copy()
+        T_b_c[:3, :3] = T_b_c[:3, :3] @ Rotation.from_rotvec(-turn).as_matrix()
+        narrow = replace(settings.calibration, sigma=np.array([0.005, 0.01, 0.01, 0.01]), tail=tail)
+        spoilt = replace(toy, settings=replace(settings, T_b_c=T_b_c, calibration=narrow))
+        window = spoilt.window(toy.truth)
+        window.add_landmarks()
+        for _ in range(4):
+            window.optimize(TO_THE_END)
+            window.marginalize_oldest()
+        error = Rotation.from_matrix(settings.T_b_c[:3, :3].T @ window.camera.C_bc).as_rotvec()
+        left.append(np.linalg.norm(error) / np.linalg.norm(turn))
+    assert left[1] < 0.5 * left[0], left
 
 
 def test_what_nothing_observes_stays_as_it_was() -> None:

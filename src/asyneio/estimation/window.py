@@ -10,7 +10,7 @@ import numpy as np
 from asyneio.estimation.landmark_initialization import LandmarkCandidates
 from asyneio.estimation.linearization.zero_velocity import zero_velocity_of
 from asyneio.estimation.problem.active import active_coordinates
-from asyneio.estimation.problem.camera_calibration import first_camera, with_camera
+from asyneio.estimation.problem.camera_calibration import first_camera, first_rotation_prior, with_camera
 from asyneio.estimation.problem.inertial_calibration import corrected, first_correction, with_imu
 from asyneio.estimation.problem.landmarks import LandmarkTable
 from asyneio.estimation.problem.measurements import InertialBuffer, PreintegrationBuffer, VisualBuffer
@@ -52,6 +52,7 @@ class Window:
         self._linearization = states.copied()
         self.camera = first_camera(settings.T_b_c[:3, :3], settings.calibration)
         self.imu = first_correction(settings.imu)
+        self._rotation_prior = first_rotation_prior(self.camera, settings.calibration)
         prior = with_camera(prior, self.camera, settings.calibration)
         self.prior = with_imu(prior, self.imu, settings.imu)
         self._frozen = 0
@@ -237,7 +238,8 @@ class Window:
         s = self._settings
         walk = np.concatenate([s.calibration.walk[self.camera.columns], s.imu.walk[self.imu.columns]])
         interval_s = float(self.t_ns[1] - self.t_ns[0]) * 1e-9
-        self.prior = marginalize_oldest(self.problem(), self.prior, walk**2 * interval_s)
+        added = self._reweighted_rotation(len(walk), s.calibration.walk[1] ** 2 * interval_s)
+        self.prior = marginalize_oldest(self.problem(), self.prior, walk**2 * interval_s, added)
         anchored = self.landmarks.anchor == self.first
         gone = np.isin(self._visual.track, self.landmarks.track[anchored])
         # The rest of the first interval belongs to tracks that are too short for a landmark.
@@ -254,6 +256,21 @@ class Window:
         self._linearization = self._linearization.chosen(slice(1, None))
         if s.frozen_linearization:
             self._frozen = self.prior.knots
+
+    def _reweighted_rotation(self, size: int, walk: float) -> tuple[FloatArray, FloatArray] | None:
+        """Renew the weight of the prior on the camera's rotation, which then walks by the variance `walk`.
+
+        Returns information and gradient to add to the `size` coordinates of camera and IMU, None if the
+        rotation is not estimated.
+        """
+        if self._rotation_prior is None:
+            return None
+        renewed, information, gradient = self._rotation_prior.reweighted(self.camera)
+        self._rotation_prior = renewed.after_walk(walk)
+        rotation = np.flatnonzero(self.camera.columns > 0)
+        added = np.zeros((2, size))
+        added[0, rotation], added[1, rotation] = information, gradient
+        return added[0], added[1]
 
     def remove_tracks(self, ids: IntArray) -> None:
         """Forget tracks: their observations and their landmarks."""

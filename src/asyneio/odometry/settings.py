@@ -17,6 +17,9 @@ from asyneio.inertial.noise import InertialNoise
 from asyneio.trajectory.model import motion_model_named
 from asyneio.types import NS_PER_S, Calibration, FloatArray
 
+#: The weight of the prior on the camera's rotation is halved at this number of standard deviations.
+_ROTATION_TAIL = 2.0
+
 
 @dataclass(frozen=True)
 class InitializationSettings:
@@ -114,6 +117,7 @@ def _calibration(config: CalibrationConfig, refines_bearing: bool) -> Calibratio
         columns=np.flatnonzero(chosen),
         sigma=np.append(config.time_offset_sigma_s, np.full(3, rotation[0])),
         walk=np.append(config.time_offset_walk, np.full(3, rotation[1])),
+        tail=_ROTATION_TAIL * float(rotation[0]),
     )
 
 

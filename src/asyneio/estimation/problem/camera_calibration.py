@@ -13,11 +13,17 @@ their increments were last computed.
 
 *Random walk.* All observations in the window share one offset and rotation. The camera may drift over longer
 times: every marginalised interval adds the variance of a random walk.
+
+*Prior on the rotation.* Most calibrations are correct to a fraction of a degree, some are wrong by several
+degrees. A Gaussian prior that fits the first is too narrow for the second: 0.45 degrees of 3 were left after
+12 s with a standard deviation of 0.4 degrees. The prior therefore has the Cauchy cost of the observations
+(`factors.robust`), and its weight is renewed with every marginalised interval. It concerns the rotation alone
+and stays a separate term of the marginal prior, so that the difference of the weights can be added there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -38,13 +44,15 @@ class CalibrationSettings:
     """Estimated coordinates of the camera and their prior.
 
     `columns` (c,) of [time offset, rotation (3)]; `sigma` (4,) of the prior [s, rad]; `walk` (4,) density of
-    the random walk [s/sqrt(s), rad/sqrt(s)]; initial `time_offset` [s].
+    the random walk [s/sqrt(s), rad/sqrt(s)]; initial `time_offset` [s]; `tail` [rad]: a rotation by this
+    angle halves the weight of its prior, infinite for a Gaussian.
     """
 
     columns: IntArray
     sigma: FloatArray
     walk: FloatArray
     time_offset: float = 0.0
+    tail: float = np.inf
 
 
 #: Nothing is estimated.
@@ -53,9 +61,47 @@ FIXED_CALIBRATION = CalibrationSettings(
 )
 
 
+@dataclass(frozen=True)
+class RotationPrior:
+    """What the calibrated rotation contributes to the marginal prior.
+
+    `C_bc` (3,3) as calibrated; `tail` [rad] of the settings; information [1/rad^2] per axis: `full`, which a
+    Gaussian would have, and `present`, of the last weight.
+    """
+
+    C_bc: FloatArray
+    tail: float
+    full: float
+    present: float
+
+    def reweighted(self, camera: Camera) -> tuple[RotationPrior, float, FloatArray]:
+        """The prior with the weight at `camera`, the information to add, and the gradient (3,) to add there.
+
+        The sum of both informations is never negative: what is removed has been added before.
+        """
+        turn = np.empty(3)
+        so3_log(self.C_bc.T @ camera.C_bc, turn)
+        present = self.full / (1.0 + float(turn @ turn) / self.tail**2)
+        more = present - self.present
+        return replace(self, present=present), more, more * turn
+
+    def after_walk(self, variance: float) -> RotationPrior:
+        """What is left after a random walk with `variance` [rad^2]."""
+        left = [information / (1.0 + information * variance) for information in (self.full, self.present)]
+        return replace(self, full=left[0], present=left[1])
+
+
 def first_camera(C_bc: FloatArray, settings: CalibrationSettings) -> Camera:
     """The camera as calibrated: rotation `C_bc` (3,3) and the time offset of the settings."""
     return Camera(np.ascontiguousarray(C_bc), settings.time_offset, settings.columns)
+
+
+def first_rotation_prior(camera: Camera, settings: CalibrationSettings) -> RotationPrior | None:
+    """The Gaussian with which `camera` begins (`with_camera`); None if its rotation is not estimated."""
+    if not np.any(camera.columns > 0):
+        return None
+    information = 1.0 / float(settings.sigma[1]) ** 2
+    return RotationPrior(camera.C_bc, settings.tail, information, information)
 
 
 def with_camera(prior: Prior, camera: Camera, settings: CalibrationSettings) -> Prior:

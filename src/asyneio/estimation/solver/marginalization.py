@@ -40,11 +40,17 @@ from asyneio.types import BoolArray, FloatArray, IntArray
 _RELATIVE_PIVOT = 1e-13
 
 
-def marginalize_oldest(problem: Problem, prior: Prior, walk: FloatArray | None = None) -> Prior:
+def marginalize_oldest(
+    problem: Problem,
+    prior: Prior,
+    walk: FloatArray | None = None,
+    added: tuple[FloatArray, FloatArray] | None = None,
+) -> Prior:
     """The prior on knots 1..m, and on the estimated coordinates of camera and IMU, that replaces knot 0, its
     landmarks and their factors.
 
     `walk` (c+s,): variance that the coordinates of camera [s^2, rad^2] and IMU gain over the interval.
+    `added`, before the walk: information (c+s,) of each of them and gradient (c+s,) at their present values.
 
     Raises:
         EstimationError: the oldest knot is not constrained.
@@ -66,6 +72,10 @@ def marginalize_oldest(problem: Problem, prior: Prior, walk: FloatArray | None =
     gain = cho_solve(factor, H[:n, n:], check_finite=False)
     information = H[n:, n:] - H[n:, :n] @ gain
     gradient = b[n:] - gain.T @ b[:n]
+    if added is not None:
+        behind = np.arange(len(gradient) - camera - imu, len(gradient))
+        information[behind, behind] += added[0]
+        gradient[behind] += added[1]
     if walk is not None:
         information, gradient = after_walk(information, gradient, walk)
     linearization = problem.linearization.chosen(slice(1, knots)).copied()
