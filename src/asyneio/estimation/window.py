@@ -154,10 +154,6 @@ class Window:
         if not np.array_equal(still, self._still):
             self._still, self._solved = still, None
 
-    def _confirmed_still(self) -> BoolArray:
-        """Which intervals (K-1,) are stationary, and motion has not begun shortly after them."""
-        return np.asarray(self._still & (self.t_ns[1:] <= self.t_ns[-1] - LATE_NS))
-
     def _increments(self, preintegration: Preintegration | None, t_ns: IntArray) -> Propagated:
         """Increments since the newest knot at times (N,); empty unless the scheme propagates."""
         if preintegration is None or not self._settings.scheme.propagates:
@@ -196,7 +192,7 @@ class Window:
             model=model,
             preintegrated=self._preintegrations.arrays(self.first, intervals),
             propagated=propagated,
-            zero_velocity=zero_velocity_of(self._confirmed_still(), model),
+            zero_velocity=zero_velocity_of(self._still, model),
             imu=self.imu,
         )
 

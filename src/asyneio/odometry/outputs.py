@@ -16,12 +16,19 @@ from asyneio.estimation.solver.covariance import (
     newest_covariance,
 )
 from asyneio.estimation.solver.optimizer import Solution
-from asyneio.estimation.window import Window
+from asyneio.estimation.window import LATE_NS, Window
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.settings import Settings
-from asyneio.state import DOF
+from asyneio.state import DOF, NU, RHO
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import CalibrationEstimate, Estimate, FloatArray, ImuCorrectionEstimate
+
+#: Speed [m/s] that a slow start of motion reaches before it is detected, which takes `LATE_NS` (0.007 and 0.012
+#: m/s after 0.2 s in simulation).
+_UNSEEN_SPEED = 0.01
+_UNSEEN_MOTION = np.zeros((DOF, DOF))
+_UNSEEN_MOTION[NU : NU + 3, NU : NU + 3] = _UNSEEN_SPEED**2 * np.eye(3)
+_UNSEEN_MOTION[RHO : RHO + 3, RHO : RHO + 3] = (0.5e-9 * LATE_NS * _UNSEEN_SPEED) ** 2 * np.eye(3)
 
 
 def estimate_of(window: Window, k: int, covariance: FloatArray, segment: int) -> Estimate:
@@ -42,9 +49,14 @@ def estimate_of(window: Window, k: int, covariance: FloatArray, segment: int) ->
     )
 
 
-def newest_estimate(window: Window, solution: Solution, settings: Settings, segment: int) -> Estimate:
-    """The newest knot."""
-    estimate = estimate_of(window, -1, newest_covariance(solution), segment)
+def newest_estimate(
+    window: Window, solution: Solution, settings: Settings, segment: int, stationary: bool = False
+) -> Estimate:
+    """The newest knot. While `stationary`, its covariance allows for motion that has just begun."""
+    covariance = newest_covariance(solution)
+    if stationary:
+        covariance = covariance + _UNSEEN_MOTION
+    estimate = estimate_of(window, -1, covariance, segment)
     if not settings.window.scheme.propagates:
         return estimate
     # Not an unknown of this window; the rate of the increments is better than the predicted one.

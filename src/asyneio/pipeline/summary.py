@@ -104,8 +104,8 @@ class Summary:
     `events` is 0 for a tracks recording. `first_estimate_s` counts from the start of the recording.
     `health` is the last state, `health_s` the seconds in each. `failure` says why the output is missing,
     incomplete or not reliable; empty otherwise. `camera` and `imu_scale` are None unless the run ends in a
-    segment; `imu_noise` is None for a run without steps, `nis` without a tracked interval. `clock_jumps`: where
-    time jumps back in the file.
+    segment; `imu_noise` is None for a run without steps, `nis` without a tracked interval. `clock_jumps`:
+    where time jumps back in the file.
     """
 
     recording: str
