@@ -23,8 +23,8 @@ from asyneio.state import DOF, NU, RHO
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import CalibrationEstimate, Estimate, FloatArray, ImuCorrectionEstimate
 
-#: Speed [m/s] that a slow start of motion reaches before it is detected, which takes `LATE_NS` (0.007 and 0.012
-#: m/s after 0.2 s in simulation).
+#: Speed [m/s] that a slow start of motion reaches before it is detected, which takes `LATE_NS`: 0.007 and
+#: 0.012 m/s after 0.2 s in simulation.
 _UNSEEN_SPEED = 0.01
 _UNSEEN_MOTION = np.zeros((DOF, DOF))
 _UNSEEN_MOTION[NU : NU + 3, NU : NU + 3] = _UNSEEN_SPEED**2 * np.eye(3)
