@@ -106,3 +106,16 @@ def test_real_imus_that_measure_anew_pass_whole(data_dir: Path) -> None:
     recording = read_tracks_folder(data_dir / "tumvi_calib")
     for samples in (recording.gyroscope, recording.accelerometer):
         np.testing.assert_array_equal(through(Renewals(), samples), samples)
+
+
+@pytest.mark.parametrize("packet", [1, 7, 500])
+def test_duplicates_are_dropped_and_counted(rng: np.random.Generator, packet: int) -> None:
+    samples = noisy(rng, 500)
+    twice = np.repeat(samples, 1 + (rng.random(len(samples)) < 0.3))
+    renewals, passed, duplicates = Renewals(), [], 0
+    for a in range(0, len(twice), packet):
+        passed.append(renewals.passed(twice[a : a + packet]))
+        duplicates += renewals.duplicates
+    np.testing.assert_array_equal(np.concatenate(passed), samples)
+    assert duplicates == len(twice) - len(samples)
+    assert not renewals.held

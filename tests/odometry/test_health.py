@@ -57,6 +57,7 @@ def test_well_stays_tracking() -> None:
         ({"velocity_revision": 25.0}, "velocity was revised by 5.0 standard deviations"),
         ({"scale_sigma": 0.15}, "the standard deviation of scale is 15 %"),
         ({"rejected_observations": 0.6}, "60 % of the observations contradict"),
+        ({"rejected_tracks": 0.6}, "60 % of the new tracks were rejected"),
         ({"visual_ratio": 9.0}, "observations deviate by 3.0 standard deviations"),
         ({"inertial_ratio": 9.0}, "inertial samples deviate by 3.0 standard deviations"),
         ({"velocity_sigma": 1.5}, "the standard deviation of the velocity is 1.5 m/s"),
@@ -100,6 +101,16 @@ def test_a_lasting_contradiction_ends_it(finding: dict[str, Any]) -> None:
     # Interrupted by one good knot, it does not.
     bad = [replace(WELL, **finding)] * 8
     assert Health.LOST not in {health for health, _ in states([*bad, WELL, *bad])}
+
+
+def test_new_tracks_that_contradict_end_a_young_segment_sooner() -> None:
+    contradicted = replace(WELL, rejected_tracks=0.6)
+    young = states([WELL, *[contradicted] * 30])
+    assert [health for health, _ in young].index(Health.LOST) == 8
+    assert young[8][1] == "60 % of the new tracks were rejected, for 0.7 s"
+    # Half of the age, two seconds at most.
+    assert [health for health, _ in states([*[WELL] * 20, *[contradicted] * 30])].index(Health.LOST) == 40
+    assert [health for health, _ in states([*[WELL] * 90, *[contradicted] * 30])].index(Health.LOST) == 110
 
 
 def test_a_lasting_shortage_does_not() -> None:

@@ -181,6 +181,15 @@ def test_disordered_records_are_the_same_in_another_order(rng: np.random.Generat
     np.testing.assert_array_equal(mixed[clean["t_ns"] < 2000], clean[clean["t_ns"] < 2000])
 
 
+def test_disorder_keeps_that_of_another_interval(rng: np.random.Generator) -> None:
+    first = faults.disordered(readings(), 6000, 8000, 300, rng)
+    both = faults.disordered(first, 2000, 3000, 300, rng)
+    latest = np.maximum.accumulate(both["t_ns"])
+    late = both["t_ns"][both["t_ns"] < latest]
+    assert (late < 4000).any()
+    assert (late > 5000).any()
+
+
 def test_a_burst_adds_its_rate_inside_the_sensor(rng: np.random.Generator) -> None:
     events = some_events()
     a, b = 30_000_000, 40_000_000
