@@ -66,7 +66,7 @@ def optimize_warily(window: Window, settings: OptimizerSettings) -> WarySolution
     trusted.remove_tracks(removed)
     solution = trusted.optimize(settings)
     if _velocity_change(predicted, solution) > _MAX_CHANGE:
-        # The young tracks agree with each other too well to be told apart.
+        # The young tracks agree with each other too well to be separated.
         removed = young
         trusted.remove_tracks(removed)
         solution = trusted.optimize(settings)

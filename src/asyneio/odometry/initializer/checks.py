@@ -57,7 +57,7 @@ def motion_rejection(motion: SpanMotion, settings: Settings) -> str:
 
 
 def outlier_rejection(outliers: int, tracks: int) -> str:
-    """Why a motion that so many of the tracks contradict is rejected; empty if it is accepted."""
+    """Why a motion with this number of outliers among the tracks is rejected; empty if it is accepted."""
     if outliers <= (1.0 - _SHARE_AGREEING) * tracks:
         return ""
     return (
