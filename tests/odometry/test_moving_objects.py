@@ -11,7 +11,7 @@ import asyneio.odometry.segment as segment
 from asyneio.estimation.problem.track_observations import TrackObservations
 from asyneio.evaluation import NeesBlock, nees
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.neighbourhood import near_outliers
+from asyneio.odometry.neighbourhood import near_outliers, track_distances
 from asyneio.simulation import Simulation
 from asyneio.simulation.contamination import swaying_object, with_object
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, OBSERVATION_DTYPE, Health, Packet, Recording
@@ -72,7 +72,7 @@ def observed(tracks: dict[int, tuple[float, float]]) -> TrackObservations:
 def test_neighbours_of_outliers() -> None:
     object_ = {k: (0.5 + 0.02 * k, 0.0) for k in range(6)}
     static = {10 + k: (-0.8 + 0.1 * k, 0.3) for k in range(8)}
-    seen = observed(object_ | static)
+    seen = track_distances(observed(object_ | static))
     # Two of the six on the object are known: a third, not more. Three are.
     assert near_outliers(seen, np.array([0, 1])).size == 0
     assert near_outliers(seen, np.array([0, 1, 2])).tolist() == list(range(6))

@@ -9,6 +9,8 @@ begin there move with it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -63,29 +65,46 @@ def rejected_by_neighbours(
     return ids[tested[outliers_near > _tracks_near(position, track, inlier, position[middle])]]
 
 
-def near_outliers(seen: TrackObservations, outliers: IntArray, radius: float = 1.0) -> IntArray:
+class TrackDistances(NamedTuple):
+    """Ids (T,) of tracks, and distances (T,T) from the middle of each to the nearest observation of each, in
+    units of a neighbourhood in image and time."""
+
+    track: IntArray
+    distance: FloatArray
+
+
+def track_distances(seen: TrackObservations) -> TrackDistances:
+    """Distances between the tracks of some observations."""
+    order = np.argsort(seen.track, kind="stable")
+    ids, first, count = np.unique(seen.track[order], return_index=True, return_counts=True)
+    if len(ids) == 0:
+        return TrackDistances(ids, np.empty((0, 0)))
+    seconds = (seen.t_ns[order] - seen.t_ns[0]) / NS_PER_S
+    position = np.column_stack([seen.xy[order] / _NEAR, seconds / _OBJECT_NEAR_S])
+    middle = position[first + count // 2]
+    squared = np.zeros((len(ids), len(position)))
+    for axis in range(3):
+        squared += (middle[:, axis, None] - position[:, axis]) ** 2
+    return TrackDistances(ids, np.sqrt(np.minimum.reduceat(squared, first, axis=1)))
+
+
+def near_outliers(tracks: TrackDistances, outliers: IntArray, radius: float = 1.0) -> IntArray:
     """Tracks with at least two outliers among their neighbours, which are a third of them, or a fifth in a
     wider neighbourhood.
 
     Args:
-        seen: observations of all tracks.
+        tracks: all tracks.
         outliers: ids (O,) of the outliers.
         radius: of the neighbourhood, relative to the usual one.
 
     Returns:
         Ids (M,), of outliers too.
     """
-    if len(outliers) == 0:
-        return np.empty(0, dtype=np.int64)
-    ids, track, count = np.unique(seen.track, return_inverse=True, return_counts=True)
-    order = np.argsort(track, kind="stable")
-    middle = order[np.cumsum(count) - count + count // 2]
-    seconds = (seen.t_ns - seen.t_ns[0]) / NS_PER_S
-    position = np.column_stack([seen.xy / (radius * _NEAR), seconds / (radius * _OBJECT_NEAR_S)])
-    outliers_near = _tracks_near(position, track, np.isin(ids, outliers), position[middle])
-    all_near = _tracks_near(position, track, np.ones(len(ids), dtype=np.bool_), position[middle])
+    near = tracks.distance <= radius
+    outliers_near = np.count_nonzero(near & np.isin(tracks.track, outliers), axis=1)
     share = _OBJECT_SHARE if radius <= 1.0 else _WIDE_SHARE
-    return ids[(outliers_near > share * all_near) & (outliers_near >= 2)]
+    chosen = (outliers_near > share * np.count_nonzero(near, axis=1)) & (outliers_near >= 2)
+    return np.asarray(tracks.track[chosen])
 
 
 def _tracks_near(position: FloatArray, track: IntArray, chosen: BoolArray, middle: FloatArray) -> IntArray:

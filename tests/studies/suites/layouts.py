@@ -143,7 +143,7 @@ def _tum_vie(folder: Path, rng: np.random.Generator) -> None:
     write_columns(folder / "mocap-6dof-events_left.h5", events)
     write_columns(folder / "mocap-6dof-events_right.h5", events)
     data = folder / "mocap-6dof-vi_gt_data"
-    rows = [(f"{5000 * k:.3f}", 0.1, 0.2, 0.3, *GRAVITY, 25.0) for k in range(int(200 * SECONDS))]
+    rows = [(f"{5000 * k:.3f}", 0.0, 0.0, 0.3, *GRAVITY, 25.0) for k in range(int(200 * SECONDS))]
     write_lines(data / "imu_data.txt", "# timestamp[us] gx gy gz ax ay az temperature\n", rows)
     truth = poses(120.0, MARKERS, start_ns=0)
     header = "# timestamp[us] px py pz qx qy qz qw\n"
@@ -181,7 +181,7 @@ def _vector(folder: Path, rng: np.random.Generator) -> None:
     data = folder / "desk_normal"
     write_columns(data / "desk_normal1.synced.left_event.hdf5", events, EPOCH_US)
     samples = [
-        (f"{(START_NS + k * 5_000_000) / NS_PER_S:.9f}", 0.1, 0.2, 0.3, *GRAVITY)
+        (f"{(START_NS + k * 5_000_000) / NS_PER_S:.9f}", 0.0, 0.0, 0.3, *GRAVITY)
         for k in range(int(200 * SECONDS))
     ]
     write_lines(data / "desk_normal1.synced.imu.txt", "# timestamp gx gy gz ax ay az\n", samples)
@@ -222,7 +222,7 @@ def _dsec(folder: Path, rng: np.random.Generator) -> None:
     events["t_ns"] = (events["t_ns"] - START_NS) // 1000 * 1000
     for side in ("left", "right"):
         write_columns(root / "events" / side / "events.h5", events, EPOCH_US)
-    samples = [(START_NS + k * 5_000_000, 0.1, 0.2, 0.3, *GRAVITY) for k in range(int(200 * SECONDS))]
+    samples = [(START_NS + k * 5_000_000, 0.0, 0.0, 0.3, *GRAVITY) for k in range(int(200 * SECONDS))]
     lines = "".join(",".join(map(str, row)) + "\n" for row in samples)
     (root / "imu.csv").write_text("t_ns,gx,gy,gz,ax,ay,az\n" + lines)
     # At the rate of the poses that others publish; their path is straight between them.

@@ -12,6 +12,7 @@ contradicts.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,13 +21,15 @@ from asyneio.estimation.linearization.linear_system import evaluate
 from asyneio.estimation.solver.chi_square import contradicts_trajectory, median_chi_square
 from asyneio.estimation.solver.optimizer import OptimizerSettings, Solution
 from asyneio.estimation.window import Window
-from asyneio.odometry.neighbourhood import near_outliers
+from asyneio.odometry.neighbourhood import near_outliers, track_distances
 from asyneio.odometry.outliers import without_outliers
 from asyneio.types import IntArray
 
 #: Radius of the neighbourhood in each round, relative to the last. Most fits end with the second of the last
 #: ones.
 _WIDE, _ROUNDS = (2.0, 1.5), (1.0,) * 4
+#: Iterations of all fits but the first and the last.
+_ROUGH_ITERATIONS = 3
 #: Shares of tracks that contradict the first fit: up to the first no object is in view, above the second a
 #: large one may be.
 _FEW, _MANY = 0.05, 0.1
@@ -62,9 +65,11 @@ def fit_static_tracks(window: Window, settings: OptimizerSettings) -> StaticFit:
     contradicting = _contradicting(tested, fit.removed)
     if len(contradicting) <= _FEW * len(tested.landmarks):
         return StaticFit(window, *without_outliers(window, fit.solution, settings))
+    rough = replace(settings, max_iterations=_ROUGH_ITERATIONS)
+    tracks = track_distances(everything.track_observations)
     wide = len(contradicting) > _MANY * len(tested.landmarks)
     for radius in (*_WIDE, *_ROUNDS) if wide else _ROUNDS:
-        near = near_outliers(tested.track_observations, contradicting, radius)
+        near = near_outliers(tracks, contradicting, radius)
         removed = np.union1d(contradicting, near)
         last = radius == _ROUNDS[0]
         enough = len(tested.landmarks) * (_MAJORITY if last else _WIDE_MAJORITY)
@@ -73,12 +78,12 @@ def fit_static_tracks(window: Window, settings: OptimizerSettings) -> StaticFit:
             removed = contradicting
         if len(removed) <= enough and not np.array_equal(removed, fit.removed):
             tested.remove_tracks(removed)
-            fit = StaticFit(tested, tested.optimize(settings), removed)
+            fit = StaticFit(tested, tested.optimize(rough), removed)
             tested = fit.window.with_tracks_of(everything)
             contradicting = _contradicting(tested, fit.removed)
         elif last:
             break
-    return fit
+    return fit._replace(solution=fit.window.optimize(settings))
 
 
 def _contradicting(tested: Window, removed: IntArray) -> IntArray:
