@@ -57,6 +57,7 @@ def test_well_stays_tracking() -> None:
         ({"velocity_revision": 25.0}, "velocity was revised by 5.0 standard deviations"),
         ({"scale_sigma": 0.15}, "the standard deviation of scale is 15 %"),
         ({"rejected_observations": 0.6}, "60 % of the observations contradict"),
+        ({"unconfirmed": True}, "a moving object was in view during the initialization"),
         ({"rejected_tracks": 0.6}, "60 % of the new tracks were rejected"),
         ({"visual_ratio": 9.0}, "observations deviate by 3.0 standard deviations"),
         ({"inertial_ratio": 9.0}, "inertial samples deviate by 3.0 standard deviations"),

@@ -14,8 +14,13 @@ from asyneio.odometry.health.continuity import Continuity, Jumps, field_of_view
 from asyneio.odometry.health.metrics import ScaleChanges, velocity_revision, with_estimate
 from asyneio.odometry.health.state_machine import HealthMetrics, HealthStateMachine, HealthStatus
 from asyneio.odometry.intervals import Interval
+from asyneio.odometry.moving_objects import WARY_SHARE
 from asyneio.odometry.raw_measurements import RawMeasurements
 from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Packet
+
+#: Time [ns] after which an initialization is confirmed during which a moving object was in view: the tracks
+#: that it was estimated from have left the window.
+_CONFIRMED_NS = 3 * NS_PER_S // 2
 
 
 class Step(NamedTuple):
@@ -51,6 +56,7 @@ class HealthMonitor:
         self._bias_sigma = bias_sigma
         self._max_scale_sigma = config.max_scale_sigma
         self._scale_uncertain = False
+        self._unconfirmed_until_ns = 0
         #: The newest estimate; None after a stationary interval.
         self._previous: Estimate | None = None
         self._packet_ns: int | None = None
@@ -64,12 +70,15 @@ class HealthMonitor:
         """Health after the newest knot, and the reason."""
         return HealthStatus(self._state.health, self._state.reason)
 
-    def begin(self, first: Estimate, scale_sigma: float) -> HealthStatus:
-        """Health after an initialization: its newest estimate, and its relative standard deviation of
-        scale."""
+    def begin(self, first: Estimate, scale_sigma: float, outlier_share: float = 0.0) -> HealthStatus:
+        """Health after an initialization: its newest estimate, its relative standard deviation of scale, and
+        the share of the tracks that were left out."""
         self._previous = first
         self._scale_uncertain = scale_sigma > self._max_scale_sigma
-        return self._state.update(first.t_ns, HealthMetrics(scale_sigma=scale_sigma))
+        object_ = outlier_share > WARY_SHARE
+        if object_:
+            self._unconfirmed_until_ns = first.t_ns + _CONFIRMED_NS
+        return self._state.update(first.t_ns, HealthMetrics(scale_sigma=scale_sigma, unconfirmed=object_))
 
     def append(self, packet: Packet, raw: RawMeasurements) -> None:
         """Take a packet; `raw` ends with its samples."""
@@ -110,6 +119,7 @@ class HealthMonitor:
             scale_change=self._scale_changes.add(t_ns, step.positions, positions),
             velocity_revision=revision,
             scale_sigma=scale_sigma,
+            unconfirmed=t_ns < self._unconfirmed_until_ns,
             stationary=step.stationary,
         )
         metrics = with_estimate(metrics, step.solution, step.estimate, self._bias_sigma)

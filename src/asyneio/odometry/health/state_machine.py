@@ -9,6 +9,7 @@ INITIALIZING ends with the first window; from then on each knot brings `HealthMe
 | scale was revised by more than its uncertainty allows        | DEGRADED; earlier estimates were wrong     |
 | velocity was revised by more than its covariance allows      | DEGRADED; earlier estimates were wrong     |
 | scale is too uncertain after an initialization in motion     | DEGRADED; it may still change              |
+| an object moved in view during the initialization            | DEGRADED; it may be relative to the object |
 | measurements contradict the estimate, or it is too uncertain | DEGRADED; LOST if it lasts                 |
 | most new tracks were rejected                                | DEGRADED; LOST if it lasts                 |
 | the estimate is impossible                                   | LOST                                       |
@@ -82,6 +83,7 @@ class HealthMetrics:
         velocity_revision: squared Mahalanobis distance of the velocity of the knot before from its previous
             value; 0 after a stationary interval, whose end is detected late.
         scale_sigma: relative standard deviation of scale; 0 once it has been small enough.
+        unconfirmed: many tracks were left out of the initialization, which ended a short time ago.
         finite: pose, velocity and covariance are finite.
         stationary: the sensor is stationary, so that observations are not required.
     """
@@ -103,6 +105,7 @@ class HealthMetrics:
     scale_change: float = 0.0
     velocity_revision: float = 0.0
     scale_sigma: float = 0.0
+    unconfirmed: bool = False
     finite: bool = True
     stationary: bool = False
 
@@ -215,6 +218,8 @@ class HealthStateMachine:
             yield f"velocity was revised by {math.sqrt(m.velocity_revision):.1f} standard deviations"
         if m.scale_sigma > config.max_scale_sigma:
             yield f"the standard deviation of scale is {100.0 * min(m.scale_sigma, 9.99):.0f} %"
+        if m.unconfirmed:
+            yield "a moving object was in view during the initialization"
 
     def _contradictions(self, m: HealthMetrics) -> Iterator[str]:
         """Findings that the estimate is wrong, or too uncertain to be useful."""

@@ -25,12 +25,16 @@ _NO_TRACKS = np.empty(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class FirstWindow:
-    """The first window, the solution of its joint optimisation, and the relative standard deviation of its
-    scale: 0 where the first state was known, stationary or given."""
+    """The first window and the solution of its joint optimisation.
+
+    `scale_sigma`: relative standard deviation of its scale, 0 where the first state was known, stationary or
+    given. `outlier_share`: share of the tracks that were left out, 0 where the first state was given.
+    """
 
     window: Window
     solution: Solution
     scale_sigma: float = 0.0
+    outlier_share: float = 0.0
 
 
 def filled_window(

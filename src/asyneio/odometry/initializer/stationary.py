@@ -71,7 +71,8 @@ def initialize_stationary(
     if reason:
         return reason
     buffer.reject(outliers)
-    return FirstWindow(window, solution)
+    tracks = len(outliers) + len(window.landmarks)
+    return FirstWindow(window, solution, outlier_share=len(outliers) / max(tracks, 1))
 
 
 def _knot_times(buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase) -> IntArray:
