@@ -215,6 +215,7 @@ class Stream:
         except RecordingError:
             # The clock was set back: documented to need a new front end.
             self.clock_resets += 1
+            self.delivered -= self._checker.waiting
             self._earlier += self._of_sensor()
             self._new_sensor()
             checked = self._checker.feed(chunk)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from asyneio.odometry import Odometry
+from asyneio.odometry.initializer.initialize import retry_ns
 from asyneio.types import Health, Packet
 from tests.odometry.runs import configured, cut, simulated
 
@@ -96,5 +97,19 @@ def test_a_segment_after_a_loss_begins_without_any_measurement() -> None:
     assert (old.number, new.number) == (0, 1)
     assert shared(odometry, old, new) == []
     assert (new.tracking, new.next_attempt_ns, new.stationary.phase, new.buffer.end_ns) == (None,) * 4
+    assert new.attempts == 0
     assert len(new.buffer.observations.t_ns) == len(new.buffer.raw.gyroscope) == 0
     assert new.health.status == (Health.TRACKING, "")
+
+
+def test_attempts_become_rarer() -> None:
+    times = [retry_ns(attempts) for attempts in range(20)]
+    assert (times[0], times[3], times[4], times[-1]) == (250_000_000, 250_000_000, 500_000_000, 750_000_000)
+    assert times == sorted(times)
+    # No attempt of this run succeeds; one every 0.3 s would make eleven.
+    recording = simulated().recording
+    odometry = Odometry(configured(initialization={"max_scale_sigma": 1e-6}), recording.calibration)
+    for packet in cut(recording):
+        _, report = odometry.process(packet)
+        assert report.health is Health.INITIALIZING
+    assert 4 < odometry._segment.attempts < 9

@@ -13,7 +13,7 @@ from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.blas import with_one_blas_thread
 from asyneio.odometry.health.monitor import Step
 from asyneio.odometry.health.state_machine import HealthStatus
-from asyneio.odometry.initializer.initialize import RETRY_NS, initialize
+from asyneio.odometry.initializer.initialize import Waiting, initialize, retry_ns
 from asyneio.odometry.initializer.known_state import checked
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.memory import keep_freed_memory
@@ -169,13 +169,14 @@ class Odometry:
         initial, due_ns = self._initial_state, segment.next_attempt_ns
         if initial is None and due_ns is not None and t_ns < due_ns:
             return [], self._waiting(packet)
-        segment.next_attempt_ns = t_ns + RETRY_NS
         segment.buffer.drop_until(t_ns - round(self._settings.initialization.max_seconds * NS_PER_S))
         # Only the noise has been learned since the settings were resolved.
         settings = self._settings.with_noise(self._noise.now())
         first = initialize(segment.buffer, settings, segment.stationary.phase, initial)
-        if isinstance(first, str):
-            segment.waiting_reason = first
+        if isinstance(first, Waiting):
+            segment.waiting_reason = first.reason
+            segment.attempts += first.attempted
+            segment.next_attempt_ns = t_ns + retry_ns(segment.attempts)
             return [], self._waiting(packet)
         self._initial_state = None
         window, solution = first.window, first.solution

@@ -94,6 +94,7 @@ class Segment:
         stationary: decides whether the sensor is stationary.
         health: decides how far the estimates can be trusted.
         tracking: window and solution; None before the segment is initialized.
+        attempts: number of attempts to initialize in motion that failed.
         next_attempt_ns: time of the next attempt to initialize; None before the first.
         waiting_reason: why the newest attempt to initialize did not succeed.
     """
@@ -106,6 +107,7 @@ class Segment:
         self.stationary = StationaryDetector(inertial, calibration, pixel_sigma)
         self.health = HealthMonitor(config.health, calibration, np.repeat(bias_sigma, 3))
         self.tracking: Tracking | None = None
+        self.attempts = 0
         self.next_attempt_ns: int | None = None
         self.waiting_reason = "collecting measurements"
 

@@ -57,6 +57,11 @@ class EventChecker:
         self._state[:] = 0
         self._state[_LATEST] = -MAX_STAMP_NS
 
+    @property
+    def waiting(self) -> int:
+        """Number of events that a later one may still precede."""
+        return int(self._held.size)
+
     def feed(self, events: RecordArray) -> list[RecordArray]:
         """Check a piece; returns, in pieces, the events that no later event can precede.
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from asyneio.odometry.buffer import MeasurementBuffer
@@ -16,12 +18,28 @@ from asyneio.odometry.stationary import StationaryPhase
 from asyneio.types import InitialState
 
 #: Time between two attempts [ns]; each covers more motion than the one before.
-RETRY_NS = 250_000_000
+_RETRY_NS = 250_000_000
+#: An attempt in motion takes up to a second of processor time. After each of this number of them the time
+#: between attempts grows, up to the second number of times: otherwise a scene in which none succeeds would
+#: keep a processor busy, and a live run would fall behind.
+_ATTEMPTS, _LONGEST_RETRY = 4, 3
+
+
+class Waiting(NamedTuple):
+    """Why there is no first window yet, and whether finding out took an attempt in motion."""
+
+    reason: str
+    attempted: bool = False
+
+
+def retry_ns(attempts: int) -> int:
+    """Time until the next attempt [ns], after a number of attempts in motion."""
+    return _RETRY_NS * min(1 + attempts // _ATTEMPTS, _LONGEST_RETRY)
 
 
 def initialize(
     buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase | None, first: InitialState | None
-) -> FirstWindow | str:
+) -> FirstWindow | Waiting:
     """The first window, from a known state, stationary or in motion, or the reason why not yet.
 
     In motion, tracks that contradict the motion of the majority are rejected first. A stationary phase before
@@ -37,13 +55,15 @@ def initialize(
         EstimationError: `first` cannot be used.
     """
     if first is not None:
-        return initialize_from_state(buffer, settings, first)
+        known = initialize_from_state(buffer, settings, first)
+        return Waiting(known) if isinstance(known, str) else known
     if phase is not None and not phase.ended:
-        return initialize_stationary(buffer, settings, phase)
+        resting = initialize_stationary(buffer, settings, phase)
+        return Waiting(resting) if isinstance(resting, str) else resting
     if phase is None:
         missing = missing_measurements(buffer, settings)
         if missing:
-            return missing  # before the consensus, which takes a third of an attempt
+            return Waiting(missing)  # before the consensus, which takes a third of an attempt
     w = settings.window
     gravity = float(np.linalg.norm(w.gravity_w))
     buffer.reject(
@@ -52,4 +72,6 @@ def initialize(
         )
     )
     found = "no stationary phase" if phase is None else initialize_stationary(buffer, settings, phase)
-    return initialize_in_motion(buffer, settings) if isinstance(found, str) else found
+    if isinstance(found, str):
+        found = initialize_in_motion(buffer, settings)
+    return Waiting(found, attempted=True) if isinstance(found, str) else found
