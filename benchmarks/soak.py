@@ -44,7 +44,7 @@ from asyneio.errors import RecordingError
 from asyneio.evaluation import Nees, NeesBlock, nees
 from asyneio.frontend import Frontend, gyroscope_in_camera
 from asyneio.io.parsing.atomic import write_text
-from asyneio.io.recording.event_checks import EventChecker
+from asyneio.io.recording.event_checks import MAX_LATE_RUN, EventChecker
 from asyneio.odometry import Odometry
 from asyneio.simulation import EVENT_SCENARIOS, simulate_events, with_imu
 from asyneio.simulation.truth import StateTruth
@@ -215,7 +215,8 @@ class Stream:
         except RecordingError:
             # The clock was set back: documented to need a new front end.
             self.clock_resets += 1
-            self.delivered -= self._checker.waiting
+            # Those that waited are gone; those that showed the jump were counted as late and come again.
+            self.delivered += MAX_LATE_RUN + 1 - self._checker.waiting
             self._earlier += self._of_sensor()
             self._new_sensor()
             checked = self._checker.feed(chunk)

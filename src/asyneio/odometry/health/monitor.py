@@ -14,13 +14,15 @@ from asyneio.odometry.health.continuity import Continuity, Jumps, field_of_view
 from asyneio.odometry.health.metrics import ScaleChanges, velocity_revision, with_estimate
 from asyneio.odometry.health.state_machine import HealthMetrics, HealthStateMachine, HealthStatus
 from asyneio.odometry.intervals import Interval
-from asyneio.odometry.moving_objects import WARY_SHARE
 from asyneio.odometry.raw_measurements import RawMeasurements
 from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Packet
 
 #: Time [ns] after which an initialization is confirmed during which a moving object was in view: the tracks
 #: that it was estimated from have left the window.
 _CONFIRMED_NS = 3 * NS_PER_S // 2
+#: Share of the tracks left out of an initialization that shows an object. Without one it is up to 0.2: an
+#: initialization also leaves out tracks that drift.
+_OBJECT_SHARE = 0.2
 
 
 class Step(NamedTuple):
@@ -75,7 +77,7 @@ class HealthMonitor:
         the share of the tracks that were left out."""
         self._previous = first
         self._scale_uncertain = scale_sigma > self._max_scale_sigma
-        object_ = outlier_share > WARY_SHARE
+        object_ = outlier_share > _OBJECT_SHARE
         if object_:
             self._unconfirmed_until_ns = first.t_ns + _CONFIRMED_NS
         return self._state.update(first.t_ns, HealthMetrics(scale_sigma=scale_sigma, unconfirmed=object_))
