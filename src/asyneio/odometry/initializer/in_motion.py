@@ -49,11 +49,11 @@ def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> First
         window, solution, outliers = fit_static_tracks(window, settings.initialization.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
-    outliers = np.concatenate([outliers, motion.outliers])
-    reason = outlier_rejection(len(outliers), tracks) or joint_rejection(solution, motion, settings)
+    rejected = np.concatenate([outliers, motion.outliers])
+    reason = outlier_rejection(len(rejected), tracks) or joint_rejection(solution, motion, settings)
     if reason:
         return reason
-    buffer.reject(outliers)
+    buffer.reject(rejected)
     return FirstWindow(window, solution, relative_scale_sigma(solution), len(outliers) / tracks)
 
 
