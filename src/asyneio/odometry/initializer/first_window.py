@@ -28,8 +28,8 @@ class FirstWindow:
     """The first window and the solution of its joint optimisation.
 
     `scale_sigma`: relative standard deviation of its scale, 0 where the first state was known, stationary or
-    given. `outlier_share`: share of the tracks that the joint optimisation left out, 0 where the first state was
-    given.
+    given. `outlier_share`: share of the tracks that the joint optimisation left out, 0 where the first state
+    was given.
     """
 
     window: Window
