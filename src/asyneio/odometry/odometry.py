@@ -185,7 +185,7 @@ class Odometry:
         newest = newest_estimate(window, solution, settings, segment.number)
         segment.tracking = Tracking(window, solution, newest)
         segment.tracking.marginalize_to(settings.window_s)
-        status = segment.health.begin(newest, first.scale_sigma, first.outlier_share)
+        status = segment.health.begin(newest, first.scale_sigma, first.object_in_view)
         return [newest], self._report(packet, status, segment.number, origin)
 
     def _waiting(self, packet: Packet) -> StepReport:

@@ -20,9 +20,6 @@ from asyneio.types import NS_PER_S, Calibration, Estimate, FloatArray, Packet
 #: Time [ns] after which an initialization is confirmed during which a moving object was in view: the tracks
 #: that it was estimated from have left the window.
 _CONFIRMED_NS = 3 * NS_PER_S // 2
-#: Share of the tracks left out of an initialization that shows an object. Without one it is up to 0.2: an
-#: initialization also leaves out tracks that drift.
-_OBJECT_SHARE = 0.2
 
 
 class Step(NamedTuple):
@@ -72,15 +69,16 @@ class HealthMonitor:
         """Health after the newest knot, and the reason."""
         return HealthStatus(self._state.health, self._state.reason)
 
-    def begin(self, first: Estimate, scale_sigma: float, outlier_share: float = 0.0) -> HealthStatus:
+    def begin(self, first: Estimate, scale_sigma: float, object_in_view: bool = False) -> HealthStatus:
         """Health after an initialization: its newest estimate, its relative standard deviation of scale, and
-        the share of the tracks that were left out."""
+        whether a moving object was in view."""
         self._previous = first
         self._scale_uncertain = scale_sigma > self._max_scale_sigma
-        object_ = outlier_share > _OBJECT_SHARE
-        if object_:
+        if object_in_view:
             self._unconfirmed_until_ns = first.t_ns + _CONFIRMED_NS
-        return self._state.update(first.t_ns, HealthMetrics(scale_sigma=scale_sigma, unconfirmed=object_))
+        return self._state.update(
+            first.t_ns, HealthMetrics(scale_sigma=scale_sigma, unconfirmed=object_in_view)
+        )
 
     def append(self, packet: Packet, raw: RawMeasurements) -> None:
         """Take a packet; `raw` ends with its samples."""

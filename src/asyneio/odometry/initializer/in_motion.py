@@ -16,7 +16,7 @@ from asyneio.geometry.gravity import upright
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.checks import joint_rejection, motion_rejection, outlier_rejection
-from asyneio.odometry.initializer.first_window import FirstWindow, filled_window
+from asyneio.odometry.initializer.first_window import FirstWindow, filled_window, shows_object
 from asyneio.odometry.initializer.span_motion import SpanMotion, span_motion
 from asyneio.odometry.initializer.static_tracks import fit_static_tracks
 from asyneio.odometry.propagation import rates_at
@@ -54,7 +54,8 @@ def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> First
     if reason:
         return reason
     buffer.reject(rejected)
-    return FirstWindow(window, solution, relative_scale_sigma(solution), len(outliers) / tracks)
+    object_in_view = shows_object(len(outliers), len(rejected), tracks)
+    return FirstWindow(window, solution, relative_scale_sigma(solution), object_in_view)
 
 
 def missing_measurements(buffer: MeasurementBuffer, settings: Settings) -> str:

@@ -20,7 +20,7 @@ from asyneio.geometry.gravity import upright
 from asyneio.inertial.gravity_witness import FORCE_RATIO
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.checks import solution_rejection
-from asyneio.odometry.initializer.first_window import FirstWindow, filled_window, first_prior
+from asyneio.odometry.initializer.first_window import FirstWindow, filled_window, first_prior, shows_object
 from asyneio.odometry.initializer.static_tracks import fit_static_tracks
 from asyneio.odometry.intervals import around
 from asyneio.odometry.propagation import predict_knot
@@ -72,7 +72,8 @@ def initialize_stationary(
         return reason
     buffer.reject(outliers)
     tracks = len(outliers) + len(window.landmarks)
-    return FirstWindow(window, solution, outlier_share=len(outliers) / max(tracks, 1))
+    object_in_view = shows_object(len(outliers), len(outliers), tracks)
+    return FirstWindow(window, solution, object_in_view=object_in_view)
 
 
 def _knot_times(buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase) -> IntArray:
