@@ -20,9 +20,9 @@ from asyneio.types import BoolArray, FloatArray, IntArray
 _GAUGE_SIGMA = 1e-4
 #: The measurements determine roll and pitch; the prior only prevents divergence.
 _TILT_SIGMA = 0.5
-#: Shares of the tracks that show an object in view if they are left out by the joint optimisation, and by it
-#: and the steps before. Without one they are up to 0.15 and 0.26, in one of nine sequences 0.35.
-_OBJECT_SHARE, _OBJECT_SHARE_OF_ALL = 0.2, 0.3
+#: Share of the tracks that shows an object in view if the joint optimisation leaves them out. Without one it is
+#: up to 0.15, in one of nine sequences 0.35.
+_OBJECT_SHARE = 0.2
 _NO_TRACKS = np.empty(0, dtype=np.int64)
 
 
@@ -40,10 +40,9 @@ class FirstWindow:
     object_in_view: bool = False
 
 
-def shows_object(left_out: int, rejected: int, tracks: int) -> bool:
-    """Whether the numbers of tracks left out by the joint optimisation, and rejected in all, show a moving
-    object in view."""
-    return left_out > _OBJECT_SHARE * tracks or rejected > _OBJECT_SHARE_OF_ALL * tracks
+def shows_object(left_out: int, tracks: int) -> bool:
+    """Whether the number of tracks left out by the joint optimisation shows a moving object in view."""
+    return left_out > _OBJECT_SHARE * tracks
 
 
 def filled_window(

@@ -54,7 +54,7 @@ def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> First
     if reason:
         return reason
     buffer.reject(rejected)
-    object_in_view = shows_object(len(outliers), len(rejected), tracks)
+    object_in_view = shows_object(len(outliers), tracks)
     return FirstWindow(window, solution, relative_scale_sigma(solution), object_in_view)
 
 

@@ -72,7 +72,7 @@ def initialize_stationary(
         return reason
     buffer.reject(outliers)
     tracks = len(outliers) + len(window.landmarks)
-    object_in_view = shows_object(len(outliers), len(outliers), tracks)
+    object_in_view = shows_object(len(outliers), tracks)
     return FirstWindow(window, solution, object_in_view=object_in_view)
 
 
