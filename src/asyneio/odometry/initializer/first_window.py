@@ -20,8 +20,8 @@ from asyneio.types import BoolArray, FloatArray, IntArray
 _GAUGE_SIGMA = 1e-4
 #: The measurements determine roll and pitch; the prior only prevents divergence.
 _TILT_SIGMA = 0.5
-#: Share of the tracks that shows an object in view if the joint optimisation leaves them out. Without one it is
-#: up to 0.15, in one of nine sequences 0.35.
+#: Share of the tracks that shows an object in view if the joint optimisation leaves them out. Without one it
+#: is up to 0.15, in one of nine sequences 0.35.
 _OBJECT_SHARE = 0.2
 _NO_TRACKS = np.empty(0, dtype=np.int64)
 
