@@ -25,8 +25,8 @@ from asyneio.types import FloatArray, IntArray
 #: A moving object may be in view, or come back, if a larger share of the tracks of the last second was
 #: rejected. Without one it is at most 0.1 (six sequences of 30 s).
 WARY_SHARE, WARY_NS = 0.1, 1_000_000_000
-#: Tracks that began before are established. Half of all tracks live for 0.35 s, so that few of them are; inertial
-#: samples alone predict the velocity over this time to a few cm/s.
+#: Tracks that began before are established. Half of all tracks live for 0.35 s, so that few of them are;
+#: inertial samples alone predict the velocity over this time to a few cm/s.
 _ESTABLISHED_NS = 500_000_000
 #: Largest squared Mahalanobis distance of the newest velocity from its prediction. Robust weights make
 #: variances about twice too large, so that without an object it is at most 1.9 (five sequences of 30 s). With

@@ -100,11 +100,10 @@ class Odometry:
                 tracking.extend(interval, knot, stationary, self._noise.now())  # factors (17), (20), (31)
                 tracking.window.add_landmarks()  # (33)
                 solution = tracking.optimize(settings.optimizer, segment.buffer)  # (39), chi-square test
-                tracking.newest = newest_estimate(
-                    tracking.window, solution, settings, segment.number, stationary
-                )
+                newest = newest_estimate(tracking.window, solution, settings, segment.number, stationary)
+                tracking.newest = newest
                 rejected = segment.buffer.contradicting_share_of_new(interval.start_ns, knot_ns)
-                step = Step(interval, stationary, before.r, solution, tracking.newest, rejected)
+                step = Step(interval, stationary, before.r, solution, newest, rejected)
                 status = segment.health.update(step)
                 if status.health is Health.LOST:
                     break
