@@ -34,7 +34,7 @@ class FrontendConfig(_Section):
         100, ge=8, le=1000, description="largest number of features at a time (fts_max)"
     )
     min_interval_s: float = Field(
-        0.02, ge=0.0, description="shortest time between two observations of a feature (t_min)"
+        0.05, ge=0.0, description="shortest time between two observations of a feature (t_min)"
     )
     max_silence_s: float = Field(
         0.3, gt=0.0, description="a feature without an observation for this time is released (t_max)"
@@ -193,7 +193,7 @@ class OptimizerConfig(_Section):
         12, ge=1, description="for the joint optimisation of the initialization"
     )
     relative_decrease: float = Field(
-        1e-2,
+        1e-1,
         gt=0.0,
         description="stop when the cost decreases by less than this share, or as the model predicts",
     )
