@@ -79,12 +79,15 @@ def marginalize_oldest(
     if walk is not None:
         information, gradient = after_walk(information, gradient, walk)
     linearization = problem.linearization.chosen(slice(1, knots)).copied()
-    root, y = _square_root(0.5 * (information + information.T), gradient)
+    square = 0.5 * (information + information.T)
+    root, y = _square_root(square, gradient)
     R = with_inactive_zero(root, active, camera + imu)
+    rows = with_inactive_zero(square, active, camera + imu)
     # Gradient R^T (R delta + r_0) at the current delta, which is zero for knots that are frozen only now.
     shifted = Prior(
         R,
-        R.T @ R,
+        # R^T R, up to the rounding error that R leaves out.
+        with_inactive_zero(rows.T, active, camera + imu),
         np.zeros(len(R)),
         linearization,
         problem.camera if camera else None,
