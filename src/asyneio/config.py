@@ -193,9 +193,15 @@ class OptimizerConfig(_Section):
         12, ge=1, description="for the joint optimisation of the initialization"
     )
     relative_decrease: float = Field(
-        1e-1,
+        1e-2,
         gt=0.0,
         description="stop when the cost decreases by less than this share, or as the model predicts",
+    )
+    small_step: float = Field(
+        5e-3,
+        ge=0.0,
+        description="stop also when a step turns no knot by more than this [rad] and moves none by more than "
+        "this share of the median distance of the landmarks; while tracking, without moving objects",
     )
     initial_relative_decrease: float = Field(1e-5, gt=0.0, description="the same, for the initialization")
     initial_damping: float = Field(

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from asyneio.errors import EstimationError
 from asyneio.estimation.linearization.linear_system import LinearSystem
@@ -76,6 +77,27 @@ def test_report() -> None:
     coarse = optimize(problem, prior, OptimizerSettings(40, 0.5, 1e-6))
     assert coarse.report.converged
     assert coarse.report.iterations < optimize(problem, prior, TO_THE_END).report.iterations
+
+
+def test_a_small_step_is_the_last() -> None:
+    """Of the knots, relative to the median distance of the landmarks; not of the distances themselves."""
+    problem, prior = start()
+    points = [problem.states]
+    for count in (1, 2, 3):
+        points.append(optimize(problem, prior, OptimizerSettings(count, 1e-12, 1e-6)).problem.states)
+    near = float(np.median(problem.landmarks.rho))
+    sizes = []
+    for before, after in pairwise(points):
+        turned = Rotation.from_matrix(np.swapaxes(before.C, 1, 2) @ after.C).as_rotvec()
+        moved = np.einsum("kji,kj->ki", before.C, after.r - before.r)
+        sizes.append(max(float(np.abs(turned).max()), near * float(np.abs(moved).max())))
+    assert sizes[0] > sizes[1] > sizes[2]
+    # The later steps are so small that the axes of the moved knot do not matter.
+    for count in (1, 2):
+        between = float(np.sqrt(sizes[count - 1] * sizes[count]))
+        found = optimize(problem, prior, OptimizerSettings(40, 1e-12, 1e-6, between))
+        assert found.report.converged
+        assert found.report.iterations == count + 1
 
 
 def test_input_is_left_alone() -> None:

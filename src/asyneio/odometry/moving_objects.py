@@ -10,6 +10,7 @@ all new information together may change it only within its covariance.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +56,8 @@ def optimize_warily(window: Window, settings: OptimizerSettings) -> WarySolution
     Raises:
         EstimationError: as `Window.optimize`.
     """
+    # New landmarks matter here, whose distances still change after a small step.
+    settings = replace(settings, small_step=0.0)
     young = window.tracks_since(int(window.t_ns[-1]) - _ESTABLISHED_NS)
     trusted = window.copied()
     trusted.drop_landmarks(young)

@@ -60,7 +60,10 @@ def resolve(config: Config, calibration: Calibration, noise: InertialNoise) -> S
         window_s=config.window.length_s,
         window=_window(config, calibration, noise),
         optimizer=OptimizerSettings(
-            optimizer.max_iterations, optimizer.relative_decrease, optimizer.initial_damping
+            optimizer.max_iterations,
+            optimizer.relative_decrease,
+            optimizer.initial_damping,
+            optimizer.small_step,
         ),
         initialization=InitializationSettings(
             min_seconds=initialization.min_seconds,

@@ -17,7 +17,7 @@ from asyneio.estimation.problem.active import active_in_window, active_part, wit
 from asyneio.estimation.problem.problem import Prior, Problem
 from asyneio.estimation.solver.elimination import eliminate_landmarks
 from asyneio.estimation.solver.retraction import retract
-from asyneio.state import DOF
+from asyneio.state import DOF, EPS
 from asyneio.types import FloatArray, IntArray
 
 _MAX_DAMPING = 1e8
@@ -28,11 +28,16 @@ _SURELY = 10.0
 
 @dataclass(frozen=True)
 class OptimizerSettings:
-    """Stopping criteria; `damping` is that of the first step after a rejected one. Steps start undamped."""
+    """Stopping criteria; `damping` is that of the first step after a rejected one. Steps start undamped.
+
+    `small_step`: the last step may also be one that turns no knot by more than this [rad] and moves none by
+    more than this share of the median distance of the landmarks.
+    """
 
     max_iterations: int
     relative_decrease: float
     damping: float
+    small_step: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -82,6 +87,7 @@ class _Step(NamedTuple):
     next_damping: float
     predicted_decrease: float
     factor: FloatArray | None
+    small: bool
 
 
 def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Solution:
@@ -110,8 +116,7 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
         iterations += 1
         # No step starts from the result of the last iteration.
         last = iterations >= settings.max_iterations
-        goes_on = float("inf") if last else _SURELY * settings.relative_decrease
-        accepted = _damped_step(point, system, prior, damping, settings.damping, goes_on)
+        accepted = _damped_step(point, system, prior, damping, settings, last)
         if accepted is None:
             factor = None
             break
@@ -120,6 +125,9 @@ def optimize(problem: Problem, prior: Prior, settings: OptimizerSettings) -> Sol
         cost, decrease = point.cost, point.cost - accepted.point.cost
         surprise = abs(decrease - accepted.predicted_decrease)
         converged = min(surprise, decrease) <= settings.relative_decrease * accepted.point.cost
+        # The error of the linearisation is of second order, so that it is smaller by the size of the step.
+        # What may still change are the distances of new landmarks, which hardly affect the motion.
+        converged |= accepted.small
         last_decrease = decrease / cost if cost > 0.0 else 0.0
         point, damping, factor = accepted.point, accepted.next_damping, accepted.factor
         if converged or iterations >= settings.max_iterations:
@@ -146,14 +154,20 @@ def _evaluated(problem: Problem, prior: Prior) -> _Point:
 
 
 def _damped_step(
-    point: _Point, system: LinearSystem, prior: Prior, damping: float, first_damping: float, goes_on: float
+    point: _Point,
+    system: LinearSystem,
+    prior: Prior,
+    damping: float,
+    settings: OptimizerSettings,
+    last: bool,
 ) -> _Step | None:
     """One accepted step; None if no step lowers the cost.
 
-    If the predicted relative decrease of the cost exceeds `goes_on`, another step will follow, and the new
-    point is linearised at once.
+    If another step is nearly certain to follow, and this is not the `last`, the new point is linearised at
+    once.
     """
-    problem, cost = point.problem, point.cost
+    problem, cost, first_damping = point.problem, point.cost, settings.damping
+    goes_on = float("inf") if last else _SURELY * settings.relative_decrease * cost
     diagonal = system.H.diagonal().copy()
     while damping <= _MAX_DAMPING:
         solved = _solve(system, problem.model.active, diagonal, damping)
@@ -161,12 +175,14 @@ def _damped_step(
             step, factor = solved
             predicted = _predicted_decrease(system, step)
             candidate = retract(problem, system, step)
-            again = damping == 0.0 and predicted > goes_on * cost
+            small = _is_small(step, problem, settings.small_step)
+            again = damping == 0.0 and not small and predicted > goes_on
             reached = (_linearized if again else _evaluated)(candidate, prior)
             # Equal costs are accepted: at the minimum, rounding errors decide.
             if reached.cost <= cost * (1.0 + 1e-9):
                 next_damping = damping / 10.0 if damping > first_damping else 0.0
-                return _Step(reached, next_damping, predicted, factor if damping == 0.0 else None)
+                kept = factor if damping == 0.0 else None
+                return _Step(reached, next_damping, predicted, kept, small and damping == 0.0)
         damping = max(first_damping, 10.0 * damping)
     if solved is None:
         raise EstimationError(
@@ -174,6 +190,14 @@ def _damped_step(
             "too few measurements, or states that are not finite"
         )
     return None
+
+
+def _is_small(step: FloatArray, problem: Problem, limit: float) -> bool:
+    """Whether a step is small in the sense of `OptimizerSettings.small_step`."""
+    knots, rho = len(problem.states.r), problem.landmarks.rho
+    moved = np.abs(step[: DOF * knots].reshape(knots, DOF)[:, EPS : EPS + 6]).max(axis=0)
+    nearness = max(float(np.median(rho)), 0.0) if len(rho) else 0.0
+    return bool(max(moved[:3].max(), moved[3:].max() * nearness) <= limit)
 
 
 def _predicted_decrease(system: LinearSystem, step: FloatArray) -> float:
