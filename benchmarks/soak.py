@@ -288,10 +288,10 @@ def pieces(options: argparse.Namespace) -> Iterator[tuple[Piece, Played]]:
         simulation = simulate_events(scenario, base.recording.events)
         start_ns = simulation.scenario.start_ns + round(start_s * NS_PER_S)
         moments = [fault.after(start_ns) for fault in drawn if fault.kind not in options.leave_out]
-        piece = disturbed(simulation, start_ns, pixels, moments, options.seed * 1000 + number)
+        piece, struck = disturbed(simulation, start_ns, pixels, moments, options.seed * 1000 + number)
         begin_ns = clock_ns + round(jump_s * NS_PER_S) if clock_ns else start_ns
         clock_ns = begin_ns + round(options.piece * NS_PER_S)
-        yield piece, Played(scene, _names(imu, pixels), moments, begin_ns - start_ns)
+        yield piece, Played(scene, _names(imu, pixels), struck, begin_ns - start_ns)
 
 
 @dataclass(frozen=True)

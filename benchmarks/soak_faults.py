@@ -163,8 +163,12 @@ MOMENTS: Mapping[str, Moment] = {
 
 def disturbed(
     base: EventSimulation, from_ns: int, pixels: Nuisance | None, moments: list[Fault], seed: int
-) -> Piece:
-    """A simulation, whose IMU has its lasting errors already, from a time on (IMU clock), with the rest."""
+) -> tuple[Piece, list[Fault]]:
+    """A simulation, whose IMU has its lasting errors already, from a time on (IMU clock), with the rest.
+
+    Also returns those of the `moments` that changed a record: a slow scene may have no event within the
+    fraction of a millisecond of a fault.
+    """
     recording = base.recording
     events = np.asarray(recording.events)
     if pixels is not None and pixels.events is not None:
@@ -178,10 +182,23 @@ def disturbed(
     )
     # Those that change the order of arrival come last: the others search in ascending stamps.
     last = ("disorder", "late events", "backward stamps")
+    struck = []
     for number, fault in enumerate(sorted(moments, key=lambda f: f.kind in last)):
         rng = np.random.default_rng([seed, number])
-        piece = MOMENTS[fault.kind].change(piece, fault.start_ns, fault.end_ns, rng)
-    return piece
+        changed = MOMENTS[fault.kind].change(piece, fault.start_ns, fault.end_ns, rng)
+        if _differ(piece, changed):
+            struck.append(fault)
+        piece = changed
+    return piece, sorted(struck, key=lambda fault: fault.start_ns)
+
+
+def _differ(one: Piece, other: Piece) -> bool:
+    pairs = (
+        (one.events, other.events),
+        (one.gyroscope, other.gyroscope),
+        (one.accelerometer, other.accelerometer),
+    )
+    return not all(np.array_equal(a, b) for a, b in pairs)
 
 
 def draw_moments(rng: np.random.Generator, slots_s: tuple[float, ...], kinds: list[str]) -> list[Fault]:
