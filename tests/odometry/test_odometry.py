@@ -12,7 +12,7 @@ from asyneio.errors import EstimationError
 from asyneio.evaluation import NEES_DOF, NeesBlock, nees
 from asyneio.odometry import Odometry
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.consensus import outlier_tracks
+from asyneio.odometry.initializer.consensus import track_consensus
 from asyneio.pipeline.packets import packets, usable_span
 from asyneio.types import Health, IntArray, Packet
 from tests.odometry.runs import (
@@ -350,9 +350,9 @@ def test_no_consensus_before_there_is_enough_to_initialize(monkeypatch: pytest.M
 
     def noted(buffer: MeasurementBuffer, *rest: Any) -> IntArray:
         spans.append(float(np.ptp(buffer.gyroscope["t_ns"])) * 1e-9)
-        return outlier_tracks(buffer, *rest)
+        return track_consensus(buffer, *rest)
 
-    monkeypatch.setattr("asyneio.odometry.initializer.initialize.outlier_tracks", noted)
+    monkeypatch.setattr("asyneio.odometry.initializer.initialize.track_consensus", noted)
     recording, config = simulated().recording, configured()
     process(cut(recording)[: first_step(plain_run()) + 1], recording.calibration, config)
     assert spans

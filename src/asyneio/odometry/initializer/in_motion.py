@@ -21,15 +21,24 @@ from asyneio.odometry.initializer.span_motion import SpanMotion, span_motion
 from asyneio.odometry.initializer.static_tracks import fit_static_tracks
 from asyneio.odometry.propagation import rates_at
 from asyneio.odometry.settings import Settings
-from asyneio.types import IntArray
+from asyneio.types import FloatArray, IntArray
 
 #: Standard deviations of the zero-mean priors of the warm-up: any velocity or acceleration of a person or
 #: drone.
 _WARM_UP_SIGMA = np.array([10.0, 100.0])
+_NO_BIAS = np.zeros(3)
 
 
-def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> FirstWindow | str:
-    """A window over all measurements of the buffer, or the reason why not yet."""
+def initialize_in_motion(
+    buffer: MeasurementBuffer, settings: Settings, gyroscope_bias: FloatArray = _NO_BIAS
+) -> FirstWindow | str:
+    """A window over all measurements of the buffer, or the reason why not yet.
+
+    Args:
+        buffer: the measurements.
+        settings: of the odometry.
+        gyroscope_bias: (3,) a guess [rad/s].
+    """
     knots_ns = _knot_times(buffer, settings)
     reason = missing_measurements(buffer, settings)
     if knots_ns is None or reason:
@@ -40,7 +49,7 @@ def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> First
     if tracks < settings.initialization.min_landmarks:
         return f"too few feature tracks: {tracks}, {settings.initialization.min_landmarks} are required"
     try:
-        motion = span_motion(buffer, settings, knots_ns, seen)
+        motion = span_motion(buffer, settings, knots_ns, seen, gyroscope_bias)
         reason = motion_rejection(motion, settings)
         if reason:
             return reason
