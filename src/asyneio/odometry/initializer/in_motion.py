@@ -55,16 +55,16 @@ def initialize_in_motion(
             return reason
         states = _first_states(buffer, settings, knots_ns, motion)
         window = filled_window(buffer, _at_offset(settings, motion), knots_ns, states, motion.outliers)
-        window, solution, outliers = fit_static_tracks(window, settings.initialization.optimizer)
+        fit = fit_static_tracks(window, settings.initialization.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
-    rejected = np.concatenate([outliers, motion.outliers])
-    reason = outlier_rejection(len(rejected), tracks) or joint_rejection(solution, motion, settings)
+    rejected = np.concatenate([fit.removed, motion.outliers])
+    reason = outlier_rejection(len(rejected), tracks) or joint_rejection(fit.solution, motion, settings)
     if reason:
         return reason
     buffer.reject(rejected)
-    object_in_view = shows_object(len(outliers), tracks)
-    return FirstWindow(window, solution, relative_scale_sigma(solution), object_in_view)
+    object_in_view = shows_object(len(fit.removed), tracks, fit.beyond_noise)
+    return FirstWindow(fit.window, fit.solution, relative_scale_sigma(fit.solution), object_in_view)
 
 
 def missing_measurements(buffer: MeasurementBuffer, settings: Settings) -> str:

@@ -36,17 +36,28 @@ _FEW, _MANY = 0.05, 0.1
 #: Tracks are tested relative to the median track, but to no less than this mean square in declared variances.
 #: The median is 0.03 to 0.1 in simulation: tracks that drift by a pixel would fail, and most of those help.
 _LEAST_SCALE = 0.3
+#: The same for tracks that contradict beyond the declared noise.
+_DECLARED = 1.0
 #: Where a larger share of the tracks would be left out, the motion is wrong, and nothing is; the second
 #: number is for a wide neighbourhood.
 _MAJORITY, _WIDE_MAJORITY = 0.5, 0.7
 
 
 class StaticFit(NamedTuple):
-    """A window of static tracks, its solution, and the ids of the tracks that were left out."""
+    """A window of static tracks and its solution.
+
+    Attributes:
+        window: of the static tracks.
+        solution: of its optimisation.
+        removed: ids of the tracks that were left out.
+        beyond_noise: share of all tracks that contradict the trajectory by more than the declared noise; those
+            of an object do, most poor tracks do not.
+    """
 
     window: Window
     solution: Solution
     removed: IntArray
+    beyond_noise: float = 0.0
 
 
 def fit_static_tracks(window: Window, settings: OptimizerSettings) -> StaticFit:
@@ -83,10 +94,11 @@ def fit_static_tracks(window: Window, settings: OptimizerSettings) -> StaticFit:
             contradicting = _contradicting(tested, fit.removed)
         elif last:
             break
-    return fit._replace(solution=fit.window.optimize(settings))
+    beyond_noise = len(_contradicting(tested, fit.removed, _DECLARED)) / max(len(tested.landmarks), 1)
+    return fit._replace(solution=fit.window.optimize(settings), beyond_noise=beyond_noise)
 
 
-def _contradicting(tested: Window, removed: IntArray) -> IntArray:
+def _contradicting(tested: Window, removed: IntArray, least_scale: float = _LEAST_SCALE) -> IntArray:
     """Ids of the tracks that contradict the trajectory of `tested`, which was fitted without `removed`."""
     track = tested.landmarks.track
     if len(track) == 0:
@@ -94,4 +106,4 @@ def _contradicting(tested: Window, removed: IntArray) -> IntArray:
     problem = tested.problem()
     squared = evaluate(problem)[1]
     scale = median_chi_square(problem, squared, ~np.isin(track, removed))
-    return track[contradicts_trajectory(problem, squared, max(scale, _LEAST_SCALE))]
+    return track[contradicts_trajectory(problem, squared, max(scale, least_scale))]
