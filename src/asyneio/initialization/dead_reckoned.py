@@ -79,8 +79,8 @@ class Adjusted:
 
     `inverse_depth` (L,) in the reference cameras with its standard deviation; `agreeing` (L,) marks the
     tracks that are inliers; `covariance` (12,12) is of [velocity, tilt of gravity, b_g, b_a, time offset],
-    where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is the minimum, to which an outlier contributes as
-    much as the worst inlier with the declared noise.
+    where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is the minimum, to
+    which an outlier contributes as much as the worst inlier with the declared noise.
     """
 
     motion: FirstMotion

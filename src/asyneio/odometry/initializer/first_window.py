@@ -20,10 +20,9 @@ from asyneio.types import BoolArray, FloatArray, IntArray
 _GAUGE_SIGMA = 1e-4
 #: The measurements determine roll and pitch; the prior only prevents divergence.
 _TILT_SIGMA = 0.5
-#: Share of the tracks that shows an object in view if the joint optimisation leaves them out, and share that
-#: must contradict by more than the declared noise. Without an object the former is up to 0.3, the latter up to
-#: 0.06; with one the latter is 0.05 to 0.3.
-_OBJECT_SHARE, _BEYOND_NOISE = 0.2, 0.08
+#: Shares of the tracks that show an object in view: those that the joint optimisation leaves out, and those
+#: that contradict it by more than the declared noise.
+_LEFT_OUT, _BEYOND_NOISE = 0.1, 0.08
 _NO_TRACKS = np.empty(0, dtype=np.int64)
 
 
@@ -49,7 +48,7 @@ def shows_object(left_out: int, tracks: int, beyond_noise: float) -> bool:
         tracks: number of all tracks.
         beyond_noise: share of the tracks that contradict it by more than the declared noise.
     """
-    return left_out > _OBJECT_SHARE * tracks and beyond_noise > _BEYOND_NOISE
+    return left_out > _LEFT_OUT * tracks and beyond_noise > _BEYOND_NOISE
 
 
 def filled_window(
