@@ -57,12 +57,14 @@ def test_consensus_finds_the_object_before_initialization() -> None:
     buffer = held(merged(cut(recording)[:15]))
     T_b_c = recording.calibration.T_b_c
     found = track_consensus(buffer, T_b_c, 9.81, BEARING_SIGMA, 0.02)
-    true = np.isin(found, ids)
+    true = np.isin(found.outliers, ids)
     assert np.count_nonzero(true) > 15
     assert np.count_nonzero(~true) <= 2
+    bias = simulation.truth.at(buffer.observations.t_ns[:1]).bias_gyroscope[0]
+    assert np.linalg.norm(found.gyroscope_bias - bias) < 0.02
     calm = held(merged(cut(simulation.recording)[:15]))
     none = track_consensus(calm, T_b_c, 9.81, BEARING_SIGMA, 0.02)
-    assert len(none) <= 2
+    assert len(none.outliers) <= 2
 
 
 def test_share_of_rejected_tracks() -> None:
