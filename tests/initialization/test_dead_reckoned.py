@@ -208,6 +208,13 @@ def test_bad_tracks_are_told_from_good_ones() -> None:
     assert np.linalg.norm(found.motion.velocity - truth(motion).velocity) < 0.2 * speed
 
 
+def test_a_motion_that_contradicts_many_tracks_is_not_cheaper() -> None:
+    """Outliers contribute to the cost with more than an observation with the declared noise does."""
+    found = adjusted(styled(MotionStyle.AGGRESSIVE, 1), sigma=SIGMA, bad=0.3)
+    assert np.mean(found.agreeing) < 0.85
+    assert found.cost > 0.46 * 12 * TRACKS
+
+
 def test_without_translation_no_inverse_depth_is_significant() -> None:
     """The camera turns in place; what the points show is noise."""
     turning = sinusoidal(0.0, 0.3)

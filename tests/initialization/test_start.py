@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from asyneio.config import Config
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.in_motion import FirstWindow, initialize_in_motion
+from asyneio.odometry.initializer.initialize import initialize
 from asyneio.odometry.settings import Settings, resolve
 from asyneio.simulation import AnalyticMotion, MotionStyle, PinholeCamera, TrackSpec
 from asyneio.simulation.imu import as_records, specific_force_b
@@ -73,6 +74,22 @@ def test_a_moving_camera_starts_close_to_the_truth(style: str, pixel_sigma: floa
     assert np.abs(states.varpi[:, 0, :3] - motion.angular_velocity_b(t)).max() < 0.05
     down = np.einsum("ni,ni->n", states.C[:, 2], C[:, 2])
     assert np.degrees(np.arccos(np.clip(down, -1.0, 1.0))).max() < 10.0 * tolerance
+
+
+@pytest.mark.slow
+def test_a_large_gyroscope_bias_does_not_lead_to_another_motion() -> None:
+    """2.5 standard deviations of the prior: guesses without it end in a motion that the tracks contradict."""
+    motion = styled(MotionStyle.AGGRESSIVE, 1)
+    buffer, settings = recorded(motion, 2.0, 0.5)
+    buffer.gyroscope = buffer.gyroscope.copy()
+    buffer.gyroscope["xyz"] += [-0.05, -0.08, -0.25]
+    assert isinstance(initialize_in_motion(buffer, settings), str)
+    start = initialize(buffer, settings, None, None)
+    assert isinstance(start, FirstWindow), start
+    t = (start.window.t_ns - START_NS) * 1e-9
+    nu = np.einsum("nji,nj->ni", motion.T_w_b(t)[:, :3, :3], motion.velocity_w(t))
+    speed = np.linalg.norm(nu, axis=1).max()
+    assert np.linalg.norm(start.window.states.varpi[:, 0, 3:] - nu, axis=1).max() < 0.05 * speed
 
 
 WITHOUT_SCALE = {

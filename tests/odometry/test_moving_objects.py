@@ -71,7 +71,7 @@ def observed(tracks: dict[int, tuple[float, float]]) -> TrackObservations:
 
 def test_neighbours_of_outliers() -> None:
     object_ = {k: (0.5 + 0.02 * k, 0.0) for k in range(6)}
-    static = {10 + k: (-0.8 + 0.1 * k, 0.3) for k in range(8)}
+    static = {10 + k: (-1.5 + 0.1 * (k % 10), 0.3 + 0.2 * (k // 10)) for k in range(40)}
     seen = track_distances(observed(object_ | static))
     # Two of the six on the object are known: a third, not more. Three are.
     assert near_outliers(seen, np.array([0, 1])).size == 0
@@ -81,6 +81,17 @@ def test_neighbours_of_outliers() -> None:
     # One outlier alone may be a bad track.
     assert near_outliers(seen, np.array([12])).size == 0
     assert near_outliers(seen, np.empty(0, dtype=np.int64)).size == 0
+
+
+def test_outliers_everywhere_are_not_an_object() -> None:
+    """A quarter of the tracks is poor, evenly: no place has more outliers than the others."""
+    grid = {k: (0.12 * (k % 12), 0.12 * (k // 12)) for k in range(108)}
+    seen = track_distances(observed(grid))
+    poor = np.arange(0, 108, 4)
+    for radius in (1.0, 1.5, 2.0):
+        assert near_outliers(seen, poor, radius).size == 0
+    # The same number on one side is an object.
+    assert len(near_outliers(seen, np.arange(27), 1.5)) > 24
 
 
 def test_share_of_new_tracks_that_contradict() -> None:

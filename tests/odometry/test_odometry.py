@@ -12,9 +12,9 @@ from asyneio.errors import EstimationError
 from asyneio.evaluation import NEES_DOF, NeesBlock, nees
 from asyneio.odometry import Odometry
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.consensus import outlier_tracks
+from asyneio.odometry.initializer.consensus import TrackConsensus, track_consensus
 from asyneio.pipeline.packets import packets, usable_span
-from asyneio.types import Health, IntArray, Packet
+from asyneio.types import Health, Packet
 from tests.odometry.runs import (
     INTERVAL_NS,
     Outcome,
@@ -348,11 +348,11 @@ def test_no_consensus_before_there_is_enough_to_initialize(monkeypatch: pytest.M
     """It takes a third of an attempt, and is repeated with all measurements."""
     spans: list[float] = []
 
-    def noted(buffer: MeasurementBuffer, *rest: Any) -> IntArray:
+    def noted(buffer: MeasurementBuffer, *rest: Any) -> TrackConsensus:
         spans.append(float(np.ptp(buffer.gyroscope["t_ns"])) * 1e-9)
-        return outlier_tracks(buffer, *rest)
+        return track_consensus(buffer, *rest)
 
-    monkeypatch.setattr("asyneio.odometry.initializer.initialize.outlier_tracks", noted)
+    monkeypatch.setattr("asyneio.odometry.initializer.initialize.track_consensus", noted)
     recording, config = simulated().recording, configured()
     process(cut(recording)[: first_step(plain_run()) + 1], recording.calibration, config)
     assert spans

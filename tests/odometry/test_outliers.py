@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.consensus import outlier_tracks
+from asyneio.odometry.initializer.consensus import track_consensus
 from asyneio.odometry.outliers import without_outliers
 from asyneio.pipeline.summarize import rejected_notes
 from asyneio.simulation.contamination import swaying_object, with_object, with_wrong_tracks
@@ -56,13 +56,15 @@ def test_consensus_finds_the_object_before_initialization() -> None:
     recording, ids = with_object(simulation, moving, 1.0 / 3.0)
     buffer = held(merged(cut(recording)[:15]))
     T_b_c = recording.calibration.T_b_c
-    found = outlier_tracks(buffer, T_b_c, 9.81, BEARING_SIGMA, 0.02)
-    true = np.isin(found, ids)
+    found = track_consensus(buffer, T_b_c, 9.81, BEARING_SIGMA, 0.02)
+    true = np.isin(found.outliers, ids)
     assert np.count_nonzero(true) > 15
     assert np.count_nonzero(~true) <= 2
+    bias = simulation.truth.at(buffer.observations.t_ns[:1]).bias_gyroscope[0]
+    assert np.linalg.norm(found.gyroscope_bias - bias) < 0.02
     calm = held(merged(cut(simulation.recording)[:15]))
-    none = outlier_tracks(calm, T_b_c, 9.81, BEARING_SIGMA, 0.02)
-    assert len(none) <= 2
+    none = track_consensus(calm, T_b_c, 9.81, BEARING_SIGMA, 0.02)
+    assert len(none.outliers) <= 2
 
 
 def test_share_of_rejected_tracks() -> None:

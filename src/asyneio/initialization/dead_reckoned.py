@@ -79,7 +79,8 @@ class Adjusted:
 
     `inverse_depth` (L,) in the reference cameras with its standard deviation; `agreeing` (L,) marks the
     tracks that are inliers; `covariance` (12,12) is of [velocity, tilt of gravity, b_g, b_a, time offset],
-    where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is the minimum.
+    where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is the minimum, to
+    which an outlier contributes as much as the worst inlier with the declared noise.
     """
 
     motion: FirstMotion
@@ -142,6 +143,9 @@ def adjust(
         weight = np.where(agreeing[rays.track], 1.0, 0.0)[:, None, None]
         kept = rays._replace(root_information=rays.root_information * weight)
         state, system = _descend(kept, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
+    # Otherwise a motion that contradicts many tracks would have a low cost.
+    count = np.bincount(rays.track, minlength=len(agreeing))[~agreeing]
+    removed = np.sum(_EXPECTED_COST * count + _CONTRADICTION * _EXPECTED_SCATTER * np.sqrt(count))
     H, _, inverse, gain = _reduced(system, 0.0)
     covariance = np.asarray(np.linalg.inv(H), dtype=np.float64)
     by_motion = gain[:, 2]
@@ -153,7 +157,7 @@ def adjust(
         agreeing,
         covariance,
         system.tangent,
-        system.cost,
+        system.cost + float(removed),
     )
 
 

@@ -23,6 +23,9 @@ _NEAR = 0.15
 _NEAR_S = 0.1
 #: The same in time [s] where all tracks of an object are looked for, and the shares of outliers.
 _OBJECT_NEAR_S, _OBJECT_SHARE, _WIDE_SHARE = 0.2, 1.0 / 3.0, 0.2
+#: An object's neighbourhood has more outliers than the same number of tracks from all of the view, by this
+#: number of standard deviations: poor tracks are everywhere in some scenes.
+_MORE_THAN_ELSEWHERE = 2.0
 #: Tracks with this many observations are tested by themselves: three of them determine the point, the others
 #: test it.
 _LONG = 8
@@ -90,7 +93,7 @@ def track_distances(seen: TrackObservations) -> TrackDistances:
 
 def near_outliers(tracks: TrackDistances, outliers: IntArray, radius: float = 1.0) -> IntArray:
     """Tracks with at least two outliers among their neighbours, which are a third of them, or a fifth in a
-    wider neighbourhood.
+    wider neighbourhood, and more than elsewhere.
 
     Args:
         tracks: all tracks.
@@ -101,9 +104,13 @@ def near_outliers(tracks: TrackDistances, outliers: IntArray, radius: float = 1.
         Ids (M,), of outliers too.
     """
     near = tracks.distance <= radius
-    outliers_near = np.count_nonzero(near & np.isin(tracks.track, outliers), axis=1)
+    outlier = np.isin(tracks.track, outliers)
+    outliers_near, tracks_near = np.count_nonzero(near & outlier, axis=1), np.count_nonzero(near, axis=1)
+    everywhere = np.count_nonzero(outlier) / max(len(outlier), 1)
+    by_chance = everywhere * tracks_near
+    by_chance += _MORE_THAN_ELSEWHERE * np.sqrt(by_chance * (1.0 - everywhere))
     share = _OBJECT_SHARE if radius <= 1.0 else _WIDE_SHARE
-    chosen = (outliers_near > share * np.count_nonzero(near, axis=1)) & (outliers_near >= 2)
+    chosen = (outliers_near > np.maximum(share * tracks_near, by_chance)) & (outliers_near >= 2)
     return np.asarray(tracks.track[chosen])
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from asyneio.estimation.problem.track_observations import TrackObservations
@@ -22,10 +24,22 @@ _ITERATIONS = 3
 _BIAS_STEP = 1e-4
 
 
-def outlier_tracks(
+class TrackConsensus(NamedTuple):
+    """What the IMU and most tracks of a buffer agree on.
+
+    Attributes:
+        outliers: ids of the tracks that contradict it, ascending.
+        gyroscope_bias: (3,) [rad/s], the median over the spans; zero where no span has a consensus.
+    """
+
+    outliers: IntArray
+    gyroscope_bias: FloatArray
+
+
+def track_consensus(
     buffer: MeasurementBuffer, T_b_c: FloatArray, gravity: float, bearing_sigma: float, gyroscope_sigma: float
-) -> IntArray:
-    """Tracks that contradict the motion on which the IMU and most tracks agree.
+) -> TrackConsensus:
+    """Which tracks contradict the motion on which the IMU and most tracks agree.
 
     Args:
         buffer: measurements of the segment.
@@ -33,11 +47,8 @@ def outlier_tracks(
         gravity: its magnitude [m/s^2].
         bearing_sigma: standard deviation of a bearing [rad].
         gyroscope_sigma: standard deviation of the gyroscope's uncorrected bias [rad/s].
-
-    Returns:
-        Ids of the tracks, ascending.
     """
-    none = np.empty(0, dtype=np.int64)
+    none = TrackConsensus(np.empty(0, dtype=np.int64), np.zeros(3))
     seen = buffer.observations
     if min(len(buffer.gyroscope), len(buffer.accelerometer)) < 2 or len(seen.t_ns) == 0:
         return none
@@ -45,7 +56,7 @@ def outlier_tracks(
     ends = (buffer.gyroscope["t_ns"][-1], buffer.accelerometer["t_ns"][-1], seen.t_ns[-1])
     start_ns, end_ns = int(max(starts)), int(min(ends))
     span_ns = round(_SPAN_S * NS_PER_S)
-    found = [none]
+    found: list[TrackConsensus] = []
     for last_ns in range(end_ns, start_ns, -span_ns // 2):
         first_ns = max(last_ns - span_ns, start_ns)
         if last_ns - first_ns < _SHORTEST_SPAN_S * NS_PER_S:
@@ -53,13 +64,15 @@ def outlier_tracks(
         part = seen.between(first_ns - 1, last_ns)
         if len(part.t_ns) == 0:
             continue
-        found.append(
-            _outliers_of_span(buffer, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma)
-        )
-    return np.unique(np.concatenate(found))
+        one = _of_span(buffer, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma)
+        found += [] if one is None else [one]
+    if not found:
+        return none
+    outliers = np.unique(np.concatenate([one.outliers for one in found]))
+    return TrackConsensus(outliers, np.median([one.gyroscope_bias for one in found], axis=0))
 
 
-def _outliers_of_span(
+def _of_span(
     buffer: MeasurementBuffer,
     seen: TrackObservations,
     first_ns: int,
@@ -67,8 +80,8 @@ def _outliers_of_span(
     gravity: float,
     bearing_sigma: float,
     gyroscope_sigma: float,
-) -> IntArray:
-    """Ids of the outliers within one span; none where there is no consensus."""
+) -> TrackConsensus | None:
+    """The consensus within one span; None without one."""
     bias = np.zeros(3)
     agreeing = None
     sigma = gyroscope_sigma
@@ -88,7 +101,7 @@ def _outliers_of_span(
         # The bias from the rays depends on distances that are still inaccurate.
         sigma = max(consensus.gyroscope_sigma, 0.5 * sigma)
         bias = bias + consensus.gyroscope_bias
-    return np.empty(0, dtype=np.int64) if agreeing is None else ids[~agreeing]
+    return None if agreeing is None else TrackConsensus(ids[~agreeing], bias)
 
 
 def alignment_data(

@@ -21,15 +21,24 @@ from asyneio.odometry.initializer.span_motion import SpanMotion, span_motion
 from asyneio.odometry.initializer.static_tracks import fit_static_tracks
 from asyneio.odometry.propagation import rates_at
 from asyneio.odometry.settings import Settings
-from asyneio.types import IntArray
+from asyneio.types import FloatArray, IntArray
 
 #: Standard deviations of the zero-mean priors of the warm-up: any velocity or acceleration of a person or
 #: drone.
 _WARM_UP_SIGMA = np.array([10.0, 100.0])
+_NO_BIAS = np.zeros(3)
 
 
-def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> FirstWindow | str:
-    """A window over all measurements of the buffer, or the reason why not yet."""
+def initialize_in_motion(
+    buffer: MeasurementBuffer, settings: Settings, gyroscope_bias: FloatArray = _NO_BIAS
+) -> FirstWindow | str:
+    """A window over all measurements of the buffer, or the reason why not yet.
+
+    Args:
+        buffer: the measurements.
+        settings: of the odometry.
+        gyroscope_bias: (3,) a guess [rad/s].
+    """
     knots_ns = _knot_times(buffer, settings)
     reason = missing_measurements(buffer, settings)
     if knots_ns is None or reason:
@@ -40,22 +49,22 @@ def initialize_in_motion(buffer: MeasurementBuffer, settings: Settings) -> First
     if tracks < settings.initialization.min_landmarks:
         return f"too few feature tracks: {tracks}, {settings.initialization.min_landmarks} are required"
     try:
-        motion = span_motion(buffer, settings, knots_ns, seen)
+        motion = span_motion(buffer, settings, knots_ns, seen, gyroscope_bias)
         reason = motion_rejection(motion, settings)
         if reason:
             return reason
         states = _first_states(buffer, settings, knots_ns, motion)
         window = filled_window(buffer, _at_offset(settings, motion), knots_ns, states, motion.outliers)
-        window, solution, outliers = fit_static_tracks(window, settings.initialization.optimizer)
+        fit = fit_static_tracks(window, settings.initialization.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
-    rejected = np.concatenate([outliers, motion.outliers])
-    reason = outlier_rejection(len(rejected), tracks) or joint_rejection(solution, motion, settings)
+    rejected = np.concatenate([fit.removed, motion.outliers])
+    reason = outlier_rejection(len(rejected), tracks) or joint_rejection(fit.solution, motion, settings)
     if reason:
         return reason
     buffer.reject(rejected)
-    object_in_view = shows_object(len(outliers), tracks)
-    return FirstWindow(window, solution, relative_scale_sigma(solution), object_in_view)
+    object_in_view = shows_object(len(fit.removed), tracks, fit.beyond_noise)
+    return FirstWindow(fit.window, fit.solution, relative_scale_sigma(fit.solution), object_in_view)
 
 
 def missing_measurements(buffer: MeasurementBuffer, settings: Settings) -> str:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.consensus import outlier_tracks
+from asyneio.odometry.initializer.consensus import track_consensus
 from asyneio.odometry.initializer.first_window import FirstWindow
 from asyneio.odometry.initializer.in_motion import initialize_in_motion, missing_measurements
 from asyneio.odometry.initializer.known_state import initialize_from_state
@@ -66,12 +66,10 @@ def initialize(
             return Waiting(missing)  # before the consensus, which takes a third of an attempt
     w = settings.window
     gravity = float(np.linalg.norm(w.gravity_w))
-    buffer.reject(
-        outlier_tracks(
-            buffer, w.T_b_c, gravity, w.bearing_sigma, float(settings.initialization.bias_sigma[0])
-        )
-    )
+    gyroscope_sigma = float(settings.initialization.bias_sigma[0])
+    consensus = track_consensus(buffer, w.T_b_c, gravity, w.bearing_sigma, gyroscope_sigma)
+    buffer.reject(consensus.outliers)
     found = "no stationary phase" if phase is None else initialize_stationary(buffer, settings, phase)
     if isinstance(found, str):
-        found = initialize_in_motion(buffer, settings)
+        found = initialize_in_motion(buffer, settings, consensus.gyroscope_bias)
     return Waiting(found, attempted=True) if isinstance(found, str) else found

@@ -26,6 +26,7 @@ _EASY_S = 1.5
 _LIKELY = 5.0
 #: Standard deviation [s] of a time offset that is not estimated.
 _CERTAIN_S = 1e-6
+_NO_BIAS = np.zeros(6)
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,14 @@ class SpanMotion:
 
 
 def span_motion(
-    buffer: MeasurementBuffer, settings: Settings, knots_ns: IntArray, seen: TrackObservations
+    buffer: MeasurementBuffer,
+    settings: Settings,
+    knots_ns: IntArray,
+    seen: TrackObservations,
+    gyroscope_bias: FloatArray,
 ) -> SpanMotion:
-    """Velocity, gravity and biases of a span from the observations `seen` in it.
+    """Velocity, gravity and biases of a span from the observations `seen` in it; `gyroscope_bias` (3,) is a
+    guess.
 
     Raises:
         EstimationError: too few tracks show parallax, or the equations are singular.
@@ -76,6 +82,10 @@ def span_motion(
         *_of_first_part(buffer, settings, knots_ns, seen, prior),
     ]
     found = [adjust(reckoning.rays, rays, guess, prior, w.gate) for guess in guesses]
+    # A gyroscope bias of two standard deviations, in rays without it, leads all of these astray.
+    bias = np.append(gyroscope_bias, np.zeros(3))
+    guess = _without_tracks(t[-1], reckoning, float(np.linalg.norm(w.gravity_w)), bias)[0]
+    found.append(adjust(reckoning.rays, reckoning.rays(bias), guess, prior, w.gate))
     best, *others = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
     likely = [other for other in others if other.adjusted.cost - best.adjusted.cost < _LIKELY]
     return replace(best, ambiguous=not all(_alike(best, other) for other in likely))
@@ -123,16 +133,18 @@ def _of_first_part(
     return [min(found, key=lambda one: one.cost).motion]
 
 
-def _without_tracks(duration: float, reckoning: DeadReckoning, gravity: float) -> list[FirstMotion]:
+def _without_tracks(
+    duration: float, reckoning: DeadReckoning, gravity: float, bias: FloatArray = _NO_BIAS
+) -> list[FirstMotion]:
     """Guesses that do not depend on the tracks: the body ends at its initial position with its initial
     velocity, or it begins with zero velocity.
 
     Gravity is opposite to the mean specific force, rotated to the first body frame.
     """
-    end = reckoning.increments(np.array([duration]), np.zeros(6))
+    end = reckoning.increments(np.array([duration]), bias)
     g = -end.nu[0] * gravity / np.linalg.norm(end.nu[0])
     velocity = -0.5 * g * duration - end.r[0] / duration
-    return [FirstMotion(v, g, np.zeros(6)) for v in (velocity, np.zeros(3))]
+    return [FirstMotion(v, g, bias) for v in (velocity, np.zeros(3))]
 
 
 def _of_span(t: FloatArray, reckoning: DeadReckoning, adjusted: Adjusted, ids: IntArray) -> SpanMotion:

@@ -42,11 +42,20 @@ _MAJORITY, _WIDE_MAJORITY = 0.5, 0.7
 
 
 class StaticFit(NamedTuple):
-    """A window of static tracks, its solution, and the ids of the tracks that were left out."""
+    """A window of static tracks and its solution.
+
+    Attributes:
+        window: of the static tracks.
+        solution: of its optimisation.
+        removed: ids of the tracks that were left out.
+        beyond_noise: share of all tracks that contradict the trajectory by more than the declared noise, as
+            those of an object do and most poor tracks do not.
+    """
 
     window: Window
     solution: Solution
     removed: IntArray
+    beyond_noise: float = 0.0
 
 
 def fit_static_tracks(window: Window, settings: OptimizerSettings) -> StaticFit:
@@ -62,36 +71,46 @@ def fit_static_tracks(window: Window, settings: OptimizerSettings) -> StaticFit:
     everything = window.copied()
     fit = StaticFit(window, window.optimize(settings), np.empty(0, dtype=np.int64))
     tested = fit.window.with_tracks_of(everything)
-    contradicting = _contradicting(tested, fit.removed)
-    if len(contradicting) <= _FEW * len(tested.landmarks):
+    outliers = _contradicting(tested, fit.removed)
+    if len(outliers.all) <= _FEW * len(tested.landmarks):
         return StaticFit(window, *without_outliers(window, fit.solution, settings))
     rough = replace(settings, max_iterations=_ROUGH_ITERATIONS)
     tracks = track_distances(everything.track_observations)
-    wide = len(contradicting) > _MANY * len(tested.landmarks)
+    wide = len(outliers.all) > _MANY * len(tested.landmarks)
     for radius in (*_WIDE, *_ROUNDS) if wide else _ROUNDS:
-        near = near_outliers(tracks, contradicting, radius)
-        removed = np.union1d(contradicting, near)
+        removed = np.union1d(outliers.all, near_outliers(tracks, outliers.all, radius))
         last = radius == _ROUNDS[0]
         enough = len(tested.landmarks) * (_MAJORITY if last else _WIDE_MAJORITY)
         if last and len(removed) > enough:
             # Outliers everywhere are not an object.
-            removed = contradicting
+            removed = outliers.all
         if len(removed) <= enough and not np.array_equal(removed, fit.removed):
             tested.remove_tracks(removed)
             fit = StaticFit(tested, tested.optimize(rough), removed)
             tested = fit.window.with_tracks_of(everything)
-            contradicting = _contradicting(tested, fit.removed)
+            outliers = _contradicting(tested, fit.removed)
         elif last:
             break
-    return fit._replace(solution=fit.window.optimize(settings))
+    beyond_noise = len(outliers.beyond_noise) / max(len(tested.landmarks), 1)
+    return fit._replace(solution=fit.window.optimize(settings), beyond_noise=beyond_noise)
 
 
-def _contradicting(tested: Window, removed: IntArray) -> IntArray:
-    """Ids of the tracks that contradict the trajectory of `tested`, which was fitted without `removed`."""
+class _Outliers(NamedTuple):
+    """Ids of the tracks that contradict a trajectory: all, and those that do by more than the declared
+    noise."""
+
+    all: IntArray
+    beyond_noise: IntArray
+
+
+def _contradicting(tested: Window, removed: IntArray) -> _Outliers:
+    """The tracks that contradict the trajectory of `tested`, which was fitted without `removed`."""
     track = tested.landmarks.track
     if len(track) == 0:
-        return track
+        return _Outliers(track, track)
     problem = tested.problem()
     squared = evaluate(problem)[1]
     scale = median_chi_square(problem, squared, ~np.isin(track, removed))
-    return track[contradicts_trajectory(problem, squared, max(scale, _LEAST_SCALE))]
+    return _Outliers(
+        *(track[contradicts_trajectory(problem, squared, max(scale, least))] for least in (_LEAST_SCALE, 1.0))
+    )

@@ -64,16 +64,16 @@ def initialize_stationary(
         if len(window.landmarks) < settings.initialization.min_landmarks:
             needed = settings.initialization.min_landmarks
             return f"too few feature tracks: {len(window.landmarks)}, {needed} are required"
-        window, solution, outliers = fit_static_tracks(window, settings.initialization.optimizer)
+        fit = fit_static_tracks(window, settings.initialization.optimizer)
     except (EstimationError, InertialError) as error:
         return str(error)
-    reason = solution_rejection(solution, settings)
+    reason = solution_rejection(fit.solution, settings)
     if reason:
         return reason
-    buffer.reject(outliers)
-    tracks = len(outliers) + len(window.landmarks)
-    object_in_view = shows_object(len(outliers), tracks)
-    return FirstWindow(window, solution, object_in_view=object_in_view)
+    buffer.reject(fit.removed)
+    tracks = len(fit.removed) + len(fit.window.landmarks)
+    object_in_view = shows_object(len(fit.removed), tracks, fit.beyond_noise)
+    return FirstWindow(fit.window, fit.solution, object_in_view=object_in_view)
 
 
 def _knot_times(buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase) -> IntArray:
