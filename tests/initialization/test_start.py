@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from asyneio.config import Config
 from asyneio.odometry.buffer import MeasurementBuffer
+from asyneio.odometry.initializer.consensus import TrackConsensus
 from asyneio.odometry.initializer.in_motion import FirstWindow, initialize_in_motion
 from asyneio.odometry.initializer.initialize import initialize
 from asyneio.odometry.settings import Settings, resolve
@@ -84,7 +85,7 @@ def test_a_large_gyroscope_bias_does_not_lead_to_another_motion() -> None:
     buffer.gyroscope = buffer.gyroscope.copy()
     buffer.gyroscope["xyz"] += [-0.05, -0.08, -0.25]
     assert isinstance(initialize_in_motion(buffer, settings), str)
-    start = initialize(buffer, settings, None, None)
+    start = initialize(buffer, settings, None, None, TrackConsensus())
     assert isinstance(start, FirstWindow), start
     t = (start.window.t_ns - START_NS) * 1e-9
     nu = np.einsum("nji,nj->ni", motion.T_w_b(t)[:, :3, :3], motion.velocity_w(t))

@@ -12,9 +12,9 @@ from asyneio.errors import EstimationError
 from asyneio.evaluation import NEES_DOF, NeesBlock, nees
 from asyneio.odometry import Odometry
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.consensus import TrackConsensus, track_consensus
+from asyneio.odometry.initializer.consensus import TrackConsensus
 from asyneio.pipeline.packets import packets, usable_span
-from asyneio.types import Health, Packet
+from asyneio.types import Health, IntArray, Packet
 from tests.odometry.runs import (
     INTERVAL_NS,
     Outcome,
@@ -345,14 +345,16 @@ def test_no_trajectory_before_the_start() -> None:
 
 
 def test_no_consensus_before_there_is_enough_to_initialize(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It takes a third of an attempt, and is repeated with all measurements."""
+    """It takes a fifth of an attempt."""
     spans: list[float] = []
 
-    def noted(buffer: MeasurementBuffer, *rest: Any) -> TrackConsensus:
-        spans.append(float(np.ptp(buffer.gyroscope["t_ns"])) * 1e-9)
-        return track_consensus(buffer, *rest)
+    update = TrackConsensus.update
 
-    monkeypatch.setattr("asyneio.odometry.initializer.initialize.track_consensus", noted)
+    def noted(self: TrackConsensus, buffer: MeasurementBuffer, *rest: Any) -> IntArray:
+        spans.append(float(np.ptp(buffer.gyroscope["t_ns"])) * 1e-9)
+        return update(self, buffer, *rest)
+
+    monkeypatch.setattr(TrackConsensus, "update", noted)
     recording, config = simulated().recording, configured()
     process(cut(recording)[: first_step(plain_run()) + 1], recording.calibration, config)
     assert spans

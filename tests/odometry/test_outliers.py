@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.consensus import track_consensus
+from asyneio.odometry.initializer import consensus as module
+from asyneio.odometry.initializer.consensus import TrackConsensus
 from asyneio.odometry.outliers import without_outliers
 from asyneio.pipeline.summarize import rejected_notes
 from asyneio.simulation.contamination import swaying_object, with_object, with_wrong_tracks
 from asyneio.simulation.faults import spikes
-from asyneio.types import Health, Packet
+from asyneio.types import NS_PER_S, Health, Packet
 from tests.odometry.runs import (
     PIXEL_SIGMA,
     configured,
@@ -56,15 +58,45 @@ def test_consensus_finds_the_object_before_initialization() -> None:
     recording, ids = with_object(simulation, moving, 1.0 / 3.0)
     buffer = held(merged(cut(recording)[:15]))
     T_b_c = recording.calibration.T_b_c
-    found = track_consensus(buffer, T_b_c, 9.81, BEARING_SIGMA, 0.02)
-    true = np.isin(found.outliers, ids)
+    consensus = TrackConsensus()
+    found = consensus.update(buffer, T_b_c, 9.81, BEARING_SIGMA, 0.02)
+    true = np.isin(found, ids)
     assert np.count_nonzero(true) > 15
     assert np.count_nonzero(~true) <= 2
     bias = simulation.truth.at(buffer.observations.t_ns[:1]).bias_gyroscope[0]
-    assert np.linalg.norm(found.gyroscope_bias - bias) < 0.02
+    assert np.linalg.norm(consensus.gyroscope_bias - bias) < 0.02
     calm = held(merged(cut(simulation.recording)[:15]))
-    none = track_consensus(calm, T_b_c, 9.81, BEARING_SIGMA, 0.02)
-    assert len(none.outliers) <= 2
+    assert len(TrackConsensus().update(calm, T_b_c, 9.81, BEARING_SIGMA, 0.02)) <= 2
+
+
+@pytest.mark.slow
+def test_consensus_tests_each_span_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The object is found by parts too, and nothing is tested without new measurements."""
+    simulation = simulated()
+    moving = swaying_object(simulation, 1.5, np.array([0.3, 1.0, 0.2]), 2.5)
+    recording, ids = with_object(simulation, moving, 1.0 / 3.0)
+    spans: list[tuple[int, int]] = []
+    tested = module._tested
+
+    def noted(buffer: Any, seen: Any, span_ns: tuple[int, int], *rest: Any) -> Any:
+        spans.append(span_ns)
+        return tested(buffer, seen, span_ns, *rest)
+
+    monkeypatch.setattr(module, "_tested", noted)
+    packets, T_b_c = cut(recording), recording.calibration.T_b_c
+    consensus, found = TrackConsensus(), []
+    for count in (11, 13, 15):
+        found.append(consensus.update(held(merged(packets[:count])), T_b_c, 9.81, BEARING_SIGMA, 0.02))
+    # The first two overlap by more than half, so that no span is short.
+    assert len(spans) == 4
+    assert all(last_ns - first_ns == NS_PER_S for first_ns, last_ns in spans)
+    newest = [last_ns for _, last_ns in spans]
+    assert newest[1] < newest[0] < newest[2] < newest[3]
+    true = np.isin(np.unique(np.concatenate(found)), ids)
+    assert np.count_nonzero(true) > 15
+    assert np.count_nonzero(~true) <= 2
+    assert len(consensus.update(held(merged(packets[:15])), T_b_c, 9.81, BEARING_SIGMA, 0.02)) == 0
+    assert len(spans) == 4
 
 
 def test_share_of_rejected_tracks() -> None:

@@ -81,7 +81,7 @@ def test_whole_stages_keep_what_is_within(monkeypatch: pytest.MonkeyPatch) -> No
     for module in (attempt, odometry):
         monkeypatch.setattr(module, "initialize", start)
     with stage_times() as times:
-        odometry.initialize(None, None, None, None)  # type: ignore[arg-type]
+        odometry.initialize(None, None, None, None, None)  # type: ignore[arg-type]
         optimizer.linearize(None)  # type: ignore[arg-type]
     assert times.calls["start"] == 1
     assert times.calls["linearise"] == 1

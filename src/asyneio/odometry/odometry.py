@@ -171,7 +171,8 @@ class Odometry:
         segment.buffer.drop_until(t_ns - round(self._settings.initialization.max_seconds * NS_PER_S))
         # Only the noise has been learned since the settings were resolved.
         settings = self._settings.with_noise(self._noise.now())
-        first = initialize(segment.buffer, settings, segment.stationary.phase, initial)
+        phase, consensus = segment.stationary.phase, segment.consensus
+        first = initialize(segment.buffer, settings, phase, initial, consensus)
         if isinstance(first, Waiting):
             segment.waiting_reason = first.reason
             segment.attempts += first.attempted

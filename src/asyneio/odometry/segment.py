@@ -15,6 +15,7 @@ from asyneio.estimation.window import Window
 from asyneio.inertial.noise import InertialNoise
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.health.monitor import HealthMonitor
+from asyneio.odometry.initializer.consensus import TrackConsensus
 from asyneio.odometry.intervals import Interval
 from asyneio.odometry.moving_objects import WARY_NS, WARY_SHARE, optimize_warily
 from asyneio.odometry.outliers import without_outliers
@@ -94,6 +95,7 @@ class Segment:
         stationary: decides whether the sensor is stationary.
         health: decides how far the estimates can be trusted.
         tracking: window and solution; None before the segment is initialized.
+        consensus: of the tracks and the IMU, before the segment is initialized.
         attempts: number of attempts to initialize in motion that failed.
         next_attempt_ns: time of the next attempt to initialize; None before the first.
         waiting_reason: why the newest attempt to initialize did not succeed.
@@ -107,6 +109,7 @@ class Segment:
         self.stationary = StationaryDetector(inertial, calibration, pixel_sigma)
         self.health = HealthMonitor(config.health, calibration, np.repeat(bias_sigma, 3))
         self.tracking: Tracking | None = None
+        self.consensus = TrackConsensus()
         self.attempts = 0
         self.next_attempt_ns: int | None = None
         self.waiting_reason = "collecting measurements"

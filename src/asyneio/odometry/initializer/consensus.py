@@ -24,64 +24,106 @@ _ITERATIONS = 3
 _BIAS_STEP = 1e-4
 
 
-class TrackConsensus(NamedTuple):
-    """What the IMU and most tracks of a buffer agree on.
+class _Span(NamedTuple):
+    """A tested span: its start and end [ns], the ids of its outliers, and the gyroscope bias (3,) [rad/s]."""
 
-    Attributes:
-        outliers: ids of the tracks that contradict it, ascending.
-        gyroscope_bias: (3,) [rad/s], the median over the spans; zero where no span has a consensus.
-    """
-
+    first_ns: int
+    last_ns: int
     outliers: IntArray
     gyroscope_bias: FloatArray
 
 
-def track_consensus(
-    buffer: MeasurementBuffer, T_b_c: FloatArray, gravity: float, bearing_sigma: float, gyroscope_sigma: float
-) -> TrackConsensus:
-    """Which tracks contradict the motion on which the IMU and most tracks agree.
+class TrackConsensus:
+    """What the IMU and most tracks of a segment agree on, in each of its spans.
 
-    Args:
-        buffer: measurements of the segment.
-        T_b_c: (4,4) maps camera to body coordinates.
-        gravity: its magnitude [m/s^2].
-        bearing_sigma: standard deviation of a bearing [rad].
-        gyroscope_sigma: standard deviation of the gyroscope's uncorrected bias [rad/s].
+    Every span is tested once: the attempts to initialize of a segment share an object, and each tests what is
+    new.
     """
-    none = TrackConsensus(np.empty(0, dtype=np.int64), np.zeros(3))
-    seen = buffer.observations
-    if min(len(buffer.gyroscope), len(buffer.accelerometer)) < 2 or len(seen.t_ns) == 0:
-        return none
-    starts = (buffer.gyroscope["t_ns"][0], buffer.accelerometer["t_ns"][0], seen.t_ns[0])
-    ends = (buffer.gyroscope["t_ns"][-1], buffer.accelerometer["t_ns"][-1], seen.t_ns[-1])
-    start_ns, end_ns = int(max(starts)), int(min(ends))
-    span_ns = round(_SPAN_S * NS_PER_S)
-    found: list[TrackConsensus] = []
-    for last_ns in range(end_ns, start_ns, -span_ns // 2):
-        first_ns = max(last_ns - span_ns, start_ns)
-        if last_ns - first_ns < _SHORTEST_SPAN_S * NS_PER_S:
-            break
-        part = seen.between(first_ns - 1, last_ns)
-        if len(part.t_ns) == 0:
-            continue
-        one = _of_span(buffer, part, first_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma)
-        found += [] if one is None else [one]
-    if not found:
-        return none
-    outliers = np.unique(np.concatenate([one.outliers for one in found]))
-    return TrackConsensus(outliers, np.median([one.gyroscope_bias for one in found], axis=0))
+
+    def __init__(self) -> None:
+        self._spans: list[_Span] = []
+        self._tested_ns = np.iinfo(np.int64).min
+
+    @property
+    def gyroscope_bias(self) -> FloatArray:
+        """Median (3,) over the spans [rad/s]; zero where no span has a consensus."""
+        if not self._spans:
+            return np.zeros(3)
+        return np.asarray(np.median([span.gyroscope_bias for span in self._spans], axis=0))
+
+    def update(
+        self,
+        buffer: MeasurementBuffer,
+        T_b_c: FloatArray,
+        gravity: float,
+        bearing_sigma: float,
+        gyroscope_sigma: float,
+    ) -> IntArray:
+        """Test the spans that end after those tested before.
+
+        Args:
+            buffer: measurements of the segment.
+            T_b_c: (4,4) maps camera to body coordinates.
+            gravity: its magnitude [m/s^2].
+            bearing_sigma: standard deviation of a bearing [rad].
+            gyroscope_sigma: standard deviation of the gyroscope's uncorrected bias [rad/s].
+
+        Returns:
+            Ids of the tracks that contradict the motion on which the IMU and most tracks of a new span agree,
+            ascending.
+        """
+        none = np.empty(0, dtype=np.int64)
+        seen = buffer.observations
+        if min(len(buffer.gyroscope), len(buffer.accelerometer)) < 2 or len(seen.t_ns) == 0:
+            return none
+        starts = (buffer.gyroscope["t_ns"][0], buffer.accelerometer["t_ns"][0], seen.t_ns[0])
+        ends = (buffer.gyroscope["t_ns"][-1], buffer.accelerometer["t_ns"][-1], seen.t_ns[-1])
+        start_ns, end_ns = int(max(starts)), int(min(ends))
+        self._spans = [span for span in self._spans if span.first_ns >= start_ns]
+        found = [none]
+        for span_ns in _spans(start_ns, end_ns, self._tested_ns):
+            part = seen.between(span_ns[0] - 1, span_ns[1])
+            if len(part.t_ns) == 0:
+                continue
+            span = _tested(buffer, part, span_ns, T_b_c, gravity, bearing_sigma, gyroscope_sigma)
+            if span is not None:
+                self._spans.append(span)
+                found.append(span.outliers)
+        self._tested_ns = end_ns
+        return np.unique(np.concatenate(found))
 
 
-def _of_span(
+def _spans(start_ns: int, end_ns: int, tested_ns: int) -> list[tuple[int, int]]:
+    """Spans between two times, from the newest back, that end after `tested_ns`.
+
+    They overlap by half, the earliest two by more. A shorter one is used only where there is no more: in 0.6 s
+    an object with a third of the tracks can be the majority.
+    """
+    length_ns = round(_SPAN_S * NS_PER_S)
+    spans: list[tuple[int, int]] = []
+    first_ns = end_ns - length_ns
+    while True:
+        first_ns = max(first_ns, start_ns)
+        last_ns = min(first_ns + length_ns, end_ns)
+        if last_ns <= tested_ns or last_ns - first_ns < _SHORTEST_SPAN_S * NS_PER_S:
+            return spans
+        spans.append((first_ns, last_ns))
+        if first_ns == start_ns:
+            return spans
+        first_ns -= length_ns // 2
+
+
+def _tested(
     buffer: MeasurementBuffer,
     seen: TrackObservations,
-    first_ns: int,
+    span_ns: tuple[int, int],
     T_b_c: FloatArray,
     gravity: float,
     bearing_sigma: float,
     gyroscope_sigma: float,
-) -> TrackConsensus | None:
+) -> _Span | None:
     """The consensus within one span; None without one."""
+    first_ns, last_ns = span_ns
     bias = np.zeros(3)
     agreeing = None
     sigma = gyroscope_sigma
@@ -101,7 +143,7 @@ def _of_span(
         # The bias from the rays depends on distances that are still inaccurate.
         sigma = max(consensus.gyroscope_sigma, 0.5 * sigma)
         bias = bias + consensus.gyroscope_bias
-    return None if agreeing is None else TrackConsensus(ids[~agreeing], bias)
+    return None if agreeing is None else _Span(first_ns, last_ns, ids[~agreeing], bias)
 
 
 def alignment_data(

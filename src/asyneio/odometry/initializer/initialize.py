@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from asyneio.odometry.buffer import MeasurementBuffer
-from asyneio.odometry.initializer.consensus import track_consensus
+from asyneio.odometry.initializer.consensus import TrackConsensus
 from asyneio.odometry.initializer.first_window import FirstWindow
 from asyneio.odometry.initializer.in_motion import initialize_in_motion, missing_measurements
 from asyneio.odometry.initializer.known_state import initialize_from_state
@@ -38,7 +38,11 @@ def retry_ns(attempts: int) -> int:
 
 
 def initialize(
-    buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase | None, first: InitialState | None
+    buffer: MeasurementBuffer,
+    settings: Settings,
+    phase: StationaryPhase | None,
+    first: InitialState | None,
+    consensus: TrackConsensus,
 ) -> FirstWindow | Waiting:
     """The first window, from a known state, stationary or in motion, or the reason why not yet.
 
@@ -50,6 +54,7 @@ def initialize(
         settings: of the odometry.
         phase: the newest stationary phase, None before the first.
         first: a known state, None where there is none.
+        consensus: of the segment's tracks, which this attempt updates.
 
     Raises:
         EstimationError: `first` cannot be used.
@@ -63,12 +68,11 @@ def initialize(
     if phase is None:
         missing = missing_measurements(buffer, settings)
         if missing:
-            return Waiting(missing)  # before the consensus, which takes a third of an attempt
+            return Waiting(missing)  # before the consensus, which takes a fifth of an attempt
     w = settings.window
     gravity = float(np.linalg.norm(w.gravity_w))
     gyroscope_sigma = float(settings.initialization.bias_sigma[0])
-    consensus = track_consensus(buffer, w.T_b_c, gravity, w.bearing_sigma, gyroscope_sigma)
-    buffer.reject(consensus.outliers)
+    buffer.reject(consensus.update(buffer, w.T_b_c, gravity, w.bearing_sigma, gyroscope_sigma))
     found = "no stationary phase" if phase is None else initialize_stationary(buffer, settings, phase)
     if isinstance(found, str):
         found = initialize_in_motion(buffer, settings, consensus.gyroscope_bias)
