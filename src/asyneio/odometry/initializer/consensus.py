@@ -96,8 +96,8 @@ class TrackConsensus:
 def _spans(start_ns: int, end_ns: int, tested_ns: int) -> list[tuple[int, int]]:
     """Spans between two times, from the newest back, that end after `tested_ns`.
 
-    They overlap by half, the earliest two by more. A shorter one is used only where there is no more: in 0.6 s
-    an object with a third of the tracks can be the majority.
+    They overlap by half, the earliest two by more. A shorter one is used only where there is no more: an
+    object with a third of the tracks was the majority in 0.6 s.
     """
     length_ns = round(_SPAN_S * NS_PER_S)
     spans: list[tuple[int, int]] = []
