@@ -20,9 +20,6 @@ from asyneio.types import BoolArray, FloatArray, IntArray
 _GAUGE_SIGMA = 1e-4
 #: The measurements determine roll and pitch; the prior only prevents divergence.
 _TILT_SIGMA = 0.5
-#: Shares of the tracks that show an object in view: those that the joint optimisation leaves out, and those
-#: that contradict it by more than the declared noise.
-_LEFT_OUT, _BEYOND_NOISE = 0.1, 0.08
 _NO_TRACKS = np.empty(0, dtype=np.int64)
 
 
@@ -38,17 +35,6 @@ class FirstWindow:
     solution: Solution
     scale_sigma: float = 0.0
     object_in_view: bool = False
-
-
-def shows_object(left_out: int, tracks: int, beyond_noise: float) -> bool:
-    """Whether the joint optimisation shows a moving object in view.
-
-    Args:
-        left_out: number of tracks that it left out.
-        tracks: number of all tracks.
-        beyond_noise: share of the tracks that contradict it by more than the declared noise.
-    """
-    return left_out > _LEFT_OUT * tracks and beyond_noise > _BEYOND_NOISE
 
 
 def filled_window(

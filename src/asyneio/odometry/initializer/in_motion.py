@@ -16,7 +16,7 @@ from asyneio.geometry.gravity import upright
 from asyneio.initialization.warm_up import warm_up
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.checks import joint_rejection, motion_rejection, outlier_rejection
-from asyneio.odometry.initializer.first_window import FirstWindow, filled_window, shows_object
+from asyneio.odometry.initializer.first_window import FirstWindow, filled_window
 from asyneio.odometry.initializer.span_motion import SpanMotion, span_motion
 from asyneio.odometry.initializer.static_tracks import fit_static_tracks
 from asyneio.odometry.propagation import rates_at
@@ -63,8 +63,7 @@ def initialize_in_motion(
     if reason:
         return reason
     buffer.reject(rejected)
-    object_in_view = shows_object(len(fit.removed), tracks, fit.beyond_noise)
-    return FirstWindow(fit.window, fit.solution, relative_scale_sigma(fit.solution), object_in_view)
+    return FirstWindow(fit.window, fit.solution, relative_scale_sigma(fit.solution), fit.object_in_view)
 
 
 def missing_measurements(buffer: MeasurementBuffer, settings: Settings) -> str:

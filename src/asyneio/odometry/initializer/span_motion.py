@@ -74,18 +74,16 @@ def span_motion(
         _time_offset_sigma(w.calibration),
     )
     t = (knots_ns - knots_ns[0]) * 1e-9
-    rays = reckoning.rays(np.zeros(6))
-    # Each of these guesses failed in cases in which another one converged to the correct motion.
+    gravity = float(np.linalg.norm(w.gravity_w))
+    # Each of these guesses failed in cases in which another one converged to the correct motion. Without the
+    # consensus' bias, all fail where the gyroscope's bias is two or three standard deviations of its prior.
     guesses = [
-        FirstMotion(aligned.velocity, aligned.gravity, np.zeros(6)),
-        *_without_tracks(t[-1], reckoning, float(np.linalg.norm(w.gravity_w))),
+        FirstMotion(aligned.velocity, aligned.gravity, _NO_BIAS),
+        *_without_tracks(t[-1], reckoning, gravity),
         *_of_first_part(buffer, settings, knots_ns, seen, prior),
+        _without_tracks(t[-1], reckoning, gravity, np.append(gyroscope_bias, np.zeros(3)))[0],
     ]
-    found = [adjust(reckoning.rays, rays, guess, prior, w.gate) for guess in guesses]
-    # A gyroscope bias of two standard deviations, in rays without it, leads all of these astray.
-    bias = np.append(gyroscope_bias, np.zeros(3))
-    guess = _without_tracks(t[-1], reckoning, float(np.linalg.norm(w.gravity_w)), bias)[0]
-    found.append(adjust(reckoning.rays, reckoning.rays(bias), guess, prior, w.gate))
+    found = [adjust(reckoning.rays, reckoning.rays(one.bias), one, prior, w.gate) for one in guesses]
     best, *others = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
     likely = [other for other in others if other.adjusted.cost - best.adjusted.cost < _LIKELY]
     return replace(best, ambiguous=not all(_alike(best, other) for other in likely))

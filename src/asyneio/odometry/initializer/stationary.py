@@ -20,7 +20,7 @@ from asyneio.geometry.gravity import upright
 from asyneio.inertial.gravity_witness import FORCE_RATIO
 from asyneio.odometry.buffer import MeasurementBuffer
 from asyneio.odometry.initializer.checks import solution_rejection
-from asyneio.odometry.initializer.first_window import FirstWindow, filled_window, first_prior, shows_object
+from asyneio.odometry.initializer.first_window import FirstWindow, filled_window, first_prior
 from asyneio.odometry.initializer.static_tracks import fit_static_tracks
 from asyneio.odometry.intervals import around
 from asyneio.odometry.propagation import predict_knot
@@ -71,9 +71,7 @@ def initialize_stationary(
     if reason:
         return reason
     buffer.reject(fit.removed)
-    tracks = len(fit.removed) + len(fit.window.landmarks)
-    object_in_view = shows_object(len(fit.removed), tracks, fit.beyond_noise)
-    return FirstWindow(fit.window, fit.solution, object_in_view=object_in_view)
+    return FirstWindow(fit.window, fit.solution, object_in_view=fit.object_in_view)
 
 
 def _knot_times(buffer: MeasurementBuffer, settings: Settings, phase: StationaryPhase) -> IntArray:
