@@ -91,6 +91,7 @@ def configuration(variant: str, scene: Scenario) -> Config:
             "walk_inflation": 1.0,
             "initial_gyroscope_bias_sigma": scene.initial_gyroscope_bias_sigma,
             "initial_accelerometer_bias_sigma": scene.initial_accelerometer_bias_sigma,
+            "gyroscope_g_sensitivity": 0.0,
         },
         "calibration": {"estimate_imu_scale": False},
     }

@@ -111,6 +111,13 @@ class InertialConfig(_Section):
         description="m/s^2; data sheets give limits of 0.2 to 0.8 for turn-on biases, and the initialization "
         "tolerates up to 0.6; with a larger sigma, scale remains unknown for longer",
     )
+    gyroscope_g_sensitivity: float = Field(
+        1e-4,
+        ge=0.0,
+        description="rad/s per m/s^2, standard deviation: the bias of a gyroscope changes with the attitude; "
+        "data sheets of consumer sensors give 0.1 deg/s per g (1.8e-4); not estimated, but part of the "
+        "reported uncertainty of the bias",
+    )
     gravity: float = Field(9.81, gt=9.7, lt=9.9, description="m/s^2")
 
 

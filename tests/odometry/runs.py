@@ -47,12 +47,12 @@ SCENARIO = replace(
 
 
 def configured(**sections: dict[str, Any]) -> Config:
-    """True noise; neither the errors of an ideal IMU nor an exact camera rotation are estimated. Knots every
-    0.1 s, a window of 1 s; `sections` override."""
+    """True noise; the errors that an ideal IMU does not have and an exact camera rotation are not estimated,
+    nor part of the uncertainty. Knots every 0.1 s, a window of 1 s; `sections` override."""
     plain: dict[str, dict[str, Any]] = {
         "window": {"knot_interval_s": INTERVAL_NS * 1e-9, "length_s": 1.0},
         "visual": {"pixel_sigma": PIXEL_SIGMA},
-        "inertial": {"noise_inflation": 1.0, "walk_inflation": 1.0},
+        "inertial": {"noise_inflation": 1.0, "walk_inflation": 1.0, "gyroscope_g_sensitivity": 0.0},
         "calibration": {"estimate_imu_scale": False, "estimate_extrinsic_rotation": False},
     }
     for name, values in sections.items():

@@ -133,6 +133,19 @@ def test_stays_near_the_truth(seed: int) -> None:
     assert np.abs(rates - truth.angular_velocity_b).max() < 0.1
 
 
+def test_reported_gyroscope_bias_is_less_certain_by_the_sensitivity_to_gravity() -> None:
+    """Only the reported covariance changes, not the estimate."""
+    recording = simulated().recording
+    packets = cut(recording)[: first_step(plain_run()) + 5]
+    plain = process(packets, recording.calibration, configured()).estimates
+    config = configured(inertial={"gyroscope_g_sensitivity": 2e-4})
+    for one, other in zip(plain, process(packets, recording.calibration, config).estimates, strict=True):
+        np.testing.assert_array_equal(one.T_w_b, other.T_w_b)
+        added = np.zeros((24, 24))
+        added[18:21, 18:21] = (2e-4 * 9.81) ** 2 * np.eye(3)
+        np.testing.assert_allclose(other.covariance - one.covariance, added, atol=1e-12)
+
+
 def test_covariance_is_honest() -> None:
     """Errors in units of the claimed standard deviations: neither twice as large nor a tenth."""
     estimates = plain_run().estimates

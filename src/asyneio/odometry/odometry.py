@@ -17,7 +17,14 @@ from asyneio.odometry.initializer.initialize import Waiting, initialize, retry_n
 from asyneio.odometry.initializer.known_state import checked
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.odometry.memory import keep_freed_memory
-from asyneio.odometry.outputs import camera_of, estimate_of, landmarks_of, newest_estimate, trajectory_of
+from asyneio.odometry.outputs import (
+    camera_of,
+    estimate_of,
+    landmarks_of,
+    newest_estimate,
+    reported,
+    trajectory_of,
+)
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory
 from asyneio.odometry.propagation import predict_knot
 from asyneio.odometry.segment import Segment, Tracking
@@ -107,7 +114,7 @@ class Odometry:
                 status = segment.health.update(step)
                 if status.health is Health.LOST:
                     break
-                estimates.append(tracking.newest)
+                estimates.append(reported(newest, settings))
                 tracking.marginalize_to(settings.window_s)  # square-root prior
         except (EstimationError, InertialError) as error:
             status = HealthStatus(Health.LOST, str(error))
@@ -186,7 +193,7 @@ class Odometry:
         segment.tracking = Tracking(window, solution, newest)
         segment.tracking.marginalize_to(settings.window_s)
         status = segment.health.begin(newest, first.scale_sigma, first.object_in_view)
-        return [newest], self._report(packet, status, segment.number, origin)
+        return [reported(newest, settings)], self._report(packet, status, segment.number, origin)
 
     def _waiting(self, packet: Packet) -> StepReport:
         status = HealthStatus(Health.INITIALIZING, self._segment.waiting_reason)

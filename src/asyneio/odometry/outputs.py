@@ -19,7 +19,7 @@ from asyneio.estimation.solver.optimizer import Solution
 from asyneio.estimation.window import LATE_NS, Window
 from asyneio.odometry.propagated_trajectory import PropagatedTrajectory, rate_at_end
 from asyneio.odometry.settings import Settings
-from asyneio.state import DOF, NU, RHO
+from asyneio.state import B_G, DOF, NU, RHO
 from asyneio.trajectory.gp_trajectory import GPTrajectory
 from asyneio.types import CalibrationEstimate, Estimate, FloatArray, ImuCorrectionEstimate
 
@@ -62,6 +62,14 @@ def newest_estimate(
     # Not an unknown of this window; the rate of the increments is better than the predicted one.
     rate = rate_at_end(window.preintegrations[-1], window.states.bias[-1])
     return replace(estimate, angular_velocity_b=rate)
+
+
+def reported(estimate: Estimate, settings: Settings) -> Estimate:
+    """An estimate as users get it: the bias of the gyroscope changes with the attitude (g-sensitivity), so
+    that it is less certain than the mean bias, which is an unknown of the window."""
+    covariance = estimate.covariance.copy()
+    covariance[B_G : B_G + 3, B_G : B_G + 3] += settings.attitude_bias_sigma**2 * np.eye(3)
+    return replace(estimate, covariance=covariance)
 
 
 def trajectory_of(

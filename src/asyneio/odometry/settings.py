@@ -45,6 +45,7 @@ class Settings:
     window: WindowSettings
     optimizer: OptimizerSettings
     initialization: InitializationSettings
+    attitude_bias_sigma: float  # rad/s, of the gyroscope's bias due to gravity
 
     def with_noise(self, noise: InertialNoise) -> Settings:
         """The same settings for inertial samples of another noise."""
@@ -77,6 +78,7 @@ def resolve(config: Config, calibration: Calibration, noise: InertialNoise) -> S
                 optimizer.initial_damping,
             ),
         ),
+        attitude_bias_sigma=inertial.gyroscope_g_sensitivity * inertial.gravity,
     )
 
 
