@@ -30,7 +30,7 @@ from asyneio.initialization.dead_reckoned_kernels import (
     Unknowns,
     add_normal_equations,
 )
-from asyneio.types import BoolArray, FloatArray
+from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: Scales of the Cauchy cost in standard deviations: from the errors of the alignment to the noise of a track.
 _SCALES = (8.0, 4.0, 2.0, 1.0)
@@ -79,8 +79,8 @@ class Adjusted:
 
     `inverse_depth` (L,) in the reference cameras with its standard deviation; `agreeing` (L,) marks the
     tracks that are inliers; `covariance` (12,12) is of [velocity, tilt of gravity, b_g, b_a, time offset],
-    where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is the minimum, to
-    which an outlier contributes as much as the worst inlier with the declared noise.
+    where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is the minimum. It contains
+    `track_cost` (L,) of each track, which for an outlier is that of the worst inlier with the declared noise.
     """
 
     motion: FirstMotion
@@ -90,6 +90,7 @@ class Adjusted:
     covariance: FloatArray
     tangent: FloatArray
     cost: float
+    track_cost: FloatArray
 
 
 class _State(NamedTuple):
@@ -143,9 +144,8 @@ def adjust(
         weight = np.where(agreeing[rays.track], 1.0, 0.0)[:, None, None]
         kept = rays._replace(root_information=rays.root_information * weight)
         state, system = _descend(kept, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
-    # Otherwise a motion that contradicts many tracks would have a low cost.
-    count = np.bincount(rays.track, minlength=len(agreeing))[~agreeing]
-    removed = np.sum(_EXPECTED_COST * count + _CONTRADICTION * _EXPECTED_SCATTER * np.sqrt(count))
+    # Without a cost of outliers, a motion that contradicts many tracks would have a low one.
+    worst = _worst_cost(np.bincount(rays.track, minlength=len(agreeing)))
     H, _, inverse, gain = _reduced(system, 0.0)
     covariance = np.asarray(np.linalg.inv(H), dtype=np.float64)
     by_motion = gain[:, 2]
@@ -157,7 +157,8 @@ def adjust(
         agreeing,
         covariance,
         system.tangent,
-        system.cost + float(removed),
+        system.cost + float(np.sum(worst[~agreeing])),
+        np.where(agreeing, system.equations.track_cost, worst),
     )
 
 
@@ -260,6 +261,11 @@ def _first_points(rays: Rays) -> FloatArray:
     points = np.full((len(rays.reference), 3), _FARTHEST)
     points[:, :2] = rays.xy[rays.reference]
     return points
+
+
+def _worst_cost(count: IntArray) -> FloatArray:
+    """Cost of the worst inlier with `count` observations with the declared noise."""
+    return np.asarray(_EXPECTED_COST * count + _CONTRADICTION * _EXPECTED_SCATTER * np.sqrt(count))
 
 
 def _agreeing(track_cost: FloatArray, rays: Rays, among: BoolArray) -> BoolArray:
