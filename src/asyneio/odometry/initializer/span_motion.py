@@ -159,8 +159,8 @@ def _of_span(t: FloatArray, reckoning: DeadReckoning, adjusted: Adjusted, ids: I
 def _explains_as_well(other: SpanMotion, best: SpanMotion) -> bool:
     """Whether the tracks do not clearly prefer the best motion (test for non-nested models, Vuong 1989).
 
-    A false minimum of a static scene is worse for most tracks. With an object in view, some of them prefer one
-    motion and some another.
+    A false minimum of a static scene is worse for most tracks. With an object in view, some prefer one motion
+    and some another.
     """
     preference = other.adjusted.track_cost - best.adjusted.track_cost
     scatter = float(np.linalg.norm(preference))
