@@ -144,8 +144,13 @@ def adjust(
         weight = np.where(agreeing[rays.track], 1.0, 0.0)[:, None, None]
         kept = rays._replace(root_information=rays.root_information * weight)
         state, system = _descend(kept, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
+    return _result(state, system, agreeing, np.bincount(rays.track, minlength=len(agreeing)))
+
+
+def _result(state: _State, system: _System, agreeing: BoolArray, count: IntArray) -> Adjusted:
+    """The result from the last system, that of the tracks that agree; `count` (L,) observations per track."""
     # Without a cost of outliers, a motion that contradicts many tracks would have a low one.
-    worst = _worst_cost(np.bincount(rays.track, minlength=len(agreeing)))
+    worst = _EXPECTED_COST * count + _CONTRADICTION * _EXPECTED_SCATTER * np.sqrt(count)
     H, _, inverse, gain = _reduced(system, 0.0)
     covariance = np.asarray(np.linalg.inv(H), dtype=np.float64)
     by_motion = gain[:, 2]
@@ -261,11 +266,6 @@ def _first_points(rays: Rays) -> FloatArray:
     points = np.full((len(rays.reference), 3), _FARTHEST)
     points[:, :2] = rays.xy[rays.reference]
     return points
-
-
-def _worst_cost(count: IntArray) -> FloatArray:
-    """Cost of the worst inlier with `count` observations with the declared noise."""
-    return np.asarray(_EXPECTED_COST * count + _CONTRADICTION * _EXPECTED_SCATTER * np.sqrt(count))
 
 
 def _agreeing(track_cost: FloatArray, rays: Rays, among: BoolArray) -> BoolArray:
