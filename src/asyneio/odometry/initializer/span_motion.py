@@ -87,7 +87,7 @@ def span_motion(
     ]
     found = [adjust(reckoning.rays, reckoning.rays(one.bias), one, prior, w.gate) for one in guesses]
     best, *others = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
-    likely = [other for other in others if _explains_as_well(other, best)]
+    likely = [other for other in others if explains_as_well(other.adjusted, best.adjusted)]
     return replace(best, ambiguous=not all(_alike(best, other) for other in likely))
 
 
@@ -156,15 +156,14 @@ def _of_span(t: FloatArray, reckoning: DeadReckoning, adjusted: Adjusted, ids: I
     return SpanMotion(adjusted, increments, displacement, sigma, ids[~adjusted.agreeing])
 
 
-def _explains_as_well(other: SpanMotion, best: SpanMotion) -> bool:
+def explains_as_well(other: Adjusted, best: Adjusted) -> bool:
     """Whether the tracks do not clearly prefer the best motion (test for non-nested models, Vuong 1989).
 
     A false minimum of a static scene is worse for most tracks. With an object in view, some prefer one motion
     and some another.
     """
-    preference = other.adjusted.track_cost - best.adjusted.track_cost
-    scatter = float(np.linalg.norm(preference))
-    return other.adjusted.cost - best.adjusted.cost < max(_LIKELY, _CLEARLY * scatter)
+    scatter = float(np.linalg.norm(other.track_cost - best.track_cost))
+    return other.cost - best.cost < max(_LIKELY, _CLEARLY * scatter)
 
 
 def _alike(one: SpanMotion, other: SpanMotion) -> bool:
