@@ -18,6 +18,7 @@ from asyneio.initialization.dead_reckoned_kernels import (
     add_normal_equations,
 )
 from asyneio.initialization.dead_reckoned_rays import DeadReckoning, SpanObservations
+from asyneio.odometry.initializer.span_motion import explains_as_well
 from asyneio.simulation import AnalyticMotion, MotionStyle
 from asyneio.simulation.imu import specific_force_b
 from tests.initialization.ideal import GRAVITY, GRAVITY_W, T_B_C, sinusoidal, styled
@@ -213,6 +214,23 @@ def test_a_motion_that_contradicts_many_tracks_is_not_cheaper() -> None:
     found = adjusted(styled(MotionStyle.AGGRESSIVE, 1), sigma=SIGMA, bad=0.3)
     assert np.mean(found.agreeing) < 0.85
     assert found.cost > 0.46 * 12 * TRACKS
+
+
+def test_tracks_that_disagree_do_not_distinguish_two_motions() -> None:
+    """The same difference of cost: from all tracks alike, or of two groups with opposite preferences."""
+    best = adjusted(styled(MotionStyle.AGGRESSIVE, 1), sigma=SIGMA)
+    alike = np.full(TRACKS, 0.5)
+    groups = np.where(np.arange(TRACKS) % 3 == 0, -9.0, 5.25)
+    groups += 0.5 - groups.mean()
+
+    def other(difference: Array) -> Adjusted:
+        cost, track_cost = best.cost + difference.sum(), best.track_cost + difference
+        return replace(best, cost=cost, track_cost=track_cost)
+
+    assert not explains_as_well(other(alike), best)
+    assert explains_as_well(other(groups), best)
+    # Odds of 150 to 1 are not a difference.
+    assert explains_as_well(other(np.full(TRACKS, 4.9 / TRACKS)), best)
 
 
 def test_without_translation_no_inverse_depth_is_significant() -> None:

@@ -30,7 +30,7 @@ from asyneio.initialization.dead_reckoned_kernels import (
     Unknowns,
     add_normal_equations,
 )
-from asyneio.types import BoolArray, FloatArray
+from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: Scales of the Cauchy cost in standard deviations: from the errors of the alignment to the noise of a track.
 _SCALES = (8.0, 4.0, 2.0, 1.0)
@@ -79,8 +79,8 @@ class Adjusted:
 
     `inverse_depth` (L,) in the reference cameras with its standard deviation; `agreeing` (L,) marks the
     tracks that are inliers; `covariance` (12,12) is of [velocity, tilt of gravity, b_g, b_a, time offset],
-    where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is the minimum, to
-    which an outlier contributes as much as the worst inlier with the declared noise.
+    where the tilt moves gravity along the columns of `tangent` (3,2). `cost` is the minimum. It contains
+    `track_cost` (L,) of each track, which for an outlier is that of the worst inlier with the declared noise.
     """
 
     motion: FirstMotion
@@ -90,6 +90,7 @@ class Adjusted:
     covariance: FloatArray
     tangent: FloatArray
     cost: float
+    track_cost: FloatArray
 
 
 class _State(NamedTuple):
@@ -143,9 +144,13 @@ def adjust(
         weight = np.where(agreeing[rays.track], 1.0, 0.0)[:, None, None]
         kept = rays._replace(root_information=rays.root_information * weight)
         state, system = _descend(kept, state, reckoned, prior, (_SCALES[-1], gate), _LAST_STEPS)
-    # Otherwise a motion that contradicts many tracks would have a low cost.
-    count = np.bincount(rays.track, minlength=len(agreeing))[~agreeing]
-    removed = np.sum(_EXPECTED_COST * count + _CONTRADICTION * _EXPECTED_SCATTER * np.sqrt(count))
+    return _result(state, system, agreeing, np.bincount(rays.track, minlength=len(agreeing)))
+
+
+def _result(state: _State, system: _System, agreeing: BoolArray, count: IntArray) -> Adjusted:
+    """The result from the last system, that of the tracks that agree; `count` (L,) observations per track."""
+    # Without a cost of outliers, a motion that contradicts many tracks would have a low one.
+    worst = _EXPECTED_COST * count + _CONTRADICTION * _EXPECTED_SCATTER * np.sqrt(count)
     H, _, inverse, gain = _reduced(system, 0.0)
     covariance = np.asarray(np.linalg.inv(H), dtype=np.float64)
     by_motion = gain[:, 2]
@@ -157,7 +162,8 @@ def adjust(
         agreeing,
         covariance,
         system.tangent,
-        system.cost + float(removed),
+        system.cost + float(np.sum(worst[~agreeing])),
+        np.where(agreeing, system.equations.track_cost, worst),
     )
 
 

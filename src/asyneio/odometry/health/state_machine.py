@@ -83,7 +83,7 @@ class HealthMetrics:
         velocity_revision: squared Mahalanobis distance of the velocity of the knot before from its previous
             value; 0 after a stationary interval, whose end is detected late.
         scale_sigma: relative standard deviation of scale; 0 once it has been small enough.
-        unconfirmed: many tracks were left out of the initialization, which ended a short time ago.
+        unconfirmed: an object was in view during the initialization, which ended a short time ago.
         finite: pose, velocity and covariance are finite.
         stationary: the sensor is stationary, so that observations are not required.
     """

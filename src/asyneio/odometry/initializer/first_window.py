@@ -28,7 +28,7 @@ class FirstWindow:
     """The first window and the solution of its joint optimisation.
 
     `scale_sigma`: relative standard deviation of its scale, 0 where the first state was known, stationary or
-    given. `object_in_view`: many tracks were left out.
+    given. `object_in_view`: many tracks contradict the solution.
     """
 
     window: Window

@@ -24,6 +24,8 @@ _MAX_OBSERVATIONS = 24
 _EASY_S = 1.5
 #: A solution whose cost is higher by less than this is a plausible alternative: odds of 150 to 1.
 _LIKELY = 5.0
+#: The same where it is higher by fewer standard deviations of the sum of the tracks' preferences.
+_CLEARLY = 2.0
 #: Standard deviation [s] of a time offset that is not estimated.
 _CERTAIN_S = 1e-6
 _NO_BIAS = np.zeros(6)
@@ -85,7 +87,7 @@ def span_motion(
     ]
     found = [adjust(reckoning.rays, reckoning.rays(one.bias), one, prior, w.gate) for one in guesses]
     best, *others = sorted((_of_span(t, reckoning, one, ids) for one in found), key=lambda m: m.adjusted.cost)
-    likely = [other for other in others if other.adjusted.cost - best.adjusted.cost < _LIKELY]
+    likely = [other for other in others if explains_as_well(other.adjusted, best.adjusted)]
     return replace(best, ambiguous=not all(_alike(best, other) for other in likely))
 
 
@@ -152,6 +154,16 @@ def _of_span(t: FloatArray, reckoning: DeadReckoning, adjusted: Adjusted, ids: I
     # Rounding may leave a negative variance where nothing is observable.
     sigma = float(np.sqrt(variance)) if variance >= 0.0 else np.inf
     return SpanMotion(adjusted, increments, displacement, sigma, ids[~adjusted.agreeing])
+
+
+def explains_as_well(other: Adjusted, best: Adjusted) -> bool:
+    """Whether the tracks do not clearly prefer the best motion (test for non-nested models, Vuong 1989).
+
+    A false minimum of a static scene is worse for most tracks. With an object in view, some prefer one motion
+    and some another.
+    """
+    scatter = float(np.linalg.norm(other.track_cost - best.track_cost))
+    return other.cost - best.cost < max(_LIKELY, _CLEARLY * scatter)
 
 
 def _alike(one: SpanMotion, other: SpanMotion) -> bool:
