@@ -74,7 +74,9 @@ def project(t: FloatArray, value: FloatArray, noise: SensorNoise) -> Projected:
     coefficients = Q[:, :n].T @ white
     freedom = 3 * (len(t) - n)
     excess = float(np.sum((white - Q[:, :n] @ coefficients) ** 2)) / max(freedom, 1)
-    scale = np.sqrt(excess) if freedom >= _LEAST_FREEDOM and excess > _SUDDEN else 1.0
+    sudden = freedom >= _LEAST_FREEDOM and excess > _SUDDEN
+    # A knock disturbs consecutive samples in the same way, so that averaging does not reduce its error.
+    scale = np.sqrt(1.0 + (excess - 1.0) * len(t) / n) if sudden else 1.0
     nodes, at_nodes = _nodes(n)
     fitted = at_nodes @ np.linalg.solve(R[:n, :n], coefficients)
     # The coefficients are white with unit variance, and R at_nodes^{-1} computes them from the values. The
