@@ -9,22 +9,22 @@ import numpy as np
 
 from asyneio.doctor.event_scan import EventFigures
 from asyneio.doctor.inspection import Inspection
-from asyneio.doctor.rotation.alignment import Alignment, align
-from asyneio.doctor.rotation.camera_rates import (
-    CameraRates,
-    pairs_from_tracks,
-    rates_from_events,
-    rates_from_tracks,
-)
-from asyneio.doctor.rotation.epipolar import gains_of_tracks
-from asyneio.doctor.rotation.gains import Gains, gains_of
-from asyneio.doctor.rotation.time_offset import TurnOf, gaps_of
 from asyneio.errors import AsyneioError
 from asyneio.inertial.gravity_witness import SAME_SCALE
 from asyneio.inertial.stationarity import possible
 from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
 from asyneio.io.recording.assembly import USUAL_SIZES
 from asyneio.progress import ProgressCallback
+from asyneio.rotation.alignment import Alignment, align
+from asyneio.rotation.camera_rates import (
+    CameraRates,
+    pairs_from_tracks,
+    rates_from_events,
+    rates_from_tracks,
+)
+from asyneio.rotation.epipolar import gains_of_tracks
+from asyneio.rotation.gains import Gains, gains_of
+from asyneio.rotation.time_offset import TurnOf, gaps_of
 from asyneio.types import CameraIntrinsics, FloatArray, RecordArray
 
 #: Focal length over width without intrinsics: 60 degrees field of view. Rates about x and y have its error.

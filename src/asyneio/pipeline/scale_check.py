@@ -14,10 +14,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from asyneio.config import Config
-from asyneio.doctor.rotation.camera_rates import pairs_from_tracks
-from asyneio.doctor.rotation.epipolar import gains_of_tracks
-from asyneio.doctor.rotation.gains import Gains
-from asyneio.doctor.rotation.time_offset import TurnOf
+from asyneio.rotation.camera_rates import pairs_from_tracks
+from asyneio.rotation.epipolar import gains_of_tracks
+from asyneio.rotation.gains import Gains
+from asyneio.rotation.time_offset import TurnOf
 from asyneio.types import Calibration, CalibrationEstimate, FloatArray, RecordArray
 
 #: Probability with which a sensor that meets its prior is rejected. A sensor with a scale error of three

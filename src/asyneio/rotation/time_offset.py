@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.doctor.rotation.camera_rates import CameraRates
-from asyneio.doctor.rotation.noise import differences, noise_of, spread, weights
+from asyneio.rotation.camera_rates import CameraRates
+from asyneio.rotation.noise import differences, noise_of, spread, weights
 from asyneio.types import NS_PER_S, BoolArray, FloatArray, RecordArray
 
 #: Range and step of the search [s]; then size [s] and number of the fine steps on each side of the best.

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asyneio.doctor.rotation.alignment import align
-from asyneio.doctor.rotation.camera_rates import CameraRates, pairs_from_tracks
-from asyneio.doctor.rotation.epipolar import gains_of_tracks
-from asyneio.doctor.rotation.gains import gains_of
+from asyneio.rotation.alignment import align
+from asyneio.rotation.camera_rates import CameraRates, pairs_from_tracks
+from asyneio.rotation.epipolar import gains_of_tracks
+from asyneio.rotation.gains import gains_of
 from asyneio.types import OBSERVATION_DTYPE, CameraIntrinsics, FloatArray
-from tests.doctor.test_alignment import SECONDS, camera_rates, gyroscope_of, rate_at
+from tests.rotation.test_alignment import SECONDS, camera_rates, gyroscope_of, rate_at
 
 CAMERA = CameraIntrinsics(200.0, 200.0, 160.0, 120.0, 320, 240)
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.doctor.rotation.noise import differences, noise_of, spread, weights
+from asyneio.rotation.noise import differences, noise_of, spread, weights
 from asyneio.types import FloatArray
 
 _ROUNDS = 6
