@@ -1,29 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ratio of the image rotation to the gyroscope, about the optical axis (roll) and about x and y.
+"""Scale of the gyroscope from the image roll, and focal length from the rotations about x and y.
 
 The image roll does not depend on the focal length, and translation of the camera does not affect it: its gain
-is the inverse of the gyroscope's scale. A rotation about x or y moves the image in proportion to the focal
-length: its gain is that of the roll times the ratio of true to calibrated focal length. Translation adds to
-it, by chance or because the camera moves around the scene, so it is used only if the gyroscope explains
-nearly all of the motion. For tracks, `epipolar` models translation.
+relative to the gyroscope is the inverse of the gyroscope's scale. The other rotations need a model of the
+translation (`focal`).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from asyneio.rotation.focal import RateModel, focal_of
 from asyneio.rotation.noise import differences, noise_of, spread, weights
 from asyneio.types import FloatArray
 
 _ROUNDS = 6
 #: Logarithms with a larger standard deviation are not observable.
 OBSERVABLE = 0.1
-#: Rotations about x and y: maximum fraction of the camera's rate that the gyroscope leaves unexplained.
-_MOST_LEFT = 0.12
 #: Minimum rate [rad/s] for a gain, and minimum standard deviation of its logarithm.
 _LEAST_RATE, _LEAST_SIGMA = 0.05, 0.004
+#: A scale further from one than this number of standard deviations, and this factor, is used for the focal
+#: length; otherwise the gyroscope is assumed to be right.
+_SIGMAS, _OFF = 3.5, 1.05
 
 
 @dataclass(frozen=True)
@@ -52,28 +53,20 @@ class Gains:
         return self.focal_sigma < OBSERVABLE
 
 
-def gains_of(camera: FloatArray, predicted: FloatArray, gaps: FloatArray, values: float) -> Gains:
-    """Gains of camera rates relative to those predicted from the gyroscope.
-
-    Args:
-        camera: (N,3) measured rates, camera frame [rad/s].
-        predicted: (N,3) rates predicted from the gyroscope without its bias, camera frame [rad/s].
-        gaps: (N-1,) times between windows, in units of their median.
-        values: number of independent values of the rate that the gyroscope does not explain.
-    """
-    roll, roll_sigma, _ = _gain(camera[:, 2:], predicted[:, 2:], gaps, values)
-    across, across_sigma, left = _gain(camera[:, :2], predicted[:, :2], gaps, values)
-    focal_sigma = float(np.hypot(across_sigma, roll_sigma)) if left < _MOST_LEFT else np.inf
-    return Gains(1.0 / roll, roll_sigma, across / roll, focal_sigma)
+def gains_of(model: RateModel) -> Gains:
+    """Scale of the gyroscope and focal length, as far as they are observable."""
+    predicted = (model.body @ model.C_c_b.T)[:, 2:]
+    roll, sigma = _gain(model.camera[:, 2:], predicted, model.gaps, model.values)
+    off = abs(math.log(roll)) > max(math.log(_OFF), _SIGMAS * sigma)
+    focal, focal_sigma = focal_of(model, 1.0 / roll if off else 1.0)
+    return Gains(1.0 / roll, sigma, focal, focal_sigma)
 
 
-def _gain(
-    camera: FloatArray, predicted: FloatArray, gaps: FloatArray, values: float
-) -> tuple[float, float, float]:
-    """Gain of rates (N,D), standard deviation of its logarithm, and unexplained fraction of the rates."""
+def _gain(camera: FloatArray, predicted: FloatArray, gaps: FloatArray, values: float) -> tuple[float, float]:
+    """Gain of rates (N,D), and standard deviation of its logarithm."""
     square = (predicted**2).mean(axis=0)
     if np.sqrt(square.sum()) < _LEAST_RATE:
-        return 1.0, np.inf, np.inf
+        return 1.0, np.inf
     gain, information = 1.0, 0.0
     for _ in range(_ROUNDS):
         residual = camera - gain * predicted
@@ -86,5 +79,4 @@ def _gain(
     left = spread(camera - gain * predicted)
     by_leak = values * float((square / left**2).sum())
     sigma = np.sqrt(1.0 / max(information, 1e-12) + 1.0 / max(by_leak, 1e-12)) / gain
-    share = np.linalg.norm(left) / (gain * np.sqrt(square.sum()))
-    return gain, max(float(sigma), _LEAST_SIGMA), float(share)
+    return gain, max(float(sigma), _LEAST_SIGMA)
