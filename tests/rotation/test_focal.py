@@ -34,7 +34,7 @@ DEPTH_M = 3.0
 
 def seen_rate(true: CameraIntrinsics, calibrated: CameraIntrinsics, axis: int) -> FloatArray:
     """Rotation (3,) that fits the image motion over the whole view best, for a unit rotation about `axis`."""
-    u, v = np.meshgrid(np.linspace(1, 238, 40), np.linspace(1, 178, 30))
+    u, v = np.meshgrid(np.arange(2.0, 239.0, 5.0), np.arange(2.0, 179.0, 5.0))
     xy, _, _ = CameraModel(true).undistort(np.stack([u.ravel(), v.ravel()], axis=1))
     rays = np.column_stack([xy, np.ones(len(xy))])
     ends, seen = [], np.ones(len(rays), dtype=bool)
@@ -55,7 +55,7 @@ def test_the_part_of_a_focal_length_that_a_fit_sees(camera: CameraIntrinsics) ->
     calibrated = dataclasses.replace(camera, fx=camera.fx / 1.03, fy=camera.fy / 1.03)
     expected = np.eye(3) + np.log(1.03) * apparent_rotation(calibrated).of_focal
     for axis in range(3):
-        np.testing.assert_allclose(seen_rate(camera, calibrated, axis), expected[:, axis], atol=0.004)
+        np.testing.assert_allclose(seen_rate(camera, calibrated, axis), expected[:, axis], atol=0.002)
 
 
 def test_a_narrow_view_sees_all_of_it_and_nothing_in_a_roll() -> None:
@@ -64,8 +64,8 @@ def test_a_narrow_view_sees_all_of_it_and_nothing_in_a_roll() -> None:
     np.testing.assert_allclose(
         narrow.of_translation[:2, :2], [[0.0, -1.0], [1.0, 0.0]], atol=1e-3
     )  # A motion to the right looks like a rotation to the right.
-    # A third at 90 degrees.
-    assert apparent_rotation(WIDE).of_focal[1, 1] == pytest.approx(0.33, abs=0.02)
+    # Two fifths at 90 degrees.
+    assert apparent_rotation(WIDE).of_focal[1, 1] == pytest.approx(0.38, abs=0.02)
 
 
 def motion(seconds: float, rng: np.random.Generator) -> tuple[RecordArray, RecordArray, IntArray, FloatArray]:
@@ -137,3 +137,5 @@ def test_too_few_windows_have_no_velocity(rng: np.random.Generator) -> None:
     turn, force = TurnOf(gyroscope), TurnOf(accelerometer)
     assert velocity_basis(middle_ns[::10], turn, force, C_C_B)[0].shape == (6, 3, 0)
     assert velocity_basis(middle_ns, turn, force, C_C_B)[0].shape == (len(middle_ns), 3, 7)
+    long = motion(7.0, rng)
+    assert velocity_basis(long[2], TurnOf(long[0]), TurnOf(long[1]), C_C_B)[0].shape[2] == 14

@@ -11,7 +11,7 @@ mounting `R` and the bias `b`, by robust Gauss-Newton on innovations. The roll d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,11 +28,15 @@ _PRIOR = (0.5, 0.01, *(3 * [0.15]), *(3 * [0.05]))
 #: Maximum standard deviation of the logarithm: with slower motion, the depth of the scene varies too much.
 _MOST_SIGMA = 0.025
 #: Errors of simulated recordings that neither the noise nor the depth of the scene explains.
-_LEAST_SIGMA = 0.005
+_LEAST_SIGMA = 0.007
+#: Standard deviation of the translation that constant depth does not explain, as a fraction of it. Where
+#: the camera moves as it rotates, it would appear as an error of the focal length.
+_DEPTH_VARIES = 0.2
 #: Rotations about x and y: maximum fraction of the camera's rate that the model leaves unexplained.
 _MOST_LEFT = 0.12
-#: Minimum rate about x and y [rad/s].
-_LEAST_RATE = 0.05
+#: Minimum rate about x and y [rad/s]: a window of slower events moves by a few pixels, and its rate is up to
+#: 10 % too large. Then the minimum number of windows with a known velocity.
+_LEAST_RATE, _LEAST_WINDOWS = 0.6, 24
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,9 @@ def focal_of(model: RateModel, scale: float) -> tuple[float, float]:
         model: rates, and what explains them.
         scale: gyroscope readings over true rates, known to 1 %.
     """
+    model = _with_velocity(model)
+    if len(model.camera) < _LEAST_WINDOWS:
+        return 1.0, np.inf
     translation = model.apparent.of_translation @ model.velocity
     prior = np.concatenate([_PRIOR, model.velocity_sigma])
     x, normal = np.zeros(len(prior)), np.eye(len(prior))
@@ -84,8 +91,23 @@ def focal_of(model: RateModel, scale: float) -> tuple[float, float]:
         if np.abs(step[:8]).max() < _CONVERGED:
             break
     predicted, jacobian = _predicted(model, scale, x, translation)
-    sigma = _sigma(model, normal, model.camera - predicted, jacobian, scale)
+    moved = translation @ x[8:]
+    sigma = _sigma(model, normal, (model.camera - predicted, moved), jacobian, scale)
     return float(np.exp(x[0])), sigma
+
+
+def _with_velocity(model: RateModel) -> RateModel:
+    """The windows whose velocity is known."""
+    known = np.flatnonzero(np.any(model.velocity != 0.0, axis=(1, 2)))
+    place = np.concatenate([[0.0], np.cumsum(model.gaps)])
+    return replace(
+        model,
+        camera=model.camera[known],
+        body=model.body[known],
+        gaps=np.diff(place[known]),
+        values=model.values * len(known) / max(len(model.camera), 1),
+        velocity=model.velocity[known],
+    )
 
 
 def _predicted(
@@ -110,14 +132,22 @@ def _predicted(
 
 
 def _sigma(
-    model: RateModel, normal: FloatArray, residual: FloatArray, jacobian: FloatArray, scale: float
+    model: RateModel,
+    normal: FloatArray,
+    parts: tuple[FloatArray, FloatArray],
+    jacobian: FloatArray,
+    scale: float,
 ) -> float:
-    """Sigma of the logarithm, from the innovations and from what agrees with the rotation by chance."""
+    """Sigma of the logarithm: by the innovations, by what agrees with the rotation by chance, and by a scene
+    whose depth is not constant. `parts`: residuals and apparent rotation (N,3) of the translation."""
+    residual, moved = parts
     left, count = spread(residual), model.camera.size
     noise = np.linalg.inv(normal)[0, 0] * count / max(count - len(normal), 10)
-    by_axis = (jacobian[:, :, 0] ** 2).mean(axis=0) / left**2
-    chance = 1.0 / max(float(by_axis.sum()) * min(model.values, len(residual)), 1e-12)
-    sigma = float(np.sqrt(noise + chance + _LEAST_SIGMA**2))
+    row = jacobian[:, :, 0] / left
+    information = max(float((row**2).sum()), 1e-12)
+    chance = len(residual) / (information * min(model.values, len(residual)))
+    depth = _DEPTH_VARIES * float((row * moved / left).sum()) / information
+    sigma = float(np.sqrt(noise + chance + depth**2 + _LEAST_SIGMA**2))
     across = float(np.sqrt(((model.body @ model.C_c_b.T / scale)[:, :2] ** 2).mean(axis=0).sum()))
     explained = across > _LEAST_RATE and float(np.hypot(left[0], left[1])) < _MOST_LEFT * across
     return sigma if explained and sigma < _MOST_SIGMA else np.inf

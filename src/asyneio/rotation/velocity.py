@@ -3,8 +3,7 @@
 
 In the frame of the beginning of a span, the velocity is `v_0 + g t + s(t)`, where `s` integrates the specific
 force, rotated by the gyroscope. Divided by the depth of the scene, it is linear in seven unknowns: inverse
-depth, and `v_0` and `g` times inverse depth. Gyroscope errors turn gravity, so spans are short; all spans of
-a recording share the inverse depth.
+depth, and `v_0` and `g` times inverse depth. Gyroscope errors turn gravity, so spans are short.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ def velocity_basis(
         C_c_b: (3,3) body to camera rotation.
 
     Returns:
-        The basis (N,3,P) and standard deviations (P,): inverse depth, and six coefficients for each span.
+        The basis (N,3,P) and standard deviations (P,): for each span, inverse depth and the six others.
         Windows in spans with too few windows have zeros. P is 0 if there is no span.
     """
     t_s = (middle_ns - middle_ns[0]) / NS_PER_S
     spans = max(1, int(np.ceil(t_s[-1] / _SPAN_S)))
     length_s = t_s[-1] / spans + 1e-3
     number = (t_s / length_s).astype(int)
-    common, own = np.zeros((len(t_s), 3, 1)), []
+    own = []
     for span in np.flatnonzero(np.bincount(number) >= _LEAST_WINDOWS):
         inside = number == span
         times_ns = middle_ns[0] + np.round(
@@ -50,16 +49,17 @@ def velocity_basis(
         attitude, change = _integrated(times_ns, gyroscope, accelerometer)
         nearest = np.minimum(np.searchsorted(times_ns, middle_ns[inside]), len(times_ns) - 1)
         to_camera = C_c_b @ np.swapaxes(attitude[nearest], 1, 2)
-        common[inside, :, 0] = np.einsum("nij,nj->ni", to_camera, change[nearest])
         phase = t_s[inside] / length_s - span - 0.5
-        columns = np.zeros((len(t_s), 3, 6))
-        columns[inside] = np.concatenate([to_camera, to_camera * phase[:, None, None]], axis=2)
+        columns = np.zeros((len(t_s), 3, 7))
+        columns[inside] = np.concatenate(
+            [to_camera @ change[nearest][:, :, None], to_camera, to_camera * phase[:, None, None]], axis=2
+        )
         own.append(columns)
     if not own:
         return np.zeros((len(t_s), 3, 0)), np.zeros(0)
     depth, start, slope = _PRIOR
-    prior = np.array([depth, *(len(own) * [*(3 * [start]), *(3 * [slope])])])
-    return np.concatenate([common, *own], axis=2), prior
+    prior = np.array(len(own) * [depth, *(3 * [start]), *(3 * [slope])])
+    return np.concatenate(own, axis=2), prior
 
 
 def _integrated(

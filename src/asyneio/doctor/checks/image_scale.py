@@ -39,6 +39,8 @@ def check_image_scale(inspection: Inspection) -> CheckResult | None:
         )
     if not text:
         return ok("image scale", "not observable: too little roll, and too much translation", **values)
+    if not gains.focal_observable:
+        text.append("the focal length is not observable")
     measured, expected = "; ".join(text), "1 for both"
     if gains.gyroscope_observable and abs(math.log(scale)) > max(_SCALE_OFF, _SIGMAS * gains.gyroscope_sigma):
         # If the gravity check reported the scale already, this is the same cause.
