@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Apparent rotation: the rotation that a fit reports for a translation, or with a wrong focal length.
 
-A fit of a rotation to the image motion of the whole view minimises the squared residuals. No rotation explains
-a translation or an error of the focal length completely, so only a part of them appears as a rotation.
+A fit of a rotation to the image motion of the whole view minimises the squared residuals. No rotation
+explains a translation or an error of the focal length completely, so only a part of them appears in it.
 That part depends on the view: without distortion, 5 % of focal length change a rotation about y by 3.8 % with
 62 degrees, by 1.9 % with 90 degrees, and not at all with 110 degrees.
 """
