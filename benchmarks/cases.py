@@ -45,6 +45,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the cases; returns 0 if all pass, 1 if any fails, 2 if there is none."""
     options = _options(arguments)
     folder: Path = options.cases
+    if not data_folder().is_dir():
+        print(f"no folder {data_folder()}: set ASYNEIO_DATA to the folder of the real recordings")
+        return 2
     names = sorted(path.parent.name for path in folder.glob("*/gen.py")) if folder.is_dir() else []
     chosen = [name for name in names if not options.only or name in options.only]
     unknown = sorted(set(options.only or ()) - set(names))

@@ -9,23 +9,26 @@ import numpy as np
 
 from asyneio.doctor.event_scan import EventFigures
 from asyneio.doctor.inspection import Inspection
-from asyneio.doctor.rotation.alignment import Alignment, align
-from asyneio.doctor.rotation.camera_rates import (
-    CameraRates,
-    pairs_from_tracks,
-    rates_from_events,
-    rates_from_tracks,
-)
-from asyneio.doctor.rotation.epipolar import gains_of_tracks
-from asyneio.doctor.rotation.gains import Gains, gains_of
-from asyneio.doctor.rotation.time_offset import TurnOf, gaps_of
 from asyneio.errors import AsyneioError
 from asyneio.inertial.gravity_witness import SAME_SCALE
 from asyneio.inertial.stationarity import possible
 from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
 from asyneio.io.recording.assembly import USUAL_SIZES
 from asyneio.progress import ProgressCallback
-from asyneio.types import CameraIntrinsics, FloatArray, RecordArray
+from asyneio.rotation.alignment import Alignment, align
+from asyneio.rotation.apparent import apparent_rotation
+from asyneio.rotation.camera_rates import (
+    CameraRates,
+    pairs_from_tracks,
+    rates_from_events,
+    rates_from_tracks,
+)
+from asyneio.rotation.epipolar import gains_of_tracks
+from asyneio.rotation.focal import RateModel
+from asyneio.rotation.gains import Gains, gains_of
+from asyneio.rotation.time_offset import TurnOf, gaps_of
+from asyneio.rotation.velocity import velocity_basis
+from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, RecordArray
 
 #: Focal length over width without intrinsics: 60 degrees field of view. Rates about x and y have its error.
 _GUESSED_FOCAL = 0.87
@@ -105,15 +108,32 @@ def _gains(
     inspection: Inspection, rates: CameraRates, alignment: Alignment | None, turn: TurnOf
 ) -> Gains | None:
     """Ratios of the camera's motion to the gyroscope readings."""
-    assert inspection.camera is not None
+    camera, streams = inspection.camera, inspection.streams
+    assert camera is not None
+    assert streams is not None
     if alignment is None:
         return None
     body, inside = turn.means(rates, alignment.offset_s)
-    predicted = body[inside] @ alignment.C_c_b.T
-    found = gains_of(rates.omega[inside], predicted, gaps_of(rates, inside), alignment.values)
+    middle_ns = (rates.start_ns + rates.end_ns)[inside] // 2 + round(alignment.offset_s * NS_PER_S)
+    force = streams.accelerometer[possible(streams.accelerometer["xyz"])]
+    velocity, sigma = np.zeros((len(middle_ns), 3, 0)), np.zeros(0)
+    if force.size > 1:
+        velocity, sigma = velocity_basis(middle_ns, turn, TurnOf(force), alignment.C_c_b)
+    found = gains_of(
+        RateModel(
+            camera=rates.omega[inside],
+            body=body[inside],
+            gaps=gaps_of(rates, inside),
+            values=alignment.values,
+            C_c_b=alignment.C_c_b,
+            apparent=apparent_rotation(camera),
+            velocity=velocity,
+            velocity_sigma=sigma,
+        )
+    )
     if inspection.tracks is None:
         return replace(found, focal_sigma=np.inf) if inspection.intrinsics_guessed else found
-    pairs, times = pairs_from_tracks(inspection.tracks, inspection.camera)
+    pairs, times = pairs_from_tracks(inspection.tracks, camera)
     body, inside = turn.means(times, alignment.offset_s)
     start = found.gyroscope if found.gyroscope_observable else 1.0
     return gains_of_tracks(pairs.of(inside), body[inside], alignment.C_c_b, start)

@@ -12,15 +12,15 @@ import numpy as np
 
 from asyneio.doctor.event_scan import EventFigures
 from asyneio.doctor.result import CheckResult, Severity
-from asyneio.doctor.rotation.alignment import Alignment
-from asyneio.doctor.rotation.camera_rates import CameraRates
-from asyneio.doctor.rotation.gains import Gains
 from asyneio.doctor.stationary import StationarySpans, find_stationary
 from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
 from asyneio.io.parsing.isolated_stamps import isolated
 from asyneio.io.recording.clock_jumps import ClockPart
 from asyneio.io.recording.contents import Samples
 from asyneio.io.recording.inertial_units import InertialStreams
+from asyneio.rotation.alignment import Alignment
+from asyneio.rotation.camera_rates import CameraRates
+from asyneio.rotation.gains import Gains
 from asyneio.types import Calibration, CameraIntrinsics, PoseTrajectory, RecordArray
 
 if TYPE_CHECKING:

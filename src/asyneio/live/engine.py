@@ -17,6 +17,7 @@ from asyneio.live.inbox import Inbox
 from asyneio.live.intake import IntakeThread
 from asyneio.live.interrupts import ending_softly
 from asyneio.live.options import LiveOptions
+from asyneio.live.scale import ScaleCheck
 from asyneio.live.spool import Spool
 from asyneio.live.step import LiveStep, Output
 from asyneio.live.summary import LiveSummary, Tally
@@ -121,6 +122,7 @@ class _Engine:
         self._reported_ending = False
         self._tally = Tally(sensor.name)
         self._gravity = GravityCheck()
+        self._scale = ScaleCheck(config, sensor.calibration)
 
     def run(self) -> LiveSummary:
         self._begin()
@@ -138,7 +140,9 @@ class _Engine:
                 self._intake.join(timeout_s=_DRIVER_S)
                 for output in self._outputs:
                     output.end()
-            summary = self._tally.summary(error, self._notes(), self._tracking.busy_s)
+            contradiction, notes = self._scale.result(self._estimator.calibration())
+            notes = (*self._notes(), *notes)
+            summary = self._tally.summary(error, contradiction, notes, self._tracking.busy_s)
         if interrupts.count:
             raise LiveInterrupted(summary)
         return summary
@@ -199,6 +203,8 @@ class _Engine:
             self._progress.message(
                 f"warning: {self._gravity.complaint}; the positions will be wrong by metres"
             )
+        if self._scale.add(tracked.packet) and self._scale.check(self._estimator.calibration()):
+            self._progress.message(f"warning: {self._scale.complaint}")
         now_s = time.perf_counter()
         self._reported_silence_s = 0.0
         self._publish(
@@ -227,6 +233,7 @@ class _Engine:
         """Restart the estimator; a segment that was initialized is lost."""
         last = self._last
         self._estimator = Odometry(self._config, self._sensor.calibration)
+        self._scale.restart()
         if last is None:
             return
         posed = last.health in (Health.TRACKING, Health.DEGRADED)

@@ -13,6 +13,7 @@ import numpy as np
 from asyneio.live.step import LiveStep, Transition
 from asyneio.live.tracking import Shed
 from asyneio.pipeline.json_text import to_json
+from asyneio.pipeline.summary import with_contradiction
 from asyneio.types import NS_PER_S, Health
 from asyneio.version import __version__
 
@@ -98,8 +99,14 @@ class Tally:
             self._latency.append(step.latency_s)
             self._processing.append(step.processing_s)
 
-    def summary(self, error: str, notes: tuple[str, ...], frontend_s: float) -> LiveSummary:
-        """The figures so far; `error` is the reason why the run stopped, or empty."""
+    def summary(
+        self, error: str, contradiction: str, notes: tuple[str, ...], frontend_s: float
+    ) -> LiveSummary:
+        """The figures so far.
+
+        `error`: why the run stopped; `contradiction`: why the scale of the trajectory is not reliable. Both
+        are empty if there is nothing.
+        """
         wall_s = time.perf_counter() - self._started_s if self._started_s else 0.0
         return LiveSummary(
             source=self._source,
@@ -120,7 +127,7 @@ class Tally:
             frontend_s=frontend_s,
             estimator_s=self._estimator_s,
             shed=self.shed,
-            failure=self._failure(error),
+            failure=with_contradiction(self._failure(error), contradiction, self._knots),
             notes=notes,
         )
 

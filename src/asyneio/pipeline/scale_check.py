@@ -14,10 +14,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from asyneio.config import Config
-from asyneio.doctor.rotation.camera_rates import pairs_from_tracks
-from asyneio.doctor.rotation.epipolar import gains_of_tracks
-from asyneio.doctor.rotation.gains import Gains
-from asyneio.doctor.rotation.time_offset import TurnOf
+from asyneio.rotation.camera_rates import pairs_from_tracks
+from asyneio.rotation.epipolar import gains_of_tracks
+from asyneio.rotation.gains import Gains
+from asyneio.rotation.time_offset import TurnOf
 from asyneio.types import Calibration, CalibrationEstimate, FloatArray, RecordArray
 
 #: Probability with which a sensor that meets its prior is rejected. A sensor with a scale error of three
@@ -58,10 +58,23 @@ def contradicted_scale(
     """
     if found is None:
         return "; ".join(_cause(_compare(calibration, gyroscope, observations, found), _NAMED_ALONE))
-    if found.imu is None:
+    contradictions = contradictions_of_prior(found, config)
+    if not contradictions:
         return ""
-    prior = config.calibration.imu_scale_sigma
-    imu = found.imu
+    gains = _compare(calibration, gyroscope, observations, found)
+    return "; ".join((*contradictions, *_cause(gains, _NAMED)))
+
+
+def contradictions_of_prior(found: CalibrationEstimate | None, config: Config) -> tuple[str, ...]:
+    """Contradictions between the estimated scale factors of the IMU and their prior, as phrases.
+
+    Args:
+        found: calibration as estimated; None if the estimator is not initialized.
+        config: of the run; its prior of the scale factors is tested.
+    """
+    if found is None or found.imu is None:
+        return ()
+    prior, imu = config.calibration.imu_scale_sigma, found.imu
     said = [
         _contradicted(name, np.diag(matrix) - 1.0, np.diag(sigma), prior)
         for name, matrix, sigma in (
@@ -69,11 +82,10 @@ def contradicted_scale(
             ("accelerometer", imu.accelerometer, imu.accelerometer_sigma),
         )
     ]
-    if not any(said):
-        return ""
-    gains = _compare(calibration, gyroscope, observations, found)
-    causes = [text for text in said if text] + _cause(gains, _NAMED)
-    return "the scale of the trajectory is not reliable: " + "; ".join(causes)
+    phrases = [text for text in said if text]
+    if phrases:
+        phrases[0] = f"the scale of the trajectory is not reliable: {phrases[0]}"
+    return tuple(phrases)
 
 
 def scale_notes(

@@ -20,6 +20,7 @@ from asyneio.pipeline.summary import (
     SensorNoiseSummary,
     Summary,
     Transition,
+    with_contradiction,
 )
 from asyneio.types import (
     NS_PER_S,
@@ -119,7 +120,9 @@ def summarize(recording: Recording | EventRecording, outcome: Outcome, grid: Gri
         health_s={str(health): n * grid.interval_ns / NS_PER_S for health, n in counts.items()},
         segments=tuple(_segments(run, grid)),
         transitions=tuple(_transitions(run, grid)),
-        failure=_with_contradiction(_failure(run, grid, outcome.error), outcome),
+        failure=with_contradiction(
+            _failure(run, grid, outcome.error), outcome.contradiction, len(run.estimates)
+        ),
         notes=(*recording.notes, *outcome.notes, *rejected_notes(run.reports), *_noise_notes(imu_noise)),
         camera=_camera_summary(outcome.calibration),
         imu_noise=imu_noise,
@@ -242,13 +245,6 @@ def _failure(run: Run, grid: Grid, error: str) -> str:
     if gap_ns > 2 * grid.interval_ns:
         return f"the trajectory has a gap of {gap_ns / NS_PER_S:.2f} s{because}"
     return ""
-
-
-def _with_contradiction(failure: str, outcome: Outcome) -> str:
-    """The failure, with the contradiction as its likely cause if there are no estimates."""
-    if failure and outcome.contradiction and not outcome.run.estimates:
-        return f"{failure}; {outcome.contradiction}"
-    return failure or outcome.contradiction
 
 
 def _because(run: Run) -> str:

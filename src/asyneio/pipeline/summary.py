@@ -146,3 +146,10 @@ class Summary:
         timing = {name: fields.pop(name) for name in _TIMING}
         status = "incomplete" if self.failure else "complete"
         return to_json({"status": status, **fields, "timing": timing}, indent=2)
+
+
+def with_contradiction(failure: str, contradiction: str, estimates: int) -> str:
+    """The failure of a run, with the contradiction as its likely cause if there are no estimates."""
+    if failure and contradiction and not estimates:
+        return f"{failure}; {contradiction}"
+    return failure or contradiction

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from asyneio.doctor.inspection import Inspection, fail, note, ok, warning
 from asyneio.doctor.result import CheckResult
-from asyneio.doctor.rotation.alignment import CONTRADICTED, OFFSET_OBSERVABLE_S, RIGHT_ANGLES, Alignment
+from asyneio.rotation.alignment import CONTRADICTED, OFFSET_OBSERVABLE_S, RIGHT_ANGLES, Alignment
 from asyneio.types import NS_PER_S, FloatArray
 
 #: A direction with a larger standard deviation [degrees] is not observable.

@@ -11,7 +11,7 @@ from asyneio.inertial.gravity_witness import SAME_SCALE, gyroscope_cause
 
 #: Log errors of scale and focal length that are reported, and the standard deviations they must exceed.
 _SCALE_OFF, _FOCAL_OFF = math.log(1.05), math.log(1.035)
-_SIGMAS = 3.5
+_SIGMAS, _FOCAL_SIGMAS = 3.5, 3.0
 #: Scales from gravity and image roll agree if their logarithms differ by less than this.
 _AGREE = 0.2
 
@@ -39,13 +39,16 @@ def check_image_scale(inspection: Inspection) -> CheckResult | None:
         )
     if not text:
         return ok("image scale", "not observable: too little roll, and too much translation", **values)
+    if not gains.focal_observable:
+        text.append("the focal length is not observable")
     measured, expected = "; ".join(text), "1 for both"
     if gains.gyroscope_observable and abs(math.log(scale)) > max(_SCALE_OFF, _SIGMAS * gains.gyroscope_sigma):
         # If the gravity check reported the scale already, this is the same cause.
         known = inspection.gravity is not None and inspection.gravity.gyroscope_complaint()
         level = fail if abs(math.log(scale)) > math.log(SAME_SCALE) and not known else warning
         return level("image scale", measured, expected, _cause_of_scale(inspection, scale), **values)
-    if gains.focal_observable and abs(math.log(gains.focal)) > max(_FOCAL_OFF, _SIGMAS * gains.focal_sigma):
+    least = max(_FOCAL_OFF, _FOCAL_SIGMAS * gains.focal_sigma)
+    if gains.focal_observable and abs(math.log(gains.focal)) > least:
         return warning(
             "image scale",
             measured,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asyneio.doctor.rotation.gains import Gains
+from asyneio.rotation.gains import Gains
 from asyneio.types import BoolArray, FloatArray, IntArray
 
 #: Prior standard deviations: logarithms of focal length and scale, mounting [rad], bias [rad/s].

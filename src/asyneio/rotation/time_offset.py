@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from asyneio.doctor.rotation.camera_rates import CameraRates
-from asyneio.doctor.rotation.noise import differences, noise_of, spread, weights
-from asyneio.types import NS_PER_S, BoolArray, FloatArray, RecordArray
+from asyneio.rotation.camera_rates import CameraRates
+from asyneio.rotation.noise import differences, noise_of, spread, weights
+from asyneio.types import NS_PER_S, BoolArray, FloatArray, IntArray, RecordArray
 
 #: Range and step of the search [s]; then size [s] and number of the fine steps on each side of the best.
 _REACH_S, _STEP_S, _FINE_STEP_S, _FINE = 0.1, 0.007, 0.0015, 6
@@ -19,7 +19,8 @@ _ROBUST_STEPS = 3
 
 
 class TurnOf:
-    """Integral of a gyroscope's readings (INERTIAL_DTYPE, ascending) by the trapezoidal rule."""
+    """Integral of the readings of a gyroscope, or an accelerometer (INERTIAL_DTYPE, ascending), by the
+    trapezoidal rule."""
 
     def __init__(self, gyroscope: RecordArray) -> None:
         self._origin_ns = int(gyroscope["t_ns"][0])
@@ -36,6 +37,11 @@ class TurnOf:
         span = np.where(end > start, end - start, 1.0)
         turn = [np.interp(end, self._t_s, axis) - np.interp(start, self._t_s, axis) for axis in self._turned]
         return np.stack(turn, axis=1) / span[:, None], np.asarray(inside)
+
+    def between(self, t_ns: IntArray) -> FloatArray:
+        """Integrals (N-1,3) of the readings between times (N,) [ns]; zero where there are no samples."""
+        t_s = (t_ns - self._origin_ns) / NS_PER_S
+        return np.diff(np.stack([np.interp(t_s, self._t_s, axis) for axis in self._turned], axis=1), axis=0)
 
 
 def find_far_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> float | None:

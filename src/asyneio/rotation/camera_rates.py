@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asyneio.doctor.rotation.epipolar import Pairs
-from asyneio.doctor.rotation.sharpness import find_rate
 from asyneio.geometry.camera import CameraModel
 from asyneio.progress import ProgressCallback
+from asyneio.rotation.epipolar import Pairs
+from asyneio.rotation.sharpness import find_rate
 from asyneio.types import NS_PER_S, BoolArray, CameraIntrinsics, FloatArray, IntArray, RecordArray
 
 #: Maximum number of windows: those with the fastest rotation. The precision grows with the square root of

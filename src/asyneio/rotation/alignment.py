@@ -22,10 +22,10 @@ from itertools import permutations, product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asyneio.doctor.rotation.camera_rates import CameraRates
-from asyneio.doctor.rotation.fit import BIAS_SIGMA, Fit, crosses, fit_rotation, nearest_fit
-from asyneio.doctor.rotation.noise import Noise, noise_of, spread
-from asyneio.doctor.rotation.time_offset import LEAST_WINDOWS, TurnOf, find_far_offset, find_offset, gaps_of
+from asyneio.rotation.camera_rates import CameraRates
+from asyneio.rotation.fit import BIAS_SIGMA, Fit, crosses, fit_rotation, nearest_fit
+from asyneio.rotation.noise import Noise, noise_of, spread
+from asyneio.rotation.time_offset import LEAST_WINDOWS, TurnOf, find_far_offset, find_offset, gaps_of
 from asyneio.types import NS_PER_S, FloatArray, RecordArray
 
 #: Gauss-Newton steps from each of the initial rotations.

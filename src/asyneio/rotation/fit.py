@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asyneio.doctor.rotation.noise import CAUCHY, Noise, differences, weights
+from asyneio.rotation.noise import CAUCHY, Noise, differences, weights
 from asyneio.types import FloatArray
 
 #: Prior standard deviation of the gyroscope bias [rad/s]: typical of uncalibrated consumer sensors.

@@ -8,14 +8,23 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asyneio.doctor.rotation.alignment import align
-from asyneio.doctor.rotation.camera_rates import CameraRates, pairs_from_tracks
-from asyneio.doctor.rotation.epipolar import gains_of_tracks
-from asyneio.doctor.rotation.gains import gains_of
+from asyneio.rotation.alignment import align
+from asyneio.rotation.apparent import apparent_rotation
+from asyneio.rotation.camera_rates import CameraRates, pairs_from_tracks
+from asyneio.rotation.epipolar import gains_of_tracks
+from asyneio.rotation.focal import RateModel
+from asyneio.rotation.gains import gains_of
 from asyneio.types import OBSERVATION_DTYPE, CameraIntrinsics, FloatArray
-from tests.doctor.test_alignment import SECONDS, camera_rates, gyroscope_of, rate_at
+from tests.rotation.test_alignment import SECONDS, camera_rates, gyroscope_of, rate_at
 
 CAMERA = CameraIntrinsics(200.0, 200.0, 160.0, 120.0, 320, 240)
+
+
+def model_of(camera: FloatArray, body: FloatArray) -> RateModel:
+    """Rates of a camera with a narrow view and the axes of the body, which hardly translates."""
+    narrow = apparent_rotation(dataclasses.replace(CAMERA, fx=5000.0, fy=5000.0))
+    still = np.full((len(body), 3, 1), 1e-6)
+    return RateModel(camera, body, np.ones(len(body) - 1), 40.0, np.eye(3), narrow, still, np.ones(1))
 
 
 @pytest.mark.parametrize(("scale", "focal"), [(1.0, 1.0), (2.0, 1.0), (1.0, 1.05), (0.5, 0.9)])
@@ -24,7 +33,7 @@ def test_roll_gives_the_gyroscope_scale_and_other_rotations_the_focal_length(
 ) -> None:
     true = 0.7 * rng.standard_normal((64, 3))
     seen = true * [focal, focal, 1.0] + 0.02 * rng.standard_normal((64, 3))
-    found = gains_of(seen, scale * true, np.ones(63), 40.0)
+    found = gains_of(model_of(seen, scale * true))
     assert found.gyroscope == pytest.approx(scale, rel=0.02)
     assert found.focal == pytest.approx(focal, rel=0.025)
     assert found.gyroscope_observable
@@ -32,12 +41,21 @@ def test_roll_gives_the_gyroscope_scale_and_other_rotations_the_focal_length(
 
 
 def test_the_focal_length_is_not_observable_under_translation(rng: np.random.Generator) -> None:
-    true = 0.4 * rng.standard_normal((64, 3))
+    true = 0.7 * rng.standard_normal((64, 3))
     leak = np.column_stack([0.3 * rng.standard_normal((64, 2)), np.zeros(64)])
-    found = gains_of(true + leak + 0.02 * rng.standard_normal((64, 3)), true, np.ones(63), 40.0)
+    found = gains_of(model_of(true + leak + 0.02 * rng.standard_normal((64, 3)), true))
     assert found.gyroscope_observable
     assert not found.focal_observable
-    assert not gains_of(true * 0.0, true * 0.01, np.ones(63), 40.0).gyroscope_observable
+    assert not gains_of(model_of(true * 0.0, true * 0.01)).gyroscope_observable
+
+
+@pytest.mark.parametrize("bias", [0.08, -0.08])
+def test_a_bias_of_the_gyroscope_is_no_scale(bias: float, rng: np.random.Generator) -> None:
+    """As in EuRoC: a slow roll to one side, with a bias as large as the roll."""
+    true = np.column_stack([np.zeros((64, 2)), 0.1 + 0.1 * rng.standard_normal(64)])
+    found = gains_of(model_of(true + 0.02 * rng.standard_normal((64, 3)), true + np.array([0.0, 0.0, bias])))
+    assert found.gyroscope_observable
+    assert abs(np.log(found.gyroscope)) < 2.5 * found.gyroscope_sigma
 
 
 def tracks(rng: np.random.Generator) -> tuple[np.ndarray, FloatArray]:

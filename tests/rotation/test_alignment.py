@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asyneio.doctor.checks.extrinsics import describe_axes, describe_turn, likely_mistake
-from asyneio.doctor.rotation.alignment import RIGHT_ANGLES, align
-from asyneio.doctor.rotation.camera_rates import CameraRates, rates_from_tracks
-from asyneio.doctor.rotation.sharpness import find_rate
+from asyneio.rotation.alignment import RIGHT_ANGLES, align
+from asyneio.rotation.camera_rates import CameraRates, rates_from_tracks
+from asyneio.rotation.sharpness import find_rate
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, CameraIntrinsics, FloatArray, RecordArray
 
 SECONDS = 4.0
