@@ -89,7 +89,7 @@ def test_a_gap_leaves_values_that_say_little() -> None:
 
 
 def test_an_interval_that_is_suddenly_louder_counts_for_less() -> None:
-    """A knock, whose errors average out or, as at the end of the range, do not: its noise is not known yet."""
+    """A knock, whose errors average out or, as at the end of the range, do not; its noise is not known."""
     rng = np.random.default_rng(0)
     t = np.arange(1, 101) * 1e-3
     calm = SensorNoise(0.02, 1000.0)
