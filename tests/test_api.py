@@ -93,7 +93,7 @@ def test_changes_of_health_are_logged(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.undo()
-    recording = asyneio.simulate("moderate", seed=1, duration_s=2.5).recording
+    recording = asyneio.simulate("moderate", seed=1, duration_s=3.5).recording
     noted = replace(recording, notes=("a note",))
     with caplog.at_level(logging.INFO, "asyneio"):
         result = asyneio.run(noted)

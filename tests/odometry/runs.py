@@ -19,6 +19,7 @@ from asyneio.types import (
     OBSERVATION_DTYPE,
     Calibration,
     Estimate,
+    InitialState,
     Packet,
     Recording,
     StepReport,
@@ -44,6 +45,10 @@ SCENARIO = replace(
     accelerometer_rate_hz=190.0,
     tracks=TRACKS,
 )
+
+
+#: rad, m, m/s, rad/s, m/s^2.
+CERTAIN = np.repeat([1e-4, 1e-4, 1e-3, 1e-4, 1e-3], 3)
 
 
 def configured(**sections: dict[str, Any]) -> Config:
@@ -100,8 +105,21 @@ def cut(recording: Recording) -> list[Packet]:
     ]
 
 
+def true_state(after_s: float, sigma: Array = CERTAIN) -> InitialState:
+    simulation = simulated()
+    t_ns = simulation.truth.start_ns + round(after_s * 1e9)
+    true = simulation.truth.at(t_ns)
+    return InitialState(
+        t_ns, true.T_w_b[0], true.velocity_w[0], true.bias_gyroscope[0], true.bias_accelerometer[0], sigma
+    )
+
+
 def process(stream: Iterable[Packet], calibration: Calibration, config: Config | None = None) -> Outcome:
-    outcome = Outcome(Odometry(config or configured(), calibration))
+    return process_with(Odometry(config or configured(), calibration), stream)
+
+
+def process_with(odometry: Odometry, stream: Iterable[Packet]) -> Outcome:
+    outcome = Outcome(odometry)
     for packet in stream:
         estimates, report = outcome.odometry.process(packet)
         assert report.t_ns == packet.t_end_ns

@@ -12,19 +12,7 @@ from scipy.spatial.transform import Rotation
 from asyneio.errors import EstimationError
 from asyneio.odometry import Odometry
 from asyneio.types import Estimate, Health, InitialState, Recording, StepReport
-from tests.odometry.runs import configured, cut, simulated
-
-#: rad, m, m/s, rad/s, m/s^2.
-CERTAIN = np.repeat([1e-4, 1e-4, 1e-3, 1e-4, 1e-3], 3)
-
-
-def true_state(after_s: float, sigma: np.ndarray = CERTAIN) -> InitialState:
-    simulation = simulated()
-    t_ns = simulation.truth.start_ns + round(after_s * 1e9)
-    true = simulation.truth.at(t_ns)
-    return InitialState(
-        t_ns, true.T_w_b[0], true.velocity_w[0], true.bias_gyroscope[0], true.bias_accelerometer[0], sigma
-    )
+from tests.odometry.runs import CERTAIN, configured, cut, simulated, true_state
 
 
 def run(

@@ -9,12 +9,22 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from asyneio.odometry import Odometry
 from asyneio.odometry.learned_noise import LearnedNoise
 from asyneio.pipeline import RunResult, run_recording
 from asyneio.simulation import Simulation
 from asyneio.simulation.faults import kidnapped, saturated, without
 from asyneio.types import Estimate, Health, Packet, RecordArray, Recording
-from tests.odometry.runs import Errors, configured, cut, errors, process, simulated
+from tests.odometry.runs import (
+    Errors,
+    configured,
+    cut,
+    errors,
+    process,
+    process_with,
+    simulated,
+    true_state,
+)
 
 SECOND = 1_000_000_000
 
@@ -231,7 +241,9 @@ def test_a_saturated_gyroscope_is_reported() -> None:
     recording = simulation.recording
     limit = 0.7 * float(np.abs(recording.gyroscope["xyz"]).max())
     clipped = replace(recording, gyroscope=saturated(recording.gyroscope, limit))
-    outcome = process(cut(clipped), recording.calibration)
+    # An initialization in motion with a saturated gyroscope is rejected.
+    odometry = Odometry(configured(), recording.calibration, true_state(0.3))
+    outcome = process_with(odometry, cut(clipped))
     reported = [report for report in outcome.reports if "is saturated" in report.reason]
     assert reported
     assert {report.health for report in reported} <= {Health.DEGRADED}
