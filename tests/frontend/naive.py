@@ -36,10 +36,15 @@ def first_template(
 
 @nb.njit(cache=True)
 def match_track(
-    features: Features, roll: Roll, loop: RecordArray, settings: RecordArray, work: RecordArray
+    features: Features,
+    roll: Roll,
+    window_px: float,
+    loop: RecordArray,
+    settings: RecordArray,
+    work: RecordArray,
 ) -> int:
     """`update`, callable from Python: 1 moved, 0 rejected, -1 ended."""
-    return update(features, np.int64(0), roll, loop[0], settings[0], work[0])
+    return update(features, np.int64(0), roll, window_px, loop[0], settings[0], work[0])
 
 
 @dataclass(eq=False)
@@ -92,6 +97,8 @@ class NaiveFrontend:
         self.latest = np.full((height, width, 2), NEVER_NS)
         self.supported = self.latest.copy()
         self.unmeasured, self.rate_hz, self.support_ns, self.window_share = 0, 0.0, 0, 0.05
+        self.unsupported, self.noise_events, self.unsupported_share, self.window_px = 0, 0, 0.0, 2.0
+        self.stretches = self.filters = True
         self.fired: dict[tuple[int, int], int] = {}
         self.hot: set[tuple[int, int]] = set()
         self.features: list[Feature] = []
@@ -114,8 +121,15 @@ class NaiveFrontend:
         if (x, y) in self.hot:
             self.hot_events += 1
             return
+        self.unmeasured += 1
+        supported = self.is_supported(t_ns, x, y, p)
+        if not supported:
+            self.unsupported += 1
+            if self.unsupported_share > 0.32 and self.filters:
+                self.noise_events += 1
+                return
         self.polarity[p] += 1
-        first_of_edge = self.is_first_of_edge(t_ns, x, y, p)
+        first_of_edge = supported and self.is_first_of_edge(t_ns, x, y, p)
         distances = [(f.distance(t_ns, x, y), f) for f in self.features if f.is_listed(x, y)]
         for distance, feature in distances:
             if distance <= 12.0:
@@ -127,14 +141,16 @@ class NaiveFrontend:
             if is_corner(self.supported, p, x, y, np.empty(SCRATCH, dtype=np.int64)):
                 self.begin(t_ns, x, y)
 
-    def is_first_of_edge(self, t_ns: int, x: int, y: int, p: int) -> bool:
-        """Among the events with a neighbour that fired shortly before, or at the border of the image."""
-        self.unmeasured += 1
+    def is_supported(self, t_ns: int, x: int, y: int, p: int) -> bool:
+        """Whether a neighbour fired shortly before, or the event is at the border of the image."""
+        if not self.is_inside(x, y, 1):
+            return True
         around = self.latest[y - 1 : y + 2, x - 1 : x + 2, p].copy()
-        if self.is_inside(x, y, 1):
-            around[1, 1] = NEVER_NS
-            if t_ns - int(around.max()) > self.support_ns:
-                return False
+        around[1, 1] = NEVER_NS
+        return t_ns - int(around.max()) <= self.support_ns
+
+    def is_first_of_edge(self, t_ns: int, x: int, y: int, p: int) -> bool:
+        """Among the events with support."""
         before = self.supported[y, x].copy()
         self.supported[y, x, p] = t_ns
         return bool(before[1 - p] > before[p] or t_ns - before[p] > 50 * MS)
@@ -167,7 +183,8 @@ class NaiveFrontend:
         if feature.id is None:
             self.try_to_track(feature, roll_rate)
             return
-        status = match_track(feature.arrays, Roll(self.roll, roll_rate), self.loop, self.settings, self.work)
+        roll = Roll(self.roll, roll_rate)
+        status = match_track(feature.arrays, roll, self.window_px, self.loop, self.settings, self.work)
         if not self.is_inside(f["x"], f["y"], 6):
             self.end(feature, "border")
         elif status < 0:
@@ -227,7 +244,13 @@ class NaiveFrontend:
         rate_hz = self.unmeasured * 1_000 * MS / elapsed_ns
         self.rate_hz += (rate_hz - self.rate_hz) * elapsed_ns / (elapsed_ns + 100 * MS)
         between_s = 2 * self.size[0] * self.size[1] / max(self.rate_hz, 1.0)
-        self.unmeasured, self.support_ns = 0, int(min(self.window_share * between_s * 1e9, 1e12))
+        self.support_ns = int(min(self.window_share * between_s * 1e9, 1e12))
+        if self.unmeasured:
+            change = self.unsupported / self.unmeasured - self.unsupported_share
+            self.unsupported_share += change * elapsed_ns / (elapsed_ns + 100 * MS)
+            noise = (self.unsupported_share - 0.2) / (0.8 - 0.2)
+            self.window_px = 2.0 / (1.0 - min(max(noise, 0.0), 0.5)) if self.stretches else 2.0
+        self.unmeasured = self.unsupported = 0
         self.managed_ns = t_ns
         for feature in list(self.features):
             f = feature.record

@@ -1,4 +1,4 @@
-"""The noise filter of the corner test: which events count, for how long, and what it is good for."""
+"""The noise filter: which events count, for how long, what it is good for, and the windows among noise."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from asyneio.config import FrontendConfig
-from asyneio.frontend.gradient.support import SUPPORT_SHARE
+from asyneio.frontend.gradient.support import MAX_STRETCH, SUPPORT_SHARE
 from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.frontend.surface import NEVER_NS
 from asyneio.simulation import EventSimulation
@@ -68,14 +68,44 @@ def test_before_a_rate_is_known_the_window_is_long() -> None:
     assert np.count_nonzero(tracker.arrays.supported_ns != NEVER_NS) == 0
 
 
+def lone_events(rate_hz: float, share: float, start_ns: int = 0) -> RecordArray:
+    """A second of events in four neighbouring pixels, of which `share` are moved to pixels far apart."""
+    out = steady(rate_hz, 1.0)
+    out["t_ns"] += start_ns
+    out["x"], out["y"] = 40 + np.arange(out.size) % 2, 21 + np.arange(out.size) // 2 % 2
+    rng = np.random.default_rng(0)
+    lone = rng.random(out.size) < share
+    out["x"][lone] = rng.choice(np.arange(2, WIDTH, 3), np.count_nonzero(lone))
+    out["y"][lone] = rng.choice(np.arange(2, HEIGHT, 3), np.count_nonzero(lone))
+    return out
+
+
+@pytest.mark.parametrize(("share", "dropped"), [(0.25, 0.0), (0.5, 0.5)])
+def test_events_without_support_are_dropped_if_most_of_them_are_noise(share: float, dropped: float) -> None:
+    tracker = GradientTracker(FrontendConfig(), WIDTH, HEIGHT)
+    tracker.process(lone_events(10_000.0, share))
+    before = tracker.statistics().noise_events
+    tracker.process(lone_events(10_000.0, share, start_ns=NS_PER_S))
+    assert tracker.statistics().noise_events - before == pytest.approx(dropped * 10_000, rel=0.2)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.1, 1.0), (0.4, 1.5), (0.6, MAX_STRETCH)])
+def test_windows_are_longer_among_noise(share: float, expected: float) -> None:
+    """By 1 / (1 - n), where the share n of noise is 0 if 20 % of the events are without support, and 1 if
+    80 % are."""
+    tracker = GradientTracker(FrontendConfig(), WIDTH, HEIGHT)
+    assert tracker.arrays.state[0]["stretch"] == 1.0
+    tracker.process(lone_events(10_000.0, share))
+    assert tracker.arrays.state[0]["stretch"] == pytest.approx(expected, rel=0.1)
+
+
 @pytest.mark.slow
-def test_noise_twice_the_rate_of_the_scene_leaves_most_tracks(simulation: EventSimulation) -> None:
-    """Without the filter a tenth of the tracks would be left: noise breaks the arcs of corners."""
+def test_noise_twice_the_rate_of_the_scene_leaves_most_observations(simulation: EventSimulation) -> None:
+    """A third would be left if noise were fed to features: it ends tracks."""
     recording = simulation.recording
     size = (recording.width, recording.height)
-    tracks = []
+    observations = []
     for share in (0.0, 2.0):
         tracker = GradientTracker(FrontendConfig(), *size)
-        tracker.process(with_noise(np.asarray(recording.events), share, size))
-        tracks.append(tracker.statistics().tracks)
-    assert tracks[1] > 0.6 * tracks[0]
+        observations.append(tracker.process(with_noise(np.asarray(recording.events), share, size)).size)
+    assert observations[1] > 0.6 * observations[0]

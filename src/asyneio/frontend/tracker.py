@@ -63,6 +63,7 @@ class FrontendStatistics:
         events: processed.
         hot_pixels: pixels that are masked now.
         hot_events: events of masked pixels.
+        noise_events: other events that were dropped as noise.
         corners: corners that began a feature.
         tracks: features that were tracked, each with an id of its own.
         alive: features tracked now.
@@ -85,6 +86,7 @@ class FrontendStatistics:
     ended_untrusted: int
     ended_silent: int
     ended_border: int
+    noise_events: int = 0
     untested: int = 0
     fed: int = 0
     shed_events: int = 0

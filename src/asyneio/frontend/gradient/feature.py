@@ -52,7 +52,7 @@ class GradientSettings(NamedTuple):
     step_px: float = 1.5  # motion between two updates, at least;
     step_s: float = 0.005  # in fast motion, the distance covered in this time,
     max_step_px: float = 1.75  # but at most this
-    window_px: float = 2.0  # motion covered by the events of a patch
+    window_px: float = 2.0  # motion covered by the events of a patch; longer among noise
     min_step_events: int = 30
     min_window_events: int = 100
     max_window_ns: int = 250_000_000
@@ -213,14 +213,23 @@ def _set_offset(feature: Record, work: Record) -> None:
 
 
 @nb.njit(**INNER)
-def update(features: Features, slot: int, roll: Roll, loop: Record, settings: Record, work: Record) -> int:
+def update(
+    features: Features,
+    slot: int,
+    roll: Roll,
+    window_px: float,
+    loop: Record,
+    settings: Record,
+    work: Record,
+) -> int:
     """Match the newest window of a track against its template: MOVED, REJECTED or ENDED.
 
-    `roll` is that at the newest event. The result of `match` is in `work.match`.
+    `roll` is that at the newest event, `window_px` the motion covered by the window. The result of `match` is
+    in `work.match`.
     """
     features = borrowed(features)
     feature, out = features.records[slot], work.match
-    predicted = _predict(feature, features.rings, slot, roll, settings)
+    predicted = _predict(feature, features.rings, slot, roll, window_px, settings)
     feature.fresh = 0
     restrict(feature, predicted.x, predicted.y, loop.width, loop.height)
     if weigh(feature, work) < _LEAST_INSIDE:
@@ -248,9 +257,11 @@ def update(features: Features, slot: int, roll: Roll, loop: Record, settings: Re
 
 
 @nb.njit(**INLINE)
-def _predict(feature: Record, rings: RecordArray, slot: int, roll: Roll, settings: Record) -> Prediction:
+def _predict(
+    feature: Record, rings: RecordArray, slot: int, roll: Roll, window_px: float, settings: Record
+) -> Prediction:
     """Select the newest window and predict the track at its mean time with constant velocity."""
-    wanted = int(max(feature.density * settings.window_px / feature.stride, settings.min_window_events))
+    wanted = int(max(feature.density * window_px / feature.stride, settings.min_window_events))
     window = newest_events(feature, rings, slot, wanted, settings.max_window_ns)
     span_s = max((window.last_ns - window.first_ns) * 1e-9, 1e-6)
     dt = max((window.mean_ns - feature.t_ns) * 1e-9, 1e-6)

@@ -16,7 +16,7 @@ from asyneio.frontend.gradient.feature import MOVED, try_birth, update
 from asyneio.frontend.gradient.features import RING, begin
 from asyneio.frontend.gradient.prefetch import prefetch
 from asyneio.frontend.gradient.state import GradientArrays, Roll
-from asyneio.frontend.gradient.support import measure_rate, prefetch_neighbours, record_supported
+from asyneio.frontend.gradient.support import is_supported, measure_noise, prefetch_neighbours, record_supported
 from asyneio.frontend.gradient.track_management import (
     balance_polarities,
     guess_velocity,
@@ -81,8 +81,12 @@ def process_events(
         if is_hot(surface, event):
             state.hot_events += 1
             continue
+        supported = is_supported(tracker, event)
+        if not supported and state.filters:
+            state.noise_events += 1
+            continue
         state.polarity_counts[np.uint64(event.p)] += 1.0
-        first_of_edge = record_supported(tracker, event)
+        first_of_edge = supported and record_supported(tracker, event)
         near = feed_neighbours(tracker, event, listed, limits, observations)  # Lines 5-12.
         if near or not first_of_edge or not may_begin(tracker, event):  # Line 16.
             continue
@@ -122,7 +126,7 @@ def manage_tracks(tracker: GradientArrays, t_ns: int) -> None:
     """Periodic work: release tracks, renew budgets, the event rate and hot pixels."""
     state = tracker.state[0]
     grant_tests(state, t_ns - state.checked_ns)
-    measure_rate(state, tracker.surface.hot.size, t_ns - state.checked_ns)
+    measure_noise(state, tracker.surface.hot.size, t_ns - state.checked_ns)
     state.checked_ns = t_ns
     remove_idle(tracker, t_ns)
     balance_polarities(state)
@@ -227,7 +231,8 @@ def advance_track(tracker: GradientArrays, slot: int, roll: Roll) -> bool:
     """Match a track against its template and end it if that fails; whether it has moved."""
     loop, state = tracker.loop[0], tracker.state[0]
     feature = tracker.features.records[slot]
-    status = update(tracker.features, slot, roll, loop, tracker.settings[0], tracker.work[0])
+    window_px = tracker.settings[0].window_px * state.stretch
+    status = update(tracker.features, slot, roll, window_px, loop, tracker.settings[0], tracker.work[0])
     outside = is_outside(feature.x, feature.y, loop, loop.border_px)
     if status < 0 or outside:
         release(feature, tracker.grids, slot, state)

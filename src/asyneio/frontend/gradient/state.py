@@ -33,9 +33,14 @@ STATE_DTYPE = np.dtype(
         ("credited_ns", "<i8"),  # time of the last addition to `credit_ns`
         ("unmeasured", "<i8"),  # events that `rate_hz` does not contain yet
         ("rate_hz", "<f8"),  # events per second, without those of hot pixels
-        ("support_ns", "<i8"),  # longest time since an event next to one that may be a corner
+        ("unsupported", "<i8"),  # of `unmeasured`, those without a neighbour that fired shortly before
+        ("unsupported_share", "<f8"),  # running mean of their share
+        ("support_ns", "<i8"),  # longest time since the event of a neighbour that supports an event
+        ("filters", "<i8"),  # 1 while events without support are not fed to features
+        ("stretch", "<f8"),  # factor on the windows of features
         ("hot_pixels", "<i8"),
         ("hot_events", "<i8"),
+        ("noise_events", "<i8"),  # events without support that were not fed to features
         ("fed", "<i8"),  # events passed to features, counted once per feature
         ("untested", "<i8"),  # events without a test for lack of `tests`
         ("shed_events", "<i8"),  # events dropped away from all features
@@ -100,6 +105,7 @@ def make_state(capacity: int, load: float) -> RecordArray:
     state = np.zeros(1, dtype=STATE_DTYPE)
     state["checked_ns"] = state["hot_ns"] = state["roll_ns"] = state["credited_ns"] = NEVER_NS
     state["polarity_weights"] = -1.0, 1.0
+    state["stretch"] = 1.0
     state["capacity"] = capacity
     state["load"], state["allowed"] = load, np.inf
     return state

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise filter of the corner test: an event counts if a neighbouring pixel has fired shortly before.
+"""Noise filter: an event counts if a neighbouring pixel has fired shortly before.
 
 Noise events are alone in space and time, events of an edge are not (background-activity filter, Delbruck
 2008). What "shortly" means depends on the motion: a slow edge takes long from one pixel to the next. The
@@ -8,8 +8,10 @@ motion just as the time between neighbours does. If all events were noise, evenl
 would pass.
 
 The filter has its own surface of events, on which corners are looked for: on the surface of all events, a few
-noise events in a circle break the arc of an edge. Features are fed with all events, since lone events are a
-good part of what a slow edge leaves.
+noise events in a circle break the arc of an edge. The share of events without such a neighbour shows how much
+noise there is. If they are mostly noise, they are not fed to features either, and the windows of features
+become longer. Otherwise features are fed with all events, since lone events are a good part of what a sharp or
+slow edge leaves.
 """
 
 from __future__ import annotations
@@ -27,8 +29,13 @@ from asyneio.types import NS_PER_S, IntArray
 SUPPORT_SHARE = 0.05
 #: Longest window [ns]: when hardly anything moves, every event counts.
 MAX_SUPPORT_NS = 1_000 * NS_PER_S
-#: Time over which the event rate is averaged [ns].
+#: Time over which the event rate and the share of events without support are averaged [ns].
 RATE_TIME_NS = 100_000_000
+#: Share of events without support among those of edges, 0.04 to 0.25 in scenes without noise, and among those
+#: of noise: if half of the events are noise, exp(-8 SUPPORT_SHARE / 2).
+_OF_EDGES, _OF_NOISE = 0.2, 0.8
+#: Largest factor by which the windows of features become longer.
+MAX_STRETCH = 2.0
 
 
 @nb.njit(**INLINE)
@@ -40,23 +47,44 @@ def prefetch_neighbours(surface: Surface, event: Event) -> None:
 
 
 @nb.njit(**INLINE)
-def measure_rate(state: Record, pixels: int, elapsed_ns: int) -> None:
-    """Update the window `state.support_ns` by the rate of the events since the last call."""
+def measure_noise(state: Record, pixels: int, elapsed_ns: int) -> None:
+    """Update the window `state.support_ns` by the rate of the events since the last call, and `state.filters`
+    and `state.stretch` by the share of them that were without support.
+
+    The longer the window of a patch, the more events of noise and the more motion are in it: with a share `n`
+    of noise, a window that is longer by `1 / (1 - n)` matches about as precisely as without noise.
+    """
     rate_hz = state.unmeasured * NS_PER_S / max(elapsed_ns, 1)
-    state.rate_hz += (rate_hz - state.rate_hz) * elapsed_ns / (elapsed_ns + RATE_TIME_NS)
-    state.unmeasured = 0
+    gain = elapsed_ns / (elapsed_ns + RATE_TIME_NS)
+    state.rate_hz += (rate_hz - state.rate_hz) * gain
     window_ns = SUPPORT_SHARE * 2 * pixels * NS_PER_S / max(state.rate_hz, 1.0)
     state.support_ns = np.int64(min(window_ns, MAX_SUPPORT_NS))
+    if state.unmeasured > 0:
+        share = state.unsupported / state.unmeasured
+        state.unsupported_share += (share - state.unsupported_share) * gain
+        noise = (state.unsupported_share - _OF_EDGES) / (_OF_NOISE - _OF_EDGES)
+        noise = min(max(noise, 0.0), 1.0 - 1.0 / MAX_STRETCH)
+        state.stretch = 1.0 / (1.0 - noise)
+        # Those of edges are less than half of the events without support.
+        state.filters = 2.0 * (1.0 - noise) * _OF_EDGES < state.unsupported_share
+    state.unmeasured = state.unsupported = 0
+
+
+@nb.njit(**INLINE)
+def is_supported(tracker: GradientArrays, event: Event) -> bool:
+    """Whether a neighbour of an event has fired shortly before; at the border of the image every event
+    counts."""
+    state = tracker.state[0]
+    supported = event.t_ns - newest_neighbour_ns(tracker.surface.latest_ns, event) <= state.support_ns
+    state.unmeasured += 1
+    state.unsupported += int(not supported)
+    return supported
 
 
 @nb.njit(**INLINE)
 def record_supported(tracker: GradientArrays, event: Event) -> bool:
-    """Write an event that a neighbour supports to `supported_ns`; True if it is the first of an edge there.
-    At the border of the image every event counts."""
-    state, supported_ns = tracker.state[0], tracker.supported_ns
-    state.unmeasured += 1
-    if event.t_ns - newest_neighbour_ns(tracker.surface.latest_ns, event) > state.support_ns:
-        return False
+    """Write an event to `supported_ns`; True if it is the first of an edge there."""
+    supported_ns = tracker.supported_ns
     first_of_edge = is_first_of_edge(supported_ns, event, tracker.loop[0].silence_ns)
     supported_ns[np.uint64(event.y), np.uint64(event.x), np.uint64(event.p)] = event.t_ns
     return first_of_edge

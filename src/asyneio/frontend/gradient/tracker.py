@@ -127,6 +127,7 @@ class GradientTracker:
             ended_untrusted=int(state["untrusted"] + state["crowded"]),
             ended_silent=int(state["silent"]),
             ended_border=int(state["border"]),
+            noise_events=int(state["noise_events"]),
             untested=int(state["untested"]),
             fed=int(state["fed"]),
             shed_events=int(state["shed_events"]),
