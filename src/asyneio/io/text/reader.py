@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from io import BufferedIOBase
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, NoReturn, cast
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from asyneio.io.parsing.gzip_file import GzipFile
 from asyneio.io.parsing.zip_member import DAMAGE, ZipMember
 from asyneio.io.recording.event_checks import MAX_STAMP_NS
 from asyneio.io.recording.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, share_text
+from asyneio.io.text.description import described_text
 from asyneio.io.text.kernels import COLUMN, POLARITY, ROW, TIME, parse_columns, parse_lines
 from asyneio.io.text.layout import HEAD_BYTES, USUAL, split, text_meaning, without_bom
 from asyneio.types import EVENT_DTYPE, RecordArray
@@ -35,7 +36,7 @@ _SHORTEST_LINE = 8
 _LONGEST_LINE = 200
 #: Decimals from a time unit to a nanosecond.
 _DECIMALS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
-_POLARITY = {"-1": -1, "0": 0, "1": 1, "+1": 1, "true": 1, "false": 0}
+_POLARITY = {"-1": -1, "0": 0, "1": 1, "+1": 1, "true": 1, "false": 0, "on": 1, "off": 0}
 
 
 class TextEvents:
@@ -50,6 +51,8 @@ class TextEvents:
         self.path = path
         self._file: Path | ZipMember | GzipFile = member or path
         self._meaning = USUAL
+        #: Description of a text in no known layout.
+        self._layout_unknown = ""
         self._roles = np.empty(0, dtype=np.int64)
         self._bad: list[int] = []
         self._line = 0
@@ -116,7 +119,9 @@ class TextEvents:
 
     def _understand(self, head: bytes) -> None:
         """Determine the meaning of the columns."""
-        self._meaning = text_meaning(head) or USUAL
+        found = text_meaning(head)
+        self._meaning = found or USUAL
+        self._layout_unknown = "" if found else described_text(self.path, head)
         self._roles = np.zeros(self._meaning.count, dtype=np.int64)
         self._roles[list(self._meaning.columns)] = TIME, COLUMN, ROW, POLARITY
 
@@ -171,11 +176,17 @@ class TextEvents:
                 return None
             self._bad.append(self._line)
             if len(self._bad) > MAX_BAD_LINES:
-                raise RecordingError(
-                    f"{self._file} has more than {MAX_BAD_LINES} unreadable lines, the last at {self._line}: "
-                    f"{text[:60]!r}; expected {self._expected()}, polarity 0 and 1 or -1 and 1"
-                )
+                self._reject(text)
         return event
+
+    def _reject(self, text: str) -> NoReturn:
+        """Reject a file with too many unreadable lines, of which `text` is the last."""
+        if self._layout_unknown:
+            raise RecordingError(f"{self._file} is {self._layout_unknown}")
+        raise RecordingError(
+            f"{self._file} has more than {MAX_BAD_LINES} unreadable lines, the last at {self._line}: "
+            f"{text[:60]!r}; expected {self._expected()}, polarity 0 and 1 or -1 and 1"
+        )
 
     def _expected(self) -> str:
         order, unit = self._meaning.order, self._meaning.unit
