@@ -55,6 +55,7 @@ _UNITS_OF_TIME = {
 _UNIT_WORDS = {
     "dps": "deg/s", "degs": "deg/s", "degps": "deg/s", "rads": "rad/s", "radps": "rad/s",
     "ms2": "m/s^2", "mps2": "m/s^2", "mss": "m/s^2", "g": "g", "mg": "mg",
+    "mdps": "mdeg/s", "mdegs": "mdeg/s", "mrads": "mrad/s", "mms2": "mm/s^2",
 }  # fmt: skip
 _TIMES = frozenset(
     ["t", "ts", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "rosbagtimestamp"]

@@ -28,7 +28,7 @@ from asyneio.io.parsing.text_rows import TextRows, read_text_rows
 from asyneio.io.parsing.zip_member import ZipMember
 from asyneio.io.recording.contents import Samples, split_samples
 from asyneio.io.recording.event_source import SAMPLE_DTYPE
-from asyneio.io.recording.inertial_units import STANDARD_GRAVITY, factor_of
+from asyneio.io.recording.inertial_units import STANDARD_GRAVITY, factor_of, supported_units
 from asyneio.types import INERTIAL_DTYPE, FloatArray, RecordArray
 
 #: Plausible IMU rates, to determine the time unit without a header.
@@ -143,8 +143,8 @@ def _in_si(rows: TextRows, columns: tuple[int, ...], sensor: str) -> tuple[Float
     factor = None if units else factor_of(sensor, unit)
     if factor is None:
         raise RecordingError(
-            f"{rows.path}: the header names the unit {unit!r} for the {sensor}; supported: rad/s, deg/s, "
-            "m/s^2, g and mg"
+            f"{rows.path}: the header names the unit {unit!r} for the {sensor}; supported: "
+            f"{supported_units(sensor)}"
         )
     if factor == 1.0:
         return values, ()
