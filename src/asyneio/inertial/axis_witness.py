@@ -54,8 +54,8 @@ def _described(matrix: FloatArray) -> str:
     if np.array_equal(matrix, -np.eye(3)):
         return (
             "the gyroscope rotates opposite to gravity in the accelerometer: its sign is inverted (multiply "
-            "it by -1), or the axes of both sensors are left-handed (two exchanged, or one inverted, in both: "
-            "export right-handed axes)"
+            "it by -1), or the axes of both sensors are left-handed (two exchanged, or one inverted, in "
+            "both: export right-handed axes)"
         )
     if np.count_nonzero(matrix) == 3 and not np.isin(np.abs(diagonal), (0.0, 1.0)).all():
         axis = int(np.argmax(np.abs(np.log2(diagonal))))

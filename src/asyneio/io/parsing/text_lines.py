@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Iterator
 from enum import Enum
 from io import TextIOWrapper
@@ -16,6 +17,20 @@ from asyneio.io.parsing.zip_member import ZipMember
 #: Number of lines that determine the number of columns and the rate.
 FIRST = 1000
 _LONGEST_LINE = 4000
+#: Largest share of bytes of a text that are not UTF-8.
+_MOST_DAMAGE = 0.05
+
+
+#: Files that are no text, by their first bytes, and the command that makes text of them.
+_PACKED = {
+    b"\x1f\x8b": ("compressed with gzip", "gunzip -k {}"),
+    b"\x28\xb5\x2f\xfd": ("compressed with zstd", "zstd -d {}"),
+    b"BZh": ("compressed with bzip2", "bunzip2 -k {}"),
+    b"\xfd7zXZ": ("compressed with xz", "unxz -k {}"),
+    b"PK\x03\x04": ("a zip archive", "unzip {}"),
+    b"\xff\xfe": ("text in UTF-16", "iconv -f UTF-16 -t UTF-8 {0} > {0}.txt"),
+    b"\xfe\xff": ("text in UTF-16", "iconv -f UTF-16 -t UTF-8 {0} > {0}.txt"),
+}
 
 
 class BoundedLines:
@@ -79,6 +94,14 @@ def open_end_note(name: str, line: int, state: LastNumber) -> str:
     return f"{name}: line {line} is not used: no line feed ends it, and its last number may lack digits"
 
 
+def reject_packed(path: Path | ZipMember, head: bytes, expected: str) -> None:
+    """Reject a compressed file, or one in UTF-16, by its first bytes. Raises RecordingError."""
+    quoted = shlex.quote(str(path))
+    for magic, (what, command) in _PACKED.items():
+        if head.startswith(magic):
+            raise RecordingError(f"{path} is {what}: type `{command.format(quoted)}`; expected {expected}")
+
+
 def _decimals(text: str) -> int:
     whole, point, decimals = text.replace(",", ".").partition(".")
     return len(decimals) if point else len(whole.lstrip("+-"))
@@ -100,5 +123,7 @@ def head_of(
             f"{path} is the output of `rostopic echo TOPIC`; expected {expected}. Record a table: "
             "rostopic echo -p TOPIC > FILE.csv, or use the bag"
         )
+    if sum(text.count("\ufffd") for text in seen) > _MOST_DAMAGE * sum(map(len, seen)):
+        raise RecordingError(f"{path} is not text, or not in UTF-8; expected {expected}")
     shown = f"; a typical line is {seen[-1][:60]!r}" if seen[-1] else ""
     raise RecordingError(f"{path} contains no line of numbers{shown}; expected {expected}")

@@ -35,6 +35,7 @@ from asyneio.io.parsing.text_lines import (
     head_of,
     judge_last_number,
     open_end_note,
+    reject_packed,
 )
 from asyneio.io.parsing.zip_member import DAMAGE, ZipMember
 from asyneio.types import NS_PER_S, FloatArray, IntArray
@@ -149,6 +150,8 @@ def read_text_rows(
         if size > _MAX_BYTES:
             raise RecordingError(f"{path} is too large ({size} bytes); expected {expected}")
         with path.open("rb") if isinstance(path, Path) else path.open() as raw:
+            reject_packed(path, raw.read(4), expected)
+            raw.seek(0)
             stream = TextIOWrapper(raw, encoding="utf-8-sig", errors="replace")
             rows = _collect(path, BoundedLines(stream, path, expected), expected, columns)
     except OSError as error:
