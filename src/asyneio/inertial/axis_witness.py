@@ -13,7 +13,14 @@ import itertools
 
 import numpy as np
 
-from asyneio.inertial.gravity_witness import EXCLUDED, GravityFit, GravityWitness, span_edges, span_means
+from asyneio.inertial.gravity_witness import (
+    EXCLUDED,
+    GravityFit,
+    GravityWitness,
+    span_edges,
+    span_means,
+    without_gaps,
+)
 from asyneio.inertial.stationarity import possible
 from asyneio.types import FloatArray, RecordArray
 
@@ -35,7 +42,7 @@ def axis_complaint(gyroscope: RecordArray, accelerometer: RecordArray, witness: 
         return ""
     first, last = (end(int(rows["t_ns"][k]) for rows in streams) for end, k in ((max, 0), (min, -1)))
     edges = span_edges(first, last, _MOST_SPANS)
-    if edges is None:
+    if edges is None or not (edges := without_gaps(edges, streams)).size:
         return ""
     rate, force = (span_means(rows, edges) for rows in streams)
     factors = np.array([0.0, 1.0, 1.0 / witness.scale])

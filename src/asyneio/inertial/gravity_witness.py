@@ -16,6 +16,7 @@ slope of the lines, gives the scale of the accelerometer.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,8 @@ from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
 GRAVITY = 9.80665
 #: Steps [s] over which readings are averaged, length of a span in steps, most and least spans and steps.
 _STEP_S, _SPAN_STEPS, _MOST_SPANS, _LEAST_STEPS = 0.02, 200, 20, 25
+#: A span with a longer pause of a sensor [s] is not evaluated.
+_LONGEST_GAP_S = 0.5
 #: Steps between evaluated sums.
 _EVERY = 5
 #: Standard deviations of a gyroscope's bias [rad/s] and of a lever arm [m].
@@ -140,7 +143,7 @@ def ask_gravity(gyroscope: RecordArray, accelerometer: RecordArray) -> GravityWi
     edges = span_edges(
         max(int(rows["t_ns"][0]) for rows in streams), min(int(rows["t_ns"][-1]) for rows in streams)
     )
-    if edges is None:
+    if edges is None or not (edges := without_gaps(edges, streams)).size:
         return None
     rate, force = (span_means(rows, edges) for rows in streams)
     fit = GravityFit(rate, force)
@@ -177,6 +180,17 @@ def span_edges(first_ns: int, last_ns: int, most: int = _MOST_SPANS) -> IntArray
     spans = (last_ns - first_ns) // (steps * step_ns)
     chosen = np.unique(np.linspace(0, spans - 1, min(spans, most)).astype(np.int64))
     return np.asarray(first_ns + (chosen[:, None] * steps + np.arange(steps + 1)) * step_ns)
+
+
+def without_gaps(edges: IntArray, streams: Sequence[RecordArray]) -> IntArray:
+    """The spans, rows of edges (K,N+1), in which no stream pauses for long."""
+    whole = np.ones(len(edges), dtype=np.bool_)
+    for rows in streams:
+        t_ns = rows["t_ns"]
+        after = np.flatnonzero(np.diff(t_ns) > _LONGEST_GAP_S * NS_PER_S)
+        for start, end in zip(t_ns[after].tolist(), t_ns[after + 1].tolist(), strict=True):
+            whole &= (edges[:, -1] <= start) | (edges[:, 0] >= end)
+    return edges[whole]
 
 
 def span_means(rows: RecordArray, edges: IntArray) -> FloatArray:
