@@ -7,7 +7,13 @@ import re
 
 import numpy as np
 
-from asyneio.io.parsing.column_meaning import Meaning, columns_by_name, columns_by_values, unit_of_time
+from asyneio.io.parsing.column_meaning import (
+    Meaning,
+    are_pixels,
+    columns_by_name,
+    columns_by_values,
+    unit_of_time,
+)
 from asyneio.io.parsing.decimal_seconds import parse_seconds
 
 #: Number of bytes from which the layout is determined.
@@ -117,4 +123,6 @@ def _numbers(tokens: list[str]) -> list[float] | None:
 
 def _is_usual(tokens: list[str], values: np.ndarray) -> bool:
     """Whether a single line can be t x y p, if all others are damaged."""
-    return len(tokens) == 4 and parse_seconds(tokens[0]) is not None and values[3] in (-1.0, 0.0, 1.0)
+    if len(tokens) != 4 or parse_seconds(tokens[0]) is None:
+        return False
+    return are_pixels(values[1:3]) and values[3] in (-1.0, 0.0, 1.0)
