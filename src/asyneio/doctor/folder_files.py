@@ -153,6 +153,8 @@ def _why_unused(file: Path, contents: Contents | None) -> tuple[str, bool]:
             return _other_recording(file, format)
         if "imu" in name and file.suffix.lower() in _TABLES:
             samples = contents.samples if contents is not None else None
+            if samples is not None and samples.error and samples.name == file.name:
+                return "inertial samples, unreadable", True
             if samples is None or not (samples.gyroscope.size or samples.accelerometer.size):
                 return f"inertial samples? To use them, type --samples {shlex.quote(str(file))}", True
             return f"inertial samples; {samples.name} is used instead", True

@@ -62,7 +62,7 @@ def test_decimal_commas_are_named_and_the_cure_works(tmp_path: Path, events: np.
     file.write_text("".join(f"5,{t:06d};{x};{y};{p}\n" for t, x, y, p in rows))
     with pytest.raises(RecordingError, match="decimal commas") as caught:
         open_recording(tmp_path)
-    command = str(caught.value).split("Type: ")[1]
+    command = str(caught.value).split("Type: ")[1].split(")")[0]
     assert "'5," in str(caught.value)
     subprocess.run(command, shell=True, cwd=tmp_path, check=True)
     assert_events(read(tmp_path).events, events, 5_000_000)

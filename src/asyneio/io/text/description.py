@@ -17,12 +17,13 @@ _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _SHOWN = 60
 
 
-def described_text(path: Path, head: bytes) -> str:
+def described_text(path: Path, head: bytes, least: int = 1) -> str:
     """Columns, header and first line of a text that is not event text; empty if it is not a table.
 
     Args:
         path: of the file, for the command that converts it.
         head: its first bytes.
+        least: lines of numbers that make a table.
     """
     quoted = shlex.quote(str(path))
     if head.startswith(_UTF_16):
@@ -31,7 +32,7 @@ def described_text(path: Path, head: bytes) -> str:
     if commas:
         return f"unreadable ({commas})"
     header, texts, numbers = first_rows(without_bom(head))
-    if not texts or numbers.shape[0] == 0:
+    if not texts or numbers.shape[0] < least:
         return ""
     shown = f"text of {numbers.shape[1]} columns"
     shown += f" named {', '.join(part.strip() for part in header)[:_SHOWN]}" if header else " without names"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from io import BufferedIOBase
 from pathlib import Path
-from typing import IO, NoReturn, cast
+from typing import IO, cast
 
 import numpy as np
 
@@ -34,6 +34,8 @@ CHUNK_BYTES = 2**20
 _SHORTEST_LINE = 8
 #: No event needs a longer line.
 _LONGEST_LINE = 200
+#: Lines of numbers in another layout that show that the file is not damaged, but another table.
+_LEAST_ROWS = 10
 #: Decimals from a time unit to a nanosecond.
 _DECIMALS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 _POLARITY = {"-1": -1, "0": 0, "1": 1, "+1": 1, "true": 1, "false": 0, "on": 1, "off": 0}
@@ -51,8 +53,6 @@ class TextEvents:
         self.path = path
         self._file: Path | ZipMember | GzipFile = member or path
         self._meaning = USUAL
-        #: Description of a text in no known layout.
-        self._layout_unknown = ""
         self._roles = np.empty(0, dtype=np.int64)
         self._bad: list[int] = []
         self._line = 0
@@ -118,10 +118,12 @@ class TextEvents:
         return self._file.stat().st_size if isinstance(self._file, Path) else self._file.size()
 
     def _understand(self, head: bytes) -> None:
-        """Determine the meaning of the columns."""
+        """Determine the meaning of the columns. Raises RecordingError: another table."""
         found = text_meaning(head)
         self._meaning = found or USUAL
-        self._layout_unknown = "" if found else described_text(self.path, head)
+        other = "" if found else described_text(self.path, head, _LEAST_ROWS)
+        if other:
+            raise RecordingError(f"{self._file} is {other}")
         self._roles = np.zeros(self._meaning.count, dtype=np.int64)
         self._roles[list(self._meaning.columns)] = TIME, COLUMN, ROW, POLARITY
 
@@ -176,17 +178,11 @@ class TextEvents:
                 return None
             self._bad.append(self._line)
             if len(self._bad) > MAX_BAD_LINES:
-                self._reject(text)
+                raise RecordingError(
+                    f"{self._file} has more than {MAX_BAD_LINES} unreadable lines, the last at {self._line}: "
+                    f"{text[:60]!r}; expected {self._expected()}, polarity 0 and 1 or -1 and 1"
+                )
         return event
-
-    def _reject(self, text: str) -> NoReturn:
-        """Reject a file with too many unreadable lines, of which `text` is the last."""
-        if self._layout_unknown:
-            raise RecordingError(f"{self._file} is {self._layout_unknown}")
-        raise RecordingError(
-            f"{self._file} has more than {MAX_BAD_LINES} unreadable lines, the last at {self._line}: "
-            f"{text[:60]!r}; expected {self._expected()}, polarity 0 and 1 or -1 and 1"
-        )
 
     def _expected(self) -> str:
         order, unit = self._meaning.order, self._meaning.unit
