@@ -67,7 +67,9 @@ def files_of(path: Path, source: Path, contents: Contents, options: ReadOptions)
     if contents.samples is not None and (
         contents.samples.gyroscope.size or contents.samples.accelerometer.size
     ):
-        roles[path / contents.samples.name] = "inertial samples"
+        # One file, or one per sensor.
+        for name in contents.samples.name.split(" and "):
+            roles[path / name] = "inertial samples"
     if contents.ground_truth is not None and truth is not None:
         roles[truth] = "ground truth"
     for calibration in (CAMCHAIN_FILE, IMU_FILE, _LENS):

@@ -22,14 +22,17 @@ _MOST_DAMAGE = 0.05
 
 
 #: Files that are no text, by their first bytes, and the command that makes text of them.
-_PACKED = {
-    b"\x1f\x8b": ("compressed with gzip", "gunzip -k {}"),
-    b"\x28\xb5\x2f\xfd": ("compressed with zstd", "zstd -d {}"),
-    b"BZh": ("compressed with bzip2", "bunzip2 -k {}"),
-    b"\xfd7zXZ": ("compressed with xz", "unxz -k {}"),
-    b"PK\x03\x04": ("a zip archive", "unzip {}"),
-    b"\xff\xfe": ("text in UTF-16", "iconv -f UTF-16 -t UTF-8 {0} > {0}.txt"),
-    b"\xfe\xff": ("text in UTF-16", "iconv -f UTF-16 -t UTF-8 {0} > {0}.txt"),
+_NO_TEXT = {
+    b"\x1f\x8b": "compressed with gzip: type `gunzip -k {0}`",
+    b"\x28\xb5\x2f\xfd": "compressed with zstd: type `zstd -d {0}`",
+    b"BZh": "compressed with bzip2: type `bunzip2 -k {0}`",
+    b"\xfd7zXZ": "compressed with xz: type `unxz -k {0}`",
+    b"PK\x03\x04": "a zip archive: type `unzip {0}`",
+    b"\xff\xfe": "text in UTF-16: type `iconv -f UTF-16 -t UTF-8 {0} > {0}.txt`",
+    b"\xfe\xff": "text in UTF-16: type `iconv -f UTF-16 -t UTF-8 {0} > {0}.txt`",
+    b"#ROSBAG": "a ROS bag: write its topic to a table, `rostopic echo -b {0} -p TOPIC > {0}.csv`",
+    b"\x89HDF": "HDF5: write its columns to a text file",
+    b"SQLite ": "a SQLite file: write its topic to a table, `ros2 topic echo --csv TOPIC > FILE.csv`",
 }
 
 
@@ -94,12 +97,12 @@ def open_end_note(name: str, line: int, state: LastNumber) -> str:
     return f"{name}: line {line} is not used: no line feed ends it, and its last number may lack digits"
 
 
-def reject_packed(path: Path | ZipMember, head: bytes, expected: str) -> None:
-    """Reject a compressed file, or one in UTF-16, by its first bytes. Raises RecordingError."""
+def reject_no_text(path: Path | ZipMember, head: bytes, expected: str) -> None:
+    """Reject a file that is no text, or compressed, by its first bytes. Raises RecordingError."""
     quoted = shlex.quote(str(path))
-    for magic, (what, command) in _PACKED.items():
+    for magic, what in _NO_TEXT.items():
         if head.startswith(magic):
-            raise RecordingError(f"{path} is {what}: type `{command.format(quoted)}`; expected {expected}")
+            raise RecordingError(f"{path} is {what.format(quoted)}; expected {expected}")
 
 
 def _decimals(text: str) -> int:

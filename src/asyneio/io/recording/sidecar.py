@@ -48,9 +48,9 @@ def find_samples(folder: Path, options: ReadOptions, names: Sequence[str] = SAMP
     found = first_file(folder, names)
     if found is not None:
         return read_samples(found)
-    sensors = [folder / name for name in SENSOR_FILES]
-    if names and all(path.is_file() for path in sensors):
-        return _read_two_files(sensors[0], sensors[1])
+    gyroscope, accelerometer = (first_file(folder, [name]) for name in SENSOR_FILES)
+    if names and gyroscope is not None and accelerometer is not None:
+        return _read_two_files(gyroscope, accelerometer)
     return no_samples(f"the IMU of {folder.name}")
 
 
