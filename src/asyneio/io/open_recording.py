@@ -47,6 +47,8 @@ def open_recording(
         CalibrationError: a calibration file is missing, malformed, impossible or ambiguous.
         ConfigError: unknown preset.
     """
+    if not isinstance(path, (Path, str)):
+        raise RecordingError(f"found a {type(path).__name__}, expected the path of a recording")
     path, options = Path(path), options or ReadOptions()
     if (path / TRACKS_FILE).is_file():
         return _finished(read_tracks_folder(path, options, max_track_seconds), options)

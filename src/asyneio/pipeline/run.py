@@ -12,6 +12,7 @@ from typing import Protocol
 from asyneio.config import Config
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.odometry import Odometry
+from asyneio.pipeline.arguments import check_recording
 from asyneio.pipeline.checkpoint import Checkpoints, CheckpointSettings
 from asyneio.pipeline.clock_check import contradicted_clock
 from asyneio.pipeline.compilation import Compilation, compile_ahead, watch_compilation
@@ -129,6 +130,7 @@ def run_recording(
             settings bridge the pause there; the checkpoint to resume from belongs to another run.
         RunInterrupted: Ctrl-C while the estimator ran.
     """
+    check_recording(recording)
     grid = _grid(recording, config.window.knot_interval_s)
     check_clock_jumps(recording, config.health.lost_inertial_gap_s)
     check_inertial_scales(recording)
