@@ -93,6 +93,8 @@ def main() -> None:
         sys.exit(EXIT_INTERRUPTED)
     except OSError as error:
         _fail(_described(error))
+    except MemoryError as error:
+        _fail(f"not enough memory ({error}): end other programs, or use a shorter excerpt of the recording")
     except Exception as error:
         if os.environ.get(TRACEBACK_VARIABLE):
             raise

@@ -161,7 +161,7 @@ def _why_unused(file: Path, contents: Contents | None) -> tuple[str, bool]:
                 return f"inertial samples? To use them, type --samples {shlex.quote(str(file))}", True
             return f"inertial samples; {samples.name} is used instead", True
         if is_calibration(file):
-            return "not applied", True
+            return "not applied; --calibration or --imu FILE uses it", True
         text = described(file)
         return text, not (file.suffix.lower() in _RECORDINGS and text in UNKNOWN)
     except AsyneioError as error:
