@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,9 +99,9 @@ def _sorted_by_use(path: Path, roles: dict[Path, str], contents: Contents | None
     used: dict[str, str] = {}
     unused: dict[str, str] = {}
     unreadable: list[str] = []
-    resolved = {file.resolve(): role for file, role in roles.items()}
+    resolved = {os.path.realpath(file): role for file, role in roles.items()}
     for entry in files_in(path):
-        role = resolved.get(entry.resolve())
+        role = resolved.get(os.path.realpath(entry))
         if role is not None:
             used[entry.name] = role
         else:

@@ -11,7 +11,15 @@ from typing import NoReturn, TypeVar
 
 from asyneio.errors import RecordingError
 from asyneio.io.formats import Format, format_of
-from asyneio.io.other_files import TRACKS_FILE, described, folder_content, head_of_file, listed, supported
+from asyneio.io.other_files import (
+    TRACKS_FILE,
+    described,
+    folder_content,
+    head_of_file,
+    is_reachable,
+    listed,
+    supported,
+)
 from asyneio.io.parsing.atomic import PART_SUFFIX
 from asyneio.io.recording.assembly import assemble
 from asyneio.io.recording.contents import Contents, ReadOptions
@@ -102,6 +110,8 @@ def open_contents(path: Path, options: ReadOptions) -> Contents:
 
 def find_format(path: Path) -> tuple[Path, Format]:
     """The file or folder with the events, and its format. Raises RecordingError like `open_contents`."""
+    if path.is_symlink() and not is_reachable(path):
+        raise RecordingError(f"{path} is a link to a file that does not exist, or to itself; check the link")
     if not path.exists():
         nearest = next((parent for parent in path.resolve().parents if parent.exists()), path)
         raise RecordingError(f"{path} does not exist; {nearest} does: check the rest of the path")

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from asyneio.errors import RecordingError
-from asyneio.io.formats import FORMATS, Format, format_of
+from asyneio.io.formats import Format, format_of
 from asyneio.io.hdf5.asyneio_reader import MAGIC as HDF5_MAGIC
 from asyneio.io.hdf5.event_table import contents_of
 from asyneio.io.recording.sidecar import SAMPLE_FILES, first_file
@@ -41,7 +41,11 @@ _MAX_FOLDERS = 100
 
 def supported() -> str:
     """The supported formats, in words."""
-    return ", ".join([f"a tracks folder ({TRACKS_FILE})", *(format.title for format in FORMATS)])
+    return (
+        f"a tracks folder ({TRACKS_FILE}), a UZH folder (events.txt) or its zip, text or csv of events, HDF5 "
+        "(asyneio, DSEC, E2VID, M3ED, MVSEC, Prophesee, TUM-VIE, v2e, VECtor), Prophesee RAW or DAT, AEDAT "
+        "2.0 or 4, a ROS bag, NumPy .npy or .npz, or Event Stream .es"
+    )
 
 
 def format_of_file(path: Path) -> Format | None:
@@ -102,12 +106,15 @@ def folder_content(folder: Path, files: Sequence[Path]) -> str:
 def dangling_links(folder: Path) -> list[str]:
     """Names of the symbolic links in a folder whose target does not exist or cannot be reached."""
     try:
-        return sorted(entry.name for entry in folder.iterdir() if entry.is_symlink() and not _reaches(entry))
+        return sorted(
+            entry.name for entry in folder.iterdir() if entry.is_symlink() and not is_reachable(entry)
+        )
     except OSError:
         return []
 
 
-def _reaches(link: Path) -> bool:
+def is_reachable(link: Path) -> bool:
+    """Whether a symbolic link leads to a file or a folder."""
     try:
         return link.exists()
     except (OSError, RuntimeError):

@@ -66,8 +66,8 @@ def reject_known_keys(content: dict[str, Any], path: Path) -> None:
     if isinstance(cameras, list) and cameras and isinstance(cameras[0], dict) and "T_SC" in cameras[0]:
         raise KnownFileError(
             f"{path} is a configuration of OKVIS; expected a Kalibr chain: write T_SC below cam0: as "
-            "T_imu_cam, focal_length and principal_point as intrinsics: [fx, fy, cx, cy], with camera_model: pinhole, "
-            "distortion_model, distortion_coeffs and resolution"
+            "T_imu_cam, focal_length and principal_point as intrinsics: [fx, fy, cx, cy], with "
+            "camera_model: pinhole, distortion_model, distortion_coeffs and resolution"
         )
     empty = next((key for key, value in content.items() if key.startswith("cam") and value is None), None)
     flat = [key for key in _CAMERA_KEYS if key in content]
