@@ -13,7 +13,7 @@ import numpy as np
 from asyneio.doctor.event_scan import EventFigures
 from asyneio.doctor.result import CheckResult, Severity
 from asyneio.doctor.stationary import StationarySpans, find_stationary
-from asyneio.inertial.axis_witness import axis_complaint
+from asyneio.inertial.gravity_axes import axis_complaint
 from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
 from asyneio.io.parsing.isolated_stamps import isolated
 from asyneio.io.recording.clock_jumps import ClockPart

@@ -28,7 +28,7 @@ _UPRIGHT_DEG = 5.0
 #: Minimum factor by which the reordered quaternion must reduce the error.
 _BETTER = 4.0
 #: Smallest error of the positions that is explained, as a share of their spread.
-_LEAST_MISFIT = 0.05
+_LEAST_DISTANCE = 0.05
 #: Offsets that are tried [s], their smallest step [s], and the largest number of positions.
 _MOST_OFFSET_S, _OFFSET_STEP_S, _MOST_STEPS = 30.0, 0.05, 2000
 
@@ -52,10 +52,10 @@ def explain(matched: Association, alignment: Similarity, order_known: bool = Tru
 def _of_path(matched: Association) -> tuple[str, ...]:
     """A message if a mirrored world or an offset of the clocks explains the positions."""
     estimate, truth = matched.estimate.position, matched.truth.position
-    error, size = _misfit(estimate, truth), _spread(truth)
-    if error < _LEAST_MISFIT * size:
+    error, size = _distance(estimate, truth), _spread(truth)
+    if error < _LEAST_DISTANCE * size:
         return ()
-    if _misfit(estimate * [1.0, -1.0, 1.0], truth) < error / _BETTER:
+    if _distance(estimate * [1.0, -1.0, 1.0], truth) < error / _BETTER:
         return (
             "the positions agree if one world is mirrored: the axes of estimate or ground truth are "
             "left-handed (two exchanged, or one inverted); export right-handed axes",
@@ -70,7 +70,7 @@ def _of_path(matched: Association) -> tuple[str, ...]:
 
 
 def _offset(matched: Association) -> tuple[float, float]:
-    """The offset to add to the stamps of the estimate with the smallest misfit [s], and that misfit [m]."""
+    """The offset to add to the stamps of the estimate with the smallest distance [s], and that distance [m]."""
     t_s = (matched.t_ns - matched.t_ns[0]) / NS_PER_S
     step = max(_OFFSET_STEP_S, float(t_s[-1]) / _MOST_STEPS)
     grid = np.arange(0.0, float(t_s[-1]), step)
@@ -83,11 +83,11 @@ def _offset(matched: Association) -> tuple[float, float]:
     for lag in range(-most, most + 1):
         n = len(grid) - abs(lag)
         first, second = max(-lag, 0), max(lag, 0)
-        best = min(best, (_misfit(estimate[first : first + n], truth[second : second + n]), lag))
+        best = min(best, (_distance(estimate[first : first + n], truth[second : second + n]), lag))
     return best[1] * step, best[0]
 
 
-def _misfit(estimate: FloatArray, truth: FloatArray) -> float:
+def _distance(estimate: FloatArray, truth: FloatArray) -> float:
     """Root mean square distance of positions (N,3) after the best rotation and translation [m]."""
     if len(estimate) < 3:
         return float("inf")

@@ -40,7 +40,7 @@ _MAX_FOLDERS = 100
 
 
 def supported() -> str:
-    """The supported formats, in words."""
+    """The supported formats, as text."""
     return (
         f"a tracks folder ({TRACKS_FILE}), a UZH folder (events.txt) or its zip, text or csv of events, HDF5 "
         "(asyneio, DSEC, E2VID, M3ED, MVSEC, Prophesee, TUM-VIE, v2e, VECtor), Prophesee RAW or DAT, AEDAT "

@@ -9,7 +9,7 @@ from itertools import islice, pairwise
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.inertial.axis_witness import axis_complaint
+from asyneio.inertial.gravity_axes import axis_complaint
 from asyneio.inertial.gravity_witness import ask_gravity
 from asyneio.io.recording.clock_jumps import PAUSE_NS
 from asyneio.types import (

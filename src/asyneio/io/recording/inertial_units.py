@@ -122,7 +122,7 @@ def check_units(
 
 
 def supported_units(sensor: str) -> str:
-    """The units of a sensor that headers may name, in words."""
+    """The units of a sensor that headers may name, as text."""
     return ", ".join(next(name for name in names if name) for names in _FACTORS[sensor].values())
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from asyneio.inertial.axis_witness import axis_complaint
+from asyneio.inertial.gravity_axes import axis_complaint
 from asyneio.inertial.gravity_witness import GRAVITY, ask_gravity
 from asyneio.types import NS_PER_S
 from tests.inertial.test_gravity_witness import T, streams

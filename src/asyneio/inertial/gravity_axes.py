@@ -30,22 +30,22 @@ _FACTORS = (0.25, 0.5, 2.0, 4.0)
 _AXES = "xyz"
 
 
-def axis_complaint(gyroscope: RecordArray, accelerometer: RecordArray, witness: GravityWitness | None) -> str:
+def axis_complaint(gyroscope: RecordArray, accelerometer: RecordArray, gravity: GravityWitness | None) -> str:
     """A certain error of the axes of the two sensors, as a phrase; empty if there is none.
 
     Args:
         gyroscope, accelerometer: INERTIAL_DTYPE, ascending [rad/s, m/s^2].
-        witness: scales of both sensors from the same samples.
+        gravity: scales of both sensors from the same samples.
     """
     streams = [rows[possible(rows["xyz"])] for rows in (gyroscope, accelerometer)]
-    if witness is None or min(rows.size for rows in streams) < 2:
+    if gravity is None or min(rows.size for rows in streams) < 2:
         return ""
     first, last = (end(int(rows["t_ns"][k]) for rows in streams) for end, k in ((max, 0), (min, -1)))
     edges = span_edges(first, last, _MOST_SPANS)
     if edges is None or not (edges := without_gaps(edges, streams)).size:
         return ""
     rate, force = (span_means(rows, edges) for rows in streams)
-    factors = np.array([0.0, 1.0, 1.0 / witness.scale])
+    factors = np.array([0.0, 1.0, 1.0 / gravity.scale])
     least = float(GravityFit(rate, force).costs(factors)[0].min())
     found = [
         (float(GravityFit(rate @ matrix.T, force).costs(np.ones(1))[0][0]), k)
