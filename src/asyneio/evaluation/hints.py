@@ -70,7 +70,7 @@ def _of_path(matched: Association) -> tuple[str, ...]:
 
 
 def _offset(matched: Association) -> tuple[float, float]:
-    """The offset to add to the stamps of the estimate with the smallest distance [s], and that distance [m]."""
+    """The offset [s] to add to the stamps of the estimate with the smallest distance, and the latter [m]."""
     t_s = (matched.t_ns - matched.t_ns[0]) / NS_PER_S
     step = max(_OFFSET_STEP_S, float(t_s[-1]) / _MOST_STEPS)
     grid = np.arange(0.0, float(t_s[-1]), step)
