@@ -66,3 +66,10 @@ def test_first_and_last_stamps_of_another_epoch(count: int, dropped: int, end: b
     part = slice(-count, None) if end else slice(count)
     t_ns[part] = (EPOCH * 2 if end else 0) + np.arange(count) * 1_000_000
     assert int(np.count_nonzero(isolated(t_ns))) == dropped
+
+
+def test_rows_that_are_not_sorted_are_named(rng: np.random.Generator) -> None:
+    rows = np.zeros(400, dtype=INERTIAL_DTYPE)
+    rows["t_ns"] = rng.permutation(stamps())
+    with pytest.raises(RecordingError, match=r"not sorted by time.*\(sort -s -g imu.txt > sorted.txt\)"):
+        sort_in_time(rows, "imu.txt")

@@ -128,10 +128,12 @@ def supported_units(sensor: str) -> str:
 
 def _force_cause(accelerometer: RecordArray, force: float) -> str:
     """The likely reason for an impossible median `force`, and what to do."""
+    if force == 0.0:
+        return "All readings are zero: the sensor is dead or not read"
     if force < _USABLE_FORCE[0] and _relative_spread(accelerometer) > _VARIES:
         return "Check that gravity was not removed: export the raw acceleration, not the linear one"
     for true, unit in _FORCE_UNITS:
-        if abs(np.log(force / true)) < np.log(_NEAR) if force > 0.0 else False:
+        if abs(np.log(force / true)) < np.log(_NEAR):
             return f"This fits {unit}: multiply the readings by {STANDARD_GRAVITY / true:.6g}"
     return "Check the unit, the column order, and that gravity was not removed"
 
