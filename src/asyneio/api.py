@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import overload
 
 from asyneio.config import Config, load_config
-from asyneio.errors import EvaluationError
+from asyneio.errors import ConfigError, EvaluationError
 from asyneio.evaluation import Evaluation, protocol_named
 from asyneio.evaluation import evaluate as evaluate_trajectory
 from asyneio.io import open_recording, to_trajectory
@@ -48,15 +48,26 @@ def run(
     Raises:
         RecordingError: the recording cannot be read, is too short, or has no inertial samples or calibration.
         CalibrationError: a calibration file is missing, malformed or impossible.
-        ConfigError: a setting is unknown or has a wrong value.
+        ConfigError: a setting is unknown or has a wrong value, or `output` is a file.
         RunInterrupted: Ctrl-C while the estimator ran; it has the result until then.
     """
-    settings = config if isinstance(config, Config) else load_config(None if config is None else Path(config))
+    settings = config if isinstance(config, Config) else load_config(_path_or_none(config, "settings"))
+    if output is not None and Path(output).exists() and not Path(output).is_dir():
+        raise ConfigError(f"{output} is a file; expected a folder for the results")
     loaded = open_recording(recording) if isinstance(recording, (Path, str)) else recording
     result = run_recording(loaded, settings, progress)
     if output is not None:
         write_outputs(result, Path(output))
     return result
+
+
+def _path_or_none(value: object, what: str) -> Path | None:
+    """A path. Raises ConfigError: another type."""
+    if value is None or isinstance(value, (Path, str)):
+        return None if value is None else Path(value)
+    raise ConfigError(
+        f"found a {type(value).__name__} for the {what}, expected a Config or the path of a file"
+    )
 
 
 def evaluate(
@@ -83,6 +94,8 @@ def evaluate(
         RecordingError: a file cannot be read.
     """
     rules = protocol_named(protocol)
+    if not max_gap_s >= 0.0:
+        raise EvaluationError(f"max_gap_s is {max_gap_s}; expected a number of seconds, 0 or more")
     chosen = _segment(_segments(estimate), segment)
     return evaluate_trajectory(chosen, _reference(ground_truth), rules, max_gap_s)
 
@@ -93,6 +106,11 @@ def _segments(estimate: Trajectory) -> dict[int, PoseTrajectory]:
     if isinstance(estimate, (Path, str)):
         return read_estimated(Path(estimate)).segments
     estimates = estimate.run.estimates if isinstance(estimate, RunResult) else estimate
+    if not isinstance(estimates, Sequence) or not all(isinstance(one, Estimate) for one in estimates):
+        raise EvaluationError(
+            f"found a {type(estimate).__name__} as the estimate, expected poses (PoseTrajectory), a result, "
+            "estimates or a path"
+        )
     return {part[0].segment: to_trajectory(part) for part in split_segments(estimates)}
 
 
@@ -114,6 +132,11 @@ def _reference(truth: PoseTrajectory | Recording | EventRecording | Path | str) 
         return truth
     if isinstance(truth, (Path, str)):
         return read_reference(Path(truth)).longest
+    if not isinstance(truth, (Recording, EventRecording)):
+        raise EvaluationError(
+            f"found a {type(truth).__name__} as the ground truth, expected poses (PoseTrajectory), a "
+            "recording or a path"
+        )
     if truth.ground_truth is None:
         raise EvaluationError(f"{truth.name} has no ground truth; pass poses or the path of a trajectory")
     return truth.ground_truth

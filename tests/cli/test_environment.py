@@ -159,3 +159,39 @@ def test_stamps_of_a_replay_are_said() -> None:
     host = 10**18 + sensor // 5
     assert any(REPLAYED in text and "0.2 s per second" in text for text in fit_clock(sensor, host, "e").notes)
     assert not any(REPLAYED in text for text in fit_clock(sensor, 10**18 + sensor + 10**6, "e").notes)
+
+
+@pytest.mark.slow
+def test_a_terminal_without_columns(folder: Path) -> None:
+    process = command("doctor", folder, COLUMNS="0")
+    assert b"usable" in process.communicate()[0]
+    assert process.returncode in (0, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_full_standard_output_is_named(folder: Path) -> None:
+    script = "from asyneio.cli.main import main; main()"
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", script, "doctor", str(folder)],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert b"cannot write standard output: No space left on device" in done.stderr
+    assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+def test_a_working_directory_that_was_deleted(folder: Path, tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    leave = f"import os; os.chdir({str(gone)!r}); os.rmdir({str(gone)!r})"
+    script = f"{leave}; from asyneio.cli.main import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", script, "doctor", "../desk"], stderr=subprocess.PIPE, check=False
+    )
+    assert done.returncode == 1
+    assert b"the working directory no longer exists" in done.stderr

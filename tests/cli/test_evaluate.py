@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -149,3 +151,48 @@ def test_positions_alone_with_the_cure(asyneio: Asyneio, estimate: Path, header:
     status, out, _ = asyneio("evaluate", estimate, truth, "--protocol", protocol, "--json")
     assert status == 0
     assert json.loads(out)["position_m"]["rmse"] < 1e-5
+
+
+def moved(seconds: float) -> PoseTrajectory:
+    whole = trajectory()
+    return PoseTrajectory(whole.t_ns + round(seconds * NS_PER_S), whole.position, whole.quaternion)
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        (moved(0.0), ""),
+        (moved(2.5), "if about 2.50 s are added to the timestamps of the estimate"),
+        (moved(-1.2), "if about -1.20 s are added to the timestamps of the estimate"),
+        (
+            PoseTrajectory(trajectory().t_ns, trajectory().position * [1, -1, 1], trajectory().quaternion),
+            "if one world is mirrored",
+        ),
+        (
+            PoseTrajectory(
+                trajectory().t_ns, trajectory().position, trajectory().quaternion * [-1, -1, -1, 1]
+            ),
+            "are inverted: it contains rotations of the world into the body",
+        ),
+    ],
+)
+def test_hints_on_clocks_and_axes(asyneio: Asyneio, estimate: Path, other: PoseTrajectory, said: str) -> None:
+    truth = estimate.with_name("truth.tum")
+    write_tum(truth, other)
+    status, _, err = asyneio("evaluate", estimate, truth)
+    assert status == 0
+    assert said in err.replace("\n", " ")
+    assert bool(said) == ("agree if" in err)
+
+
+def test_compressed_and_binary_files_are_named(asyneio: Asyneio, estimate: Path) -> None:
+    packed = estimate.with_name("packed.tum.gz")
+    packed.write_bytes(gzip.compress(estimate.read_bytes()))
+    status, _, err = asyneio("evaluate", packed, estimate)
+    assert status == 1
+    command = err.split("type `")[1].split("`")[0]
+    subprocess.run(command, shell=True, check=True)
+    assert asyneio("evaluate", packed.with_suffix(""), estimate)[0] == 0
+    noise = estimate.with_name("noise.bin")
+    noise.write_bytes(np.random.default_rng(0).bytes(4000))
+    assert "is not text" in asyneio("evaluate", noise, estimate)[2]

@@ -121,3 +121,32 @@ def test_a_malformed_calibration_file_does_not_hide_the_intrinsics(folder: Path)
     assert report.headline.startswith("not usable as it is; first cause: calibration: ")
     assert "imu.yaml" in report.headline
     assert any(result.check == "distortion" for result in report.results)
+
+
+def test_several_recordings_without_readable_events(folder: Path) -> None:
+    (folder / "events.txt").unlink()
+    for name in ("a.npy", "b.npy"):
+        np.save(folder / name, np.column_stack([np.arange(2000), np.ones((2000, 3), dtype=int)]))
+    report = examine(folder)
+    failures = [result for result in report.results if result.severity is Severity.FAIL]
+    assert len(failures) == 1
+    assert "contains 2 recordings: a.npy, b.npy; name one of them" in failures[0].measured
+    files = next(v for v in report.results if v.check == "files")
+    assert "imu.txt (inertial samples)" in files.measured
+    assert "a.npy (NumPy" in files.measured
+
+
+def test_links_to_nothing_and_a_truncated_file(folder: Path) -> None:
+    (folder / "gone.bag").symlink_to(folder / "nowhere")
+    (folder / "itself").symlink_to(folder / "itself")
+    files = next(v for v in examine(folder).results if v.check == "files")
+    assert "gone.bag (a link to a file that does not exist)" in files.measured
+    assert "itself (a link to a file that does not exist)" in files.measured
+    report = examine(folder / "itself")
+    assert "to itself; check the link" in report.results[0].measured
+
+
+def test_recordings_in_folders_below(tmp_path: Path, rng: np.random.Generator) -> None:
+    write_uzh_folder(make_event_recording(rng), tmp_path / "one")
+    report = examine(tmp_path)
+    assert f"its folders contain recordings: {tmp_path / 'one'}" in report.results[0].measured

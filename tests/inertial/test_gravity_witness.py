@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asyneio.inertial.gravity_witness import GRAVITY, GravityWitness, ask_gravity
+from asyneio.inertial.gravity_witness import GRAVITY, GravityWitness, ask_gravity, gyroscope_cause
 from asyneio.types import INERTIAL_DTYPE, FloatArray, RecordArray
 
 T = np.arange(0.0, 9.0, 0.005)
@@ -88,3 +88,23 @@ def test_a_push_in_a_short_recording_is_no_fault_of_the_sensor() -> None:
     assert witness is not None
     assert witness.force > 1.25 * GRAVITY
     assert witness.force_complaint() == ""
+
+
+@pytest.mark.parametrize(
+    ("scale", "said"),
+    [
+        (0.5, "a power of 2): multiply its readings by 2"),
+        (3.9, "a power of 2): multiply its readings by 0.25"),
+        (17.3, "milliradians per second"),
+        (57.0, "degrees instead of radians"),
+        (1000.0, "thousandths of a unit"),
+        (1.45, "no usual factor of units or ranges"),
+    ],
+)
+def test_the_cause_of_a_scale_is_the_nearest_usual_one(scale: float, said: str) -> None:
+    assert said in gyroscope_cause(scale)
+
+
+def test_an_accelerometer_that_is_a_tenth_off_is_doubtful() -> None:
+    assert hand(force_scale=0.91).force_doubt()
+    assert not hand().force_doubt()

@@ -92,7 +92,7 @@ def test_calibration_from_elsewhere(tmp_path: Path, rng: np.random.Generator) ->
         (b"\x28\xb5\x2f\xfd", "compressed with zstd .decompress it: zstd -d FILE., which is not supported"),
         (b"#!AER-DAT3.1\r\n", "another version"),
         (b"t x y p\nnone\n", "of an unknown format"),
-        (b"1.0 2 3 4 5 6 7\n", "of an unknown format"),
+        (b"1.0 2 3 4 5 6 7\n", "text of 7 columns without names, the first line of numbers is"),
     ],
 )
 def test_not_understood(tmp_path: Path, content: bytes, message: str) -> None:

@@ -11,6 +11,9 @@ from typing import Any, TextIO
 
 #: Disables numba's compilation. Some kernels do not run without it, and the estimator is unusably slow.
 _NO_COMPILATION = "NUMBA_DISABLE_JIT"
+_THREADS = "NUMBA_NUM_THREADS"
+#: Width of the terminal, and the smallest that tables fit into.
+_COLUMNS, _LEAST_COLUMNS = "COLUMNS", 20
 
 
 def prepare_environment() -> None:
@@ -22,6 +25,14 @@ def prepare_environment() -> None:
     """
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    # Rich prints nothing in zero columns.
+    columns = os.environ.get(_COLUMNS, "")
+    if columns and (not columns.isdigit() or int(columns) < _LEAST_COLUMNS):
+        del os.environ[_COLUMNS]
+    threads = os.environ.get(_THREADS, "")
+    if threads and (not threads.isdigit() or int(threads) < 1):
+        del os.environ[_THREADS]
+        print(f"note: {_THREADS}={threads} is ignored: expected 1 or more", file=sys.stderr)
     if os.environ.pop(_NO_COMPILATION, "0") not in ("", "0"):
         print(f"note: {_NO_COMPILATION} is ignored: asyneio requires compiled code", file=sys.stderr)
 
@@ -33,6 +44,13 @@ def prepare_streams() -> None:
     and exits with its own status. Characters that the terminal cannot display are escaped.
     """
     sys.stdout, sys.stderr = _tolerant(sys.stdout), _tolerant(sys.stderr)
+
+
+def lost_output() -> str:
+    """Write what is left in the buffers; the reason if standard output could not be written, else empty."""
+    sys.stdout.flush()
+    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    return raw.failure if isinstance(raw, _PipeWriter) else ""
 
 
 def _tolerant(stream: TextIO) -> TextIO:
@@ -51,10 +69,15 @@ def _tolerant(stream: TextIO) -> TextIO:
 
 
 class _PipeWriter(io.RawIOBase):
-    """An open file for writing. After the reader has closed the pipe, output is discarded."""
+    """An open file for writing. After the reader has closed the pipe, or an error, output is discarded.
+
+    Attributes:
+        failure: the error, such as a full disk; empty if there was none.
+    """
 
     def __init__(self, file_number: int) -> None:
         self._file_number = file_number
+        self.failure = ""
 
     def fileno(self) -> int:
         """The number of the open file."""
@@ -69,10 +92,13 @@ class _PipeWriter(io.RawIOBase):
         return os.isatty(self._file_number)
 
     def write(self, data: Any) -> int:
-        """Write the bytes; discard them once the pipe is closed, so that the exit status stays."""
+        """Write the bytes; discard them once the pipe is closed, so that the exit status stays, and after an
+        error."""
         try:
             return os.write(self._file_number, data)
-        except BrokenPipeError:
+        except OSError as error:
+            if not isinstance(error, BrokenPipeError):
+                self.failure = error.strerror or str(error)
             null = os.open(os.devnull, os.O_WRONLY)
             os.dup2(null, self._file_number)
             os.close(null)

@@ -170,4 +170,7 @@ def _advice(result: RunResult) -> str:
     if result.run.estimates:
         knots = len(result.run.estimates)
         return f"The {knots} estimated knots are written, but the output is incomplete or not reliable"
-    return "Check calibration and units first, then whether the sensor moves enough at the beginning"
+    return (
+        "Check calibration, units and axes first (when stationary, the accelerometer axis that points up "
+        "reads +9.81 m/s^2), then whether the sensor moves enough at the beginning"
+    )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -17,7 +18,7 @@ from asyneio.cli.config import config
 from asyneio.cli.convert import convert
 from asyneio.cli.demo import demo
 from asyneio.cli.doctor import doctor
-from asyneio.cli.environment import prepare_environment, prepare_streams
+from asyneio.cli.environment import lost_output, prepare_environment, prepare_streams
 from asyneio.cli.evaluate import evaluate
 from asyneio.cli.live import live
 from asyneio.cli.run import run
@@ -81,6 +82,9 @@ def main() -> None:
     except SystemExit as end:
         if end.code == EXIT_INTERRUPTED:
             print("asyneio: interrupted", file=sys.stderr)
+        lost = lost_output()
+        if lost and not end.code:
+            _fail(f"cannot write standard output: {lost}; check the free space")
         raise
     except AsyneioError as error:
         _fail(str(error))
@@ -88,7 +92,9 @@ def main() -> None:
         print("asyneio: interrupted", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
     except OSError as error:
-        _fail(f"{error.filename or 'a file'}: {error.strerror or error}; check the path and free space")
+        _fail(_described(error))
+    except MemoryError as error:
+        _fail(f"not enough memory ({error}): end other programs, or use a shorter excerpt of the recording")
     except Exception as error:
         if os.environ.get(TRACEBACK_VARIABLE):
             raise
@@ -96,6 +102,16 @@ def main() -> None:
             f"unexpected {type(error).__name__}: {error}. This is a bug in asyneio: please report it with "
             f"the output of the command when {TRACEBACK_VARIABLE}=1 is set"
         )
+
+
+def _described(error: OSError) -> str:
+    """What to do about an error of the system."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return "the working directory no longer exists: change to another one (cd ~)"
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror or error}; check the path and free space"
 
 
 def _fail(message: str) -> None:

@@ -71,6 +71,7 @@ def track(
     import json
 
     from asyneio.cli import console
+    from asyneio.cli.results_folder import results_folder
     from asyneio.io import ReadOptions
     from asyneio.pipeline.result_table import track_rows
     from asyneio.pipeline.track import summarize_tracks
@@ -82,9 +83,10 @@ def track(
     )
     folder = output or Path("results") / f"{loaded.name}-tracks"
     _check_folder(recording, folder)
-    run = _track(loaded, settings, gyroscope, folder)
-    summary = summarize_tracks(loaded, run)
-    written = _write(loaded, run, summary, folder, animation)
+    with results_folder(folder):
+        run = _track(loaded, settings, gyroscope)
+        summary = summarize_tracks(loaded, run)
+        written = _write(loaded, run, summary, folder, animation)
     if as_json:
         typer.echo(json.dumps(summary, indent=2))
     else:
@@ -94,17 +96,12 @@ def track(
     _check_tracks(loaded, summary, recording)
 
 
-def _track(recording: EventRecording, settings: FrontendConfig, gyroscope: bool, folder: Path) -> TrackRun:
+def _track(recording: EventRecording, settings: FrontendConfig, gyroscope: bool) -> TrackRun:
     from asyneio.cli.progress import share_progress
-    from asyneio.io.parsing.atomic import make_folder, remove_empty
     from asyneio.pipeline.track import track_recording
 
-    make_folder(folder)
-    try:
-        with share_progress("tracking", recording.events.size / 1e6, "Mev/s") as advance:
-            return track_recording(recording, settings, gyroscope, advance)
-    finally:
-        remove_empty(folder)
+    with share_progress("tracking", recording.events.size / 1e6, "Mev/s") as advance:
+        return track_recording(recording, settings, gyroscope, advance)
 
 
 def _write(

@@ -122,8 +122,14 @@ def examine(
     inspection, reading_s = gather(Path(path), options or ReadOptions(), progress)
     results = [_what_it_is(inspection)] if inspection.examinable else []
     fix = FIXES.get(inspection.kind, "")
-    results += [fail(failure.part, failure.message, "", fix) for failure in inspection.failures]
     found = [result for check in CHECKS if (result := check(inspection)) is not None]
+    # A check that reports the message of a reader adds the measured values.
+    reported = {result.fix for result in found}
+    results += [
+        fail(failure.part, failure.message, "", fix)
+        for failure in inspection.failures
+        if failure.message not in reported
+    ]
     if any(failure.part == "events" for failure in inspection.failures):
         # The reader already reported why it stopped: checks must not fail for the same cause.
         found = [result for result in found if result.check not in _OF_EVENTS or not result.fix]
@@ -159,7 +165,7 @@ def _what_it_is(inspection: Inspection) -> CheckResult:
     if inspection.truth is not None:
         parts.append(f"{inspection.truth.t_ns.size} ground-truth poses")
     # If the reader stopped, its failure is the report.
-    if inspection.sees or any(failure.part == "events" for failure in inspection.failures):
+    if inspection.sees or inspection.failures:
         return ok("recording", ", ".join(parts), kind=inspection.kind)
     return CheckResult(
         "recording",

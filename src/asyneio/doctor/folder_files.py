@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +14,8 @@ from asyneio.doctor.views import is_calibration
 from asyneio.errors import AsyneioError, CalibrationError
 from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
 from asyneio.io.formats import Format
-from asyneio.io.open_recording import UNKNOWN, described, format_of_file, open_contents
+from asyneio.io.open_recording import open_contents
+from asyneio.io.other_files import UNKNOWN, dangling_links, described, format_of_file
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.recording.sidecar import GROUND_TRUTH_FILES, first_file
 
@@ -65,7 +68,9 @@ def files_of(path: Path, source: Path, contents: Contents, options: ReadOptions)
     if contents.samples is not None and (
         contents.samples.gyroscope.size or contents.samples.accelerometer.size
     ):
-        roles[path / contents.samples.name] = "inertial samples"
+        # One file, or one per sensor.
+        for name in contents.samples.name.split(" and "):
+            roles[path / name] = "inertial samples"
     if contents.ground_truth is not None and truth is not None:
         roles[truth] = "ground truth"
     for calibration in (CAMCHAIN_FILE, IMU_FILE, _LENS):
@@ -74,19 +79,35 @@ def files_of(path: Path, source: Path, contents: Contents, options: ReadOptions)
         roles[contents.calibration.file.path] = "calibration"
     if source == path and events.parent != path:
         return None
+    if source == path:
+        roles[path / _OF_A_BAG] = "index of the bag"
+    return _sorted_by_use(path, roles, contents)
+
+
+def files_without_events(path: Path, roles: dict[Path, str]) -> FolderFiles | None:
+    """Used and unused files of a folder in which no events were found; None for a file.
+
+    Args:
+        path: path given by the user.
+        roles: the files that are used, and their uses.
+    """
+    return _sorted_by_use(path, roles, None) if path.is_dir() else None
+
+
+def _sorted_by_use(path: Path, roles: dict[Path, str], contents: Contents | None) -> FolderFiles:
+    """The files of a folder, according to the uses of some of them."""
     used: dict[str, str] = {}
     unused: dict[str, str] = {}
     unreadable: list[str] = []
-    if source == path:
-        roles[path / _OF_A_BAG] = "index of the bag"
-    resolved = {file.resolve(): role for file, role in roles.items()}
+    resolved = {os.path.realpath(file): role for file, role in roles.items()}
     for entry in files_in(path):
-        role = resolved.get(entry.resolve())
+        role = resolved.get(os.path.realpath(entry))
         if role is not None:
             used[entry.name] = role
         else:
             unused[entry.name], readable = _why_unused(entry, contents)
             unreadable += [] if readable else [entry.name]
+    unused |= dict.fromkeys(dangling_links(path), "a link to a file that does not exist")
     data = tuple(name for name in unused if may_be_data(path / name))
     return FolderFiles(used, unused, data, tuple(unreadable))
 
@@ -110,7 +131,7 @@ def check_files(inspection: Inspection) -> CheckResult | None:
     files = inspection.files
     if files is None:
         return None
-    text = "used: " + ", ".join(f"{name} ({role})" for name, role in files.used.items())
+    text = "used: " + (", ".join(f"{name} ({role})" for name, role in files.used.items()) or "none")
     if files.unused:
         listed = [f"{name} ({why})" for name, why in files.unused.items()]
         more = f" and {len(listed) - _MOST_LISTED} more" if len(listed) > _MOST_LISTED else ""
@@ -126,7 +147,7 @@ def check_files(inspection: Inspection) -> CheckResult | None:
     return note("files", text, "files of one recording", fix, **values)
 
 
-def _why_unused(file: Path, contents: Contents) -> tuple[str, bool]:
+def _why_unused(file: Path, contents: Contents | None) -> tuple[str, bool]:
     """Why a file is not used, and False if it should be a recording but cannot be read."""
     name = file.name.lower()
     try:
@@ -134,10 +155,14 @@ def _why_unused(file: Path, contents: Contents) -> tuple[str, bool]:
         if format is not None:
             return _other_recording(file, format)
         if "imu" in name and file.suffix.lower() in _TABLES:
-            taken = contents.samples.name if contents.samples is not None else "none"
-            return f"inertial samples; {taken} is used instead", True
+            samples = contents.samples if contents is not None else None
+            if samples is not None and samples.error and samples.name == file.name:
+                return "inertial samples, unreadable", True
+            if samples is None or not (samples.gyroscope.size or samples.accelerometer.size):
+                return f"inertial samples? To use them, type --samples {shlex.quote(str(file))}", True
+            return f"inertial samples; {samples.name} is used instead", True
         if is_calibration(file):
-            return "not applied", True
+            return "not applied; --calibration or --imu FILE uses it", True
         text = described(file)
         return text, not (file.suffix.lower() in _RECORDINGS and text in UNKNOWN)
     except AsyneioError as error:

@@ -17,7 +17,8 @@ from asyneio.doctor.reading import read_events
 from asyneio.doctor.views import is_beside, is_calibration, view_without
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
 from asyneio.io.calibration import IncompleteCalibration
-from asyneio.io.open_recording import TRACKS_FILE, find_format, open_contents
+from asyneio.io.open_recording import find_format, open_contents
+from asyneio.io.other_files import TRACKS_FILE
 from asyneio.io.parsing.stamp_checks import median_rate_hz
 from asyneio.io.recording.assembly import prepare_samples, usable_truth
 from asyneio.io.recording.contents import Contents, ReadOptions

@@ -13,6 +13,7 @@ import numpy as np
 from asyneio.doctor.event_scan import EventFigures
 from asyneio.doctor.result import CheckResult, Severity
 from asyneio.doctor.stationary import StationarySpans, find_stationary
+from asyneio.inertial.gravity_axes import axis_complaint
 from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
 from asyneio.io.parsing.isolated_stamps import isolated
 from asyneio.io.recording.clock_jumps import ClockPart
@@ -131,6 +132,13 @@ class Inspection:
     def gravity(self) -> GravityWitness | None:
         """Scales of the inertial sensors estimated from gravity."""
         return ask_gravity(self.streams.gyroscope, self.streams.accelerometer) if self.streams else None
+
+    @cached_property
+    def wrong_axes(self) -> str:
+        """A certain error of the axes of the inertial sensors against each other; empty if there is none."""
+        if self.streams is None:
+            return ""
+        return axis_complaint(self.streams.gyroscope, self.streams.accelerometer, self.gravity)
 
     def span_ns(self) -> tuple[int, int] | None:
         """First and last time of the events or tracks [ns, camera clock]."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from asyneio.doctor.folder_files import files_in, may_be_data
+from asyneio.doctor.folder_files import files_in, files_without_events, may_be_data
 from asyneio.doctor.inspection import Inspection, ReadFailure
 from asyneio.doctor.views import is_calibration
 from asyneio.errors import AsyneioError, CalibrationError, RecordingError
@@ -18,7 +18,7 @@ from asyneio.io.calibration import (
     IncompleteCalibration,
     find_calibration,
 )
-from asyneio.io.open_recording import described
+from asyneio.io.other_files import described, format_of_file
 from asyneio.io.parsing.csv_table import read_csv
 from asyneio.io.parsing.stamp_checks import median_rate_hz
 from asyneio.io.recording.assembly import prepare_samples
@@ -99,8 +99,9 @@ def gather_other(path: Path, failures: tuple[ReadFailure, ...], recognised: bool
     """
     samples = _inertial_alone(path)
     if samples is not None:
-        kept = failures if recognised else _unread(path)
-        return _inspect_inertial(path, samples, kept)
+        file, rows = samples
+        kept = failures if recognised else _unread(path, failures)
+        return _inspect_inertial(path, file, rows, kept)
     camera = _calibration_alone(path)
     if camera is not None:
         return Inspection(path=path, kind="a calibration alone", camera=camera)
@@ -132,13 +133,16 @@ def _kind_of(file: Path) -> str:
     return POSES
 
 
-def _unread(path: Path) -> tuple[ReadFailure, ...]:
-    """One failure for each file of a folder that may contain events in an unsupported format."""
-    failures = []
+def _unread(path: Path, failures_so_far: tuple[ReadFailure, ...]) -> tuple[ReadFailure, ...]:
+    """One failure for each file of a folder that may contain events in an unsupported format; those so far if
+    it contains recordings."""
+    failures: list[ReadFailure] = []
     for file in files_in(path) if path.is_dir() else []:
         if not may_be_data(file) or _is_known(path, file):
             continue
         try:
+            if format_of_file(file) is not None:
+                return failures_so_far
             failures.append(ReadFailure("events", f"{file.name} is {described(file)}"))
         except AsyneioError as error:
             failures.append(ReadFailure("events", str(error)))
@@ -150,42 +154,49 @@ def _is_known(folder: Path, file: Path) -> bool:
     return file in _found(folder, _INERTIAL_PATTERNS) or file in _found(folder, _TRUTH_PATTERNS)
 
 
-def _inspect_inertial(path: Path, samples: Samples, failures: tuple[ReadFailure, ...]) -> Inspection:
+def _inspect_inertial(
+    path: Path, file: Path, samples: Samples, failures: tuple[ReadFailure, ...]
+) -> Inspection:
     streams: InertialStreams | None = None
     try:
         streams = prepare_samples(samples, None)
     except RecordingError as error:
         failures += (ReadFailure("inertial samples", str(error)),)
+    truth_file, truth = _ground_truth_near(path)
+    roles = {file: "inertial samples"}
+    if truth_file is not None:
+        roles[truth_file] = "ground truth"
     return Inspection(
         path=path,
         kind="inertial samples alone",
         samples=samples,
         streams=streams,
-        truth=_ground_truth_near(path),
+        truth=truth,
+        files=files_without_events(path, roles),
         failures=failures,
         notes=samples.notes if streams is None else streams.notes,
     )
 
 
-def _inertial_alone(path: Path) -> Samples | None:
-    """Samples of the file, or of the first file with samples in a folder."""
+def _inertial_alone(path: Path) -> tuple[Path, Samples] | None:
+    """A file with samples, itself or the first one in a folder, and its samples."""
     for file in [path] if path.is_file() else _found(path, _INERTIAL_PATTERNS):
         if "imu" not in str(file.name).lower() and "imu" not in file.parent.name.lower():
             continue
         try:
-            return read_inertial_file(file)
+            return file, read_inertial_file(file)
         except AsyneioError:
             continue
     return None
 
 
-def _ground_truth_near(path: Path) -> PoseTrajectory | None:
+def _ground_truth_near(path: Path) -> tuple[Path | None, PoseTrajectory | None]:
     for file in _found(path if path.is_dir() else path.parent, _TRUTH_PATTERNS):
         try:
-            return read_trajectory(file)[0]
+            return file, read_trajectory(file)[0]
         except AsyneioError:
             continue
-    return None
+    return None, None
 
 
 def _calibration_alone(path: Path) -> CameraIntrinsics | None:

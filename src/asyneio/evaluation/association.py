@@ -88,6 +88,16 @@ def check_trajectory(trajectory: PoseTrajectory, name: str, at_least: int) -> No
         EvaluationError: wrong shapes, too few poses, times not ascending, values not finite, or a zero
             quaternion.
     """
+    arrays = (trajectory.t_ns, trajectory.position, trajectory.quaternion)
+    if not all(isinstance(array, np.ndarray) for array in arrays):
+        kinds = ", ".join(type(array).__name__ for array in arrays)
+        raise EvaluationError(
+            f"t_ns, position and quaternion of {name} are of type {kinds}; expected numpy arrays"
+        )
+    if trajectory.t_ns.dtype.kind not in "iu":
+        raise EvaluationError(
+            f"t_ns of {name} is of type {trajectory.t_ns.dtype}; expected int64, in nanoseconds"
+        )
     count = trajectory.t_ns.size
     if trajectory.position.shape != (count, 3) or trajectory.quaternion.shape != (count, 4):
         raise EvaluationError(

@@ -16,6 +16,7 @@ slope of the lines, gives the scale of the accelerometer.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,8 @@ from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
 GRAVITY = 9.80665
 #: Steps [s] over which readings are averaged, length of a span in steps, most and least spans and steps.
 _STEP_S, _SPAN_STEPS, _MOST_SPANS, _LEAST_STEPS = 0.02, 200, 20, 25
+#: A span with a longer pause of a sensor [s] is not evaluated.
+_LONGEST_GAP_S = 0.5
 #: Steps between evaluated sums.
 _EVERY = 5
 #: Standard deviations of a gyroscope's bias [rad/s] and of a lever arm [m].
@@ -50,6 +53,17 @@ FORCE_RATIO = 1.25
 #: the initialization. Data sheets allow a bias of 0.8 m/s^2 and a scale error of 3 %, together 11 %.
 _LEAST_FORCE = 0.89
 _VELOCITY = 2.0
+_DOUBTFUL_FORCE = 0.05
+#: Factors of the gyroscope, and their causes, for factors up to this one away.
+_CAUSES = {
+    180.0 / np.pi: "degrees instead of radians: multiply by pi / 180",
+    np.pi / 180.0: "converted to radians twice: multiply by 180 / pi",
+    1000.0 * np.pi / 180.0: "milliradians per second read as degrees: multiply the readings by 0.001",
+    1000.0: "thousandths of a unit (mdeg/s, mrad/s): multiply by 0.001",
+    0.001: "a unit divided by 1000: multiply by 1000",
+}
+_RANGE = "a full-scale range other than the driver's (a power of 2): multiply its readings by {:g}"
+_NAMED = 1.12
 
 
 @dataclass(frozen=True)
@@ -88,6 +102,11 @@ class GravityWitness:
             f"{gyroscope_cause(self.scale)}"
         )
 
+    def force_doubt(self) -> bool:
+        """Whether the accelerometer is off by more than a calibrated one, and motion does not explain it."""
+        off = abs(self.force - GRAVITY)
+        return off > _DOUBTFUL_FORCE * GRAVITY and off * self.span_s > _VELOCITY
+
     def force_complaint(self) -> str:
         """A certain error of the accelerometer's scale, as a phrase; empty if there is none."""
         ratio = self.force / GRAVITY
@@ -102,16 +121,13 @@ class GravityWitness:
 
 
 def gyroscope_cause(scale: float) -> str:
-    """The usual cause of a scale, as the end of a sentence."""
-    for factor, cause in (
-        (180.0 / np.pi, "degrees instead of radians: multiply by pi / 180"),
-        (np.pi / 180.0, "converted to radians twice: multiply by 180 / pi"),
-    ):
-        if factor / SAME_SCALE < scale < factor * SAME_SCALE:
-            return f"; this fits {cause}"
+    """The usual cause of a scale, as the end of a sentence; another calibration if it is close to none."""
+    powers = {2.0**k: _RANGE.format(2.0**-k) for k in range(-5, 6) if k}
+    factor, cause = min((powers | _CAUSES).items(), key=lambda item: abs(np.log(scale / item[0])))
+    if abs(np.log(scale / factor)) < np.log(_NAMED):
+        return f"; this fits {cause}"
     return (
-        "; this fits a full-scale range other than the driver's (factors of 2): multiply its readings by "
-        f"{1.0 / scale:.3g}"
+        f"; this is no usual factor of units or ranges: divide its readings by {scale:.3g}, or calibrate it"
     )
 
 
@@ -124,13 +140,13 @@ def ask_gravity(gyroscope: RecordArray, accelerometer: RecordArray) -> GravityWi
     streams = [rows[possible(rows["xyz"])] for rows in (gyroscope, accelerometer)]
     if min(rows.size for rows in streams) < 2:
         return None
-    edges = _edges(
+    edges = span_edges(
         max(int(rows["t_ns"][0]) for rows in streams), min(int(rows["t_ns"][-1]) for rows in streams)
     )
-    if edges is None:
+    if edges is None or not (edges := without_gaps(edges, streams)).size:
         return None
-    rate, force = (_means(rows, edges) for rows in streams)
-    fit = _Fit(rate, force)
+    rate, force = (span_means(rows, edges) for rows in streams)
+    fit = GravityFit(rate, force)
     powers = _COARSE
     costs, lengths = fit.costs(np.append(0.0, 2.0**powers))
     rest, costs, lengths = costs[0], costs[1:], lengths[1:]
@@ -154,18 +170,30 @@ def ask_gravity(gyroscope: RecordArray, accelerometer: RecordArray) -> GravityWi
     )
 
 
-def _edges(first_ns: int, last_ns: int) -> IntArray | None:
-    """Edges (K,N+1) [ns] of the steps of K spans, spread over the recording."""
+def span_edges(first_ns: int, last_ns: int, most: int = _MOST_SPANS) -> IntArray | None:
+    """Edges (K,N+1) [ns] of the steps of at most `most` spans, spread over the recording; None if it is
+    short."""
     steps = min(int((last_ns - first_ns) / NS_PER_S / _STEP_S), _SPAN_STEPS)
     if steps < _LEAST_STEPS:
         return None
     step_ns = round(_STEP_S * NS_PER_S)
     spans = (last_ns - first_ns) // (steps * step_ns)
-    chosen = np.unique(np.linspace(0, spans - 1, min(spans, _MOST_SPANS)).astype(np.int64))
+    chosen = np.unique(np.linspace(0, spans - 1, min(spans, most)).astype(np.int64))
     return np.asarray(first_ns + (chosen[:, None] * steps + np.arange(steps + 1)) * step_ns)
 
 
-def _means(rows: RecordArray, edges: IntArray) -> FloatArray:
+def without_gaps(edges: IntArray, streams: Sequence[RecordArray]) -> IntArray:
+    """The spans, rows of edges (K,N+1), in which no stream pauses for long."""
+    whole = np.ones(len(edges), dtype=np.bool_)
+    for rows in streams:
+        t_ns = rows["t_ns"]
+        after = np.flatnonzero(np.diff(t_ns) > _LONGEST_GAP_S * NS_PER_S)
+        for start, end in zip(t_ns[after].tolist(), t_ns[after + 1].tolist(), strict=True):
+            whole &= (edges[:, -1] <= start) | (edges[:, 0] >= end)
+    return edges[whole]
+
+
+def span_means(rows: RecordArray, edges: IntArray) -> FloatArray:
     """Means (K,N,3) of samples between edges (K,N+1), by the trapezoidal rule."""
     t_s = (rows["t_ns"] - edges[0, 0]) / NS_PER_S
     areas = 0.5 * (rows["xyz"][1:] + rows["xyz"][:-1]) * np.diff(t_s)[:, None]
@@ -175,7 +203,7 @@ def _means(rows: RecordArray, edges: IntArray) -> FloatArray:
     return np.asarray(np.diff(sums, axis=1) / _STEP_S)
 
 
-class _Fit:
+class GravityFit:
     """Costs of factors by which the rates (K,N,3) could be multiplied, given specific forces (K,N,3)."""
 
     def __init__(self, rate: FloatArray, force: FloatArray) -> None:

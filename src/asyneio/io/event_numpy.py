@@ -131,6 +131,8 @@ def _events_in(path: Path, arrays: dict[str, np.ndarray]) -> tuple[list[np.ndarr
     if len(tables) != 1:
         _reject(path, arrays)
     table = tables[0]
+    if not table.dtype.names and table.shape[1] != 4:
+        table = table.T
     if table.dtype.names:
         found = columns_by_name(table.dtype.names)
         if found is None:
@@ -204,7 +206,7 @@ def _is_column(array: np.ndarray) -> bool:
 def _is_table(array: np.ndarray) -> bool:
     if array.dtype.names:
         return array.ndim == 1
-    return array.ndim == 2 and array.shape[1] == 4 and array.dtype.kind in "iuf"
+    return array.ndim == 2 and 4 in array.shape and array.dtype.kind in "iuf"
 
 
 def _reject(path: Path, arrays: dict[str, np.ndarray]) -> NoReturn:

@@ -10,39 +10,27 @@ from pathlib import Path
 from typing import NoReturn, TypeVar
 
 from asyneio.errors import RecordingError
-from asyneio.io.formats import FORMATS, Format, format_of
-from asyneio.io.hdf5.asyneio_reader import MAGIC as HDF5_MAGIC
-from asyneio.io.hdf5.event_table import contents_of
+from asyneio.io.formats import Format, format_of
+from asyneio.io.other_files import (
+    TRACKS_FILE,
+    described,
+    folder_content,
+    head_of_file,
+    is_reachable,
+    listed,
+    supported,
+)
 from asyneio.io.parsing.atomic import PART_SUFFIX
-from asyneio.io.parsing.decimal_commas import reject_decimal_commas
 from asyneio.io.recording.assembly import assemble
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.recording.damage import reject_damage
-from asyneio.io.recording.sidecar import SAMPLE_FILES, first_file, read_samples
+from asyneio.io.recording.sidecar import read_samples
 from asyneio.io.tracks.reader import read_tracks_folder
 from asyneio.progress import ProgressCallback
 from asyneio.types import EventRecording, Recording
 
-TRACKS_FILE = "tracks.csv"
-
-#: Formats that are recognised only for the error message.
-_NOT_READ = {
-    b"#ROSBAG": "a ROS bag of another version than 2.0",
-    b"SQLite format 3\0": "a SQLite file, but not a ROS 2 bag",
-    b"\x28\xb5\x2f\xfd": "compressed with zstd (decompress it: zstd -d FILE)",
-    b"\x1f\x8b": "compressed with gzip (decompress it: gunzip FILE)",
-    b"BZh": "compressed with bzip2 (decompress it: bunzip2 FILE)",
-    b"\xfd7zXZ\0": "compressed with xz (decompress it: unxz FILE)",
-    b"7z\xbc\xaf\x27\x1c": "an archive of 7-Zip (unpack it: 7z x FILE)",
-    b"Rar!": "an archive of RAR (unpack it: unrar x FILE)",
-    b"#!AER-DAT": "AEDAT of another version than 2.0 and 4",
-}
-#: Descriptions of files without a known beginning, and without content.
-UNKNOWN = ("of an unknown format", "empty")
-_SNIFF_BYTES = 4096
 _LOG = logging.getLogger("asyneio.io")
 _AnyRecording = TypeVar("_AnyRecording", Recording, EventRecording)
-_MAX_LISTED = 8
 
 
 def open_recording(
@@ -67,6 +55,8 @@ def open_recording(
         CalibrationError: a calibration file is missing, malformed, impossible or ambiguous.
         ConfigError: unknown preset.
     """
+    if not isinstance(path, (Path, str)):
+        raise RecordingError(f"found a {type(path).__name__}, expected the path of a recording")
     path, options = Path(path), options or ReadOptions()
     if (path / TRACKS_FILE).is_file():
         return _finished(read_tracks_folder(path, options, max_track_seconds), options)
@@ -120,6 +110,8 @@ def open_contents(path: Path, options: ReadOptions) -> Contents:
 
 def find_format(path: Path) -> tuple[Path, Format]:
     """The file or folder with the events, and its format. Raises RecordingError like `open_contents`."""
+    if path.is_symlink() and not is_reachable(path):
+        raise RecordingError(f"{path} is a link to a file that does not exist, or to itself; check the link")
     if not path.exists():
         nearest = next((parent for parent in path.resolve().parents if parent.exists()), path)
         raise RecordingError(f"{path} does not exist; {nearest} does: check the rest of the path")
@@ -130,12 +122,12 @@ def find_format(path: Path) -> tuple[Path, Format]:
         )
     if path.name.endswith(PART_SUFFIX):
         _reject_part(path)
-    format = format_of(path, b"" if path.is_dir() else _head(path))
+    format = format_of(path, b"" if path.is_dir() else head_of_file(path))
     if format is not None:
         return path, format
     if path.is_dir():
         return _only_event_file(path)
-    raise RecordingError(f"{path} is {described(path)}; expected {_supported()}")
+    raise RecordingError(f"{path} is {described(path)}; expected {supported()}")
 
 
 def _reject_part(path: Path) -> NoReturn:
@@ -151,66 +143,15 @@ def _only_event_file(folder: Path) -> tuple[Path, Format]:
     unfinished = [file for file in entries if file.suffix == PART_SUFFIX]
     # Hidden files are temporary files.
     files = [file for file in entries if not file.name.startswith(".") and file not in unfinished]
-    formats = [(file, format_of(file, _head(file))) for file in files]
+    formats = [(file, format_of(file, head_of_file(file))) for file in files]
     found = [(file, format) for file, format in formats if format is not None]
     if len(found) == 1:
         return found[0]
     if found:
-        names = _listed([file.name for file, _ in found])
-        raise RecordingError(f"{folder} contains {len(found)} recordings: {names}; name one of them")
+        names = listed([file.name for file, _ in found])
+        raise RecordingError(
+            f"{folder} contains {len(found)} recordings: {names}; name one of them, such as {found[0][0]}"
+        )
     if unfinished:
         _reject_part(unfinished[0])
-    named = [file for file in files if "imu" in file.name.lower() and file.suffix in (".csv", ".txt")]
-    inertial = first_file(folder, SAMPLE_FILES) or (named[0] if named else None)
-    if inertial is not None:
-        others = [
-            file for file in files if file != inertial and file.suffix not in (".yaml", ".yml", ".json")
-        ]
-        rest = _listed([f"{file.name} ({described(file)})" for file in others])
-        raise RecordingError(
-            f"{folder} contains inertial samples ({inertial.relative_to(folder)}) but no events"
-            f"{f'; not readable as events: {rest}' if rest else ''}; expected {_supported()}"
-        )
-    content = _listed([f"{file.name} ({described(file)})" for file in files]) if files else "no files"
-    raise RecordingError(f"{folder} contains {content}; expected {_supported()}")
-
-
-def _supported() -> str:
-    return ", ".join([f"a tracks folder ({TRACKS_FILE})", *(format.title for format in FORMATS)])
-
-
-def format_of_file(path: Path) -> Format | None:
-    """The format of a file; None if unknown. Raises RecordingError: unreadable."""
-    return format_of(path, _head(path))
-
-
-def described(path: Path) -> str:
-    """A description of a file of an unsupported format. Raises RecordingError: unreadable."""
-    head = _head(path)
-    if head.startswith(HDF5_MAGIC):
-        return f"HDF5 of an unsupported layout; it {contents_of(path)}"
-    line = head.split(b"\n", 1)[0]
-    try:
-        reject_decimal_commas(path.name, 1, line.decode("utf-8", errors="replace"))
-    except RecordingError as error:
-        return f"unreadable ({error})"
-    if line.count(b" ") == 3 and line.replace(b".", b"").replace(b" ", b"").isdigit():
-        shown = line[:60].decode("ascii", errors="replace")
-        return f"text of four numbers, but no event t[s] x y p with polarity 0 and 1 or -1 and 1 ({shown!r})"
-    for magic, text in _NOT_READ.items():
-        if head.startswith(magic):
-            return f"{text}, which is not supported"
-    return UNKNOWN[0] if head else UNKNOWN[1]
-
-
-def _head(path: Path) -> bytes:
-    try:
-        with path.open("rb") as stream:
-            return stream.read(_SNIFF_BYTES)
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - _MAX_LISTED} more" if len(names) > _MAX_LISTED else ""
-    return ", ".join(names[:_MAX_LISTED]) + more
+    raise RecordingError(f"{folder} {folder_content(folder, files)}; expected {supported()}")

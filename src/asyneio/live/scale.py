@@ -8,6 +8,7 @@ from collections import deque
 import numpy as np
 
 from asyneio.config import Config
+from asyneio.pipeline.clock_check import contradicted_clock
 from asyneio.pipeline.scale_check import contradicted_scale, contradictions_of_prior, scale_notes
 from asyneio.types import (
     INERTIAL_DTYPE,
@@ -76,7 +77,9 @@ class ScaleCheck:
             [np.zeros(0, OBSERVATION_DTYPE), *(packet.observations for packet in self._packets)]
         )
         observations = observations[np.argsort(observations["t_ns"], kind="stable")]
-        contradiction = contradicted_scale(found, self._config, self._calibration, gyroscope, observations)
+        contradiction = contradicted_clock(
+            found, self._calibration, gyroscope, observations
+        ) or contradicted_scale(found, self._config, self._calibration, gyroscope, observations)
         if contradiction:
             return contradiction, ()
         notes = scale_notes(found, self._calibration, gyroscope, observations)

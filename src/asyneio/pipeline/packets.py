@@ -9,6 +9,7 @@ from itertools import islice, pairwise
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.inertial.gravity_axes import axis_complaint
 from asyneio.inertial.gravity_witness import ask_gravity
 from asyneio.io.recording.clock_jumps import PAUSE_NS
 from asyneio.types import (
@@ -161,15 +162,19 @@ def check_clock_jumps(recording: Recording | EventRecording, lost_gap_s: float) 
 
 
 def check_inertial_scales(recording: Recording | EventRecording) -> None:
-    """Reject inertial samples whose scale disagrees with gravity: positions would be off by metres.
+    """Reject inertial samples whose scale or axes disagree with gravity: positions would be off by metres.
 
     Raises:
-        RecordingError: measured gravity is far from 9.81 m/s^2, or rotates at another rate than the gyroscope
-            measures.
+        RecordingError: measured gravity is far from 9.81 m/s^2, or rotates at another rate or about another
+            axis than the gyroscope measures.
     """
     witness = ask_gravity(recording.gyroscope, recording.accelerometer)
     if witness is None:
         return
-    complaint = witness.force_complaint() or witness.gyroscope_complaint()
+    complaint = (
+        witness.force_complaint()
+        or axis_complaint(recording.gyroscope, recording.accelerometer, witness)
+        or witness.gyroscope_complaint()
+    )
     if complaint:
         raise RecordingError(f"{recording.name}: {complaint}. Run `asyneio doctor` to examine the recording")

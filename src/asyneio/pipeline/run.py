@@ -12,7 +12,9 @@ from typing import Protocol
 from asyneio.config import Config
 from asyneio.errors import AsyneioError, RecordingError
 from asyneio.odometry import Odometry
+from asyneio.pipeline.arguments import check_recording
 from asyneio.pipeline.checkpoint import Checkpoints, CheckpointSettings
+from asyneio.pipeline.clock_check import contradicted_clock
 from asyneio.pipeline.compilation import Compilation, compile_ahead, watch_compilation
 from asyneio.pipeline.fingerprint import fingerprint_of
 from asyneio.pipeline.frontend_thread import ObservationStream
@@ -128,6 +130,7 @@ def run_recording(
             settings bridge the pause there; the checkpoint to resume from belongs to another run.
         RunInterrupted: Ctrl-C while the estimator ran.
     """
+    check_recording(recording)
     grid = _grid(recording, config.window.knot_interval_s)
     check_clock_jumps(recording, config.health.lost_inertial_gap_s)
     check_inertial_scales(recording)
@@ -141,12 +144,13 @@ def run_recording(
             loop.use_checkpoints(Checkpoints(checkpoints, fingerprint, progress.message))
         loop.run(recording)
     found, observations = loop.estimator.calibration(), source.observations()
-    contradiction = contradicted_scale(
-        found, config, calibration_of(recording), recording.gyroscope, observations
-    )
+    calibration = calibration_of(recording)
+    contradiction = contradicted_clock(
+        found, calibration, recording.gyroscope, observations
+    ) or contradicted_scale(found, config, calibration, recording.gyroscope, observations)
     notes = source.notes()
     if not contradiction:
-        notes += scale_notes(found, calibration_of(recording), recording.gyroscope, observations)
+        notes += scale_notes(found, calibration, recording.gyroscope, observations)
     outcome = Outcome(loop.done, found, observations, notes, loop.error, contradiction)
     costs = Costs(loop.wall_s, compilation.seconds, source.busy_s)
     summary = summarize(recording, outcome, grid, costs)

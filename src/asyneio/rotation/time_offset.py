@@ -16,6 +16,9 @@ _FAR_S, _FAR_STEP_S = 10.0, 0.02
 #: Minimum number of windows for an estimate.
 LEAST_WINDOWS = 6
 _ROBUST_STEPS = 3
+#: Ranges that are searched, each from the edge of the one before, and units of log-likelihood by which an
+#: offset outside the first range must be likelier than the middle of it.
+_MOVES, _LIKELIER = 4, 15.0
 
 
 class TurnOf:
@@ -71,10 +74,19 @@ def find_far_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> float 
 def find_offset(rates: CameraRates, turn: TurnOf, around_s: float) -> tuple[float, float]:
     """Offset with the smallest innovations [s], and its standard deviation [s] (infinite: not observable)."""
     reach = min(_REACH_S + 2.0 * abs(around_s), 5.0 * _REACH_S)
-    trials = around_s + np.arange(-round(reach / _STEP_S), round(reach / _STEP_S) + 1) * _STEP_S
-    costs = np.array([_offset_cost(rates, turn, trial) for trial in trials])
-    k = int(np.argmin(costs))
-    if k in (0, trials.size - 1) or not np.isfinite(costs[k]):
+    steps = np.arange(-round(reach / _STEP_S), round(reach / _STEP_S) + 1) * _STEP_S
+    middle, centre = steps.size // 2, around_s
+    needed = np.inf
+    for _ in range(_MOVES):
+        trials = centre + steps
+        costs = np.array([_offset_cost(rates, turn, trial) for trial in trials])
+        k = int(np.argmin(costs))
+        if k not in (0, trials.size - 1) or not np.isfinite(costs[k]):
+            break
+        # The best offset is beyond the edge. It counts if it is far likelier than the one looked for.
+        needed = min(needed, costs[middle] - 2.0 * _LIKELIER)
+        centre = float(trials[k])
+    if k in (0, trials.size - 1) or not np.isfinite(costs[k]) or costs[k] > needed:
         return around_s, float("inf")
     steps = np.arange(-_FINE, _FINE + 1) * _FINE_STEP_S
     costs = np.array([_offset_cost(rates, turn, trials[k] + step) for step in steps])
@@ -126,3 +138,13 @@ def gaps_of(rates: CameraRates, inside: BoolArray) -> FloatArray:
     """Times between neighbouring windows (N-1,), in units of their median."""
     gaps = np.diff(rates.start_ns[inside]).astype(np.float64)
     return np.asarray(gaps / max(float(np.median(gaps)), 1.0))
+
+
+def clock_fix(offset_s: float) -> str:
+    """What to do about a time offset: calibrations contain less than a second."""
+    if abs(offset_s) < 1.0:
+        return f"set timeshift_cam_imu to {offset_s:.4f} s"
+    return (
+        f"add {offset_s:.4f} s to the timestamps of the camera, or subtract it from those of the IMU: "
+        "timeshift_cam_imu must be less than 1 s"
+    )

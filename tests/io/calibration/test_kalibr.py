@@ -177,7 +177,7 @@ def test_missing_noise_key_is_named(files: tuple[Path, Path]) -> None:
     [
         ("%YAML:1.0\ncam0: 1\n", "expected keys and values of a camera"),
         ("cam1: {}\n", "camera_model of cam1 is None"),
-        ("- 1\n", "contains a list"),
+        ("- 1\n", "contains no keys with values, but a list"),
         ("cam0: [1,\n", "not valid YAML"),
         ("cam0: !!python/object/apply:os.system [exit]\n", "not valid YAML"),
         ("cam0: !!int ''\n", "not valid YAML"),

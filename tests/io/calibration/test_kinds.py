@@ -150,7 +150,7 @@ def test_cameras_are_chosen(tmp_path: Path) -> None:
     ]
     for size, wanted, message in (
         (None, None, r"2 cameras and the sensor size is unknown: cam0 \(752 x 480\); cam1"),
-        ((640, 480), None, "0 of them have 640 x 480.*select one with --camera"),
+        ((640, 480), None, "2 cameras, none of 640 x 480 pixels.*pass the calibration of this camera"),
         (
             SIZE,
             CalibrationSelection("cam2"),

@@ -108,6 +108,18 @@ def test_inivation(tmp_path: Path, listed: bool) -> None:
             IMU_UTILS,
             "imu_utils: .*gyroscope_noise_density: 0.015 .* root of the IMU rate",
         ),
+        (
+            "camera.txt",
+            "RadTan 200 200 120 90 -0.3 0.1 0 0\n240 180\n",
+            "camera file of DSO; .*distortion_coeffs",
+        ),
+        (
+            "okvis.yaml",
+            "cameras:\n  - {T_SC: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}\n",
+            "configuration of OKVIS; .*T_imu_cam",
+        ),
+        ("params.mat", "MATLAB 5.0 MAT-file\0\0", "a MATLAB file"),
+        ("picture.png", "\x89PNG\r\n\x1a\n\0\0IHDR", "is not text"),
         ("empty.yaml", "", "empty.yaml is empty"),
         ("blank.yaml", "---\n\n", "blank.yaml is empty"),
         ("comment.yaml", "# nothing\n", "contains only comments"),

@@ -56,3 +56,20 @@ def test_a_clock_that_was_set_is_still_refused() -> None:
     assert not isolated(t_ns).any()
     with pytest.raises(RecordingError, match="time runs backwards"):
         sort_in_time(rows, "imu.txt")
+
+
+@pytest.mark.parametrize(("count", "dropped"), [(5, 5), (20, 20), (40, 0)])
+@pytest.mark.parametrize("end", [False, True])
+def test_first_and_last_stamps_of_another_epoch(count: int, dropped: int, end: bool) -> None:
+    """A driver that does not know the time yet: up to one row in a hundred."""
+    t_ns = stamps(2000)
+    part = slice(-count, None) if end else slice(count)
+    t_ns[part] = (EPOCH * 2 if end else 0) + np.arange(count) * 1_000_000
+    assert int(np.count_nonzero(isolated(t_ns))) == dropped
+
+
+def test_rows_that_are_not_sorted_are_named(rng: np.random.Generator) -> None:
+    rows = np.zeros(400, dtype=INERTIAL_DTYPE)
+    rows["t_ns"] = rng.permutation(stamps())
+    with pytest.raises(RecordingError, match=r"not sorted by time.*\(sort -s -g imu.txt > sorted.txt\)"):
+        sort_in_time(rows, "imu.txt")

@@ -9,7 +9,7 @@ import pytest
 
 from asyneio.errors import RecordingError
 from asyneio.io import open_recording, read_inertial_file, write_uzh_folder
-from asyneio.io.recording.inertial_units import turns_in_degrees
+from asyneio.io.recording.inertial_units import check_units, turns_in_degrees
 from asyneio.types import INERTIAL_DTYPE, NS_PER_S, EventRecording, RecordArray
 from tests.io.event_recordings import make_event_recording
 
@@ -66,6 +66,16 @@ UNITS = "timestamp [ns],gyro_x [deg/s],gyro_y [deg/s],gyro_z [deg/s],acc_x [g],a
 SUFFIXES = "timestamp_us gyro_x_dps gyro_y_dps gyro_z_dps acc_x_m_s2 acc_y_m_s2 acc_z_m_s2\n" + rows(
     T_NS // 1000, *xyz(np.degrees(OMEGA)), *xyz(FORCE), mark=" "
 )
+ROS2 = rows(
+    T_NS // NS_PER_S, T_NS % NS_PER_S, FRAMES, *np.zeros((13, COUNT)), *xyz(OMEGA), *np.zeros((9, COUNT)),
+    *xyz(FORCE), *np.zeros((9, COUNT)),
+)  # fmt: skip
+AXES_FIRST = "t_ns,z_gyro,y_gyro,x_gyro,z_acc,y_acc,x_acc\n" + rows(
+    T_NS, *xyz(OMEGA)[::-1], *xyz(FORCE)[::-1]
+)
+MILLI = "t_ns,gx [mdeg/s],gy [mdeg/s],gz [mdeg/s],ax [mg],ay [mg],az [mg]\n" + rows(
+    T_NS, *xyz(1e3 * np.degrees(OMEGA)), *xyz(1e3 * FORCE / 9.80665)
+)
 COMMAS = "t;gx;gy;gz;ax;ay;az\n" + rows(T_NS / 1e9, *xyz(OMEGA), *xyz(FORCE), mark=";").replace(".", ",")
 
 
@@ -73,6 +83,9 @@ COMMAS = "t;gx;gy;gz;ax;ay;az\n" + rows(T_NS / 1e9, *xyz(OMEGA), *xyz(FORCE), ma
     ("text", "said"),
     [
         (ROSTOPIC, "(from the header), time in ns"),
+        (ROS2, "(from the header), time in s"),
+        (AXES_FIRST, "(from the header), time in ns"),
+        (MILLI, "gyroscope in mdeg/s (from the header)"),
         (BAGPY, "(from the header), time in s"),
         (DV, "accelerometer first (from the header), time in us"),
         (UNITS, "gyroscope in deg/s (from the header): converted to rad/s"),
@@ -189,3 +202,41 @@ def test_times_with_too_few_digits(tmp_path: Path) -> None:
     path.write_text(rows([f"{t / 1e9:.6g}" for t in T_NS.tolist()], *xyz(OMEGA), *xyz(FORCE), mark=" "))
     with pytest.raises(RecordingError, match="printed with too few digits"):
         read_inertial_file(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t [ns],gx,gy,gz,ax,ay,az\n" + rows(T_NS / 1e9, *xyz(OMEGA), *xyz(FORCE)), "write s in the header"),
+        (
+            "t_ns,gx,gy,gz,ax,ay,az\n" + rows([f"{t:.5e}" for t in T_NS], *xyz(OMEGA), *xyz(FORCE)),
+            "printed with too few digits",
+        ),
+        (
+            "t_ns,gx [rpm],gy [rpm],gz [rpm],ax,ay,az\n" + rows(T_NS, *xyz(OMEGA), *xyz(FORCE)),
+            "deg/s, mdeg/s",
+        ),
+    ],
+)
+def test_wrong_units_in_the_header_are_named(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "imu.csv").write_text(text)
+    with pytest.raises(RecordingError, match=said):
+        read_inertial_file(tmp_path / "imu.csv")
+
+
+@pytest.mark.parametrize("name", ["IMU.CSV", "Imu.csv"])
+def test_names_in_upper_case_are_found(tmp_path: Path, rng: np.random.Generator, name: str) -> None:
+    write_uzh_folder(make_event_recording(rng), tmp_path)
+    (tmp_path / "imu.txt").rename(tmp_path / name)
+    found = open_recording(tmp_path)
+    assert isinstance(found, EventRecording)
+    assert found.gyroscope.size
+
+
+def test_counts_and_thousandths_are_named(tmp_path: Path) -> None:
+    for factor, said in ((1e3, "This fits mg"), (2048.0, "raw counts of 2048 per g")):
+        columns = [T_NS, *xyz(OMEGA), *xyz(factor * FORCE / 9.80665)]
+        (tmp_path / "imu.csv").write_text("t_ns,gx,gy,gz,ax,ay,az\n" + rows(*columns))
+        streams = read_inertial_file(tmp_path / "imu.csv")
+        with pytest.raises(RecordingError, match=said):
+            check_units(streams.gyroscope, streams.accelerometer, ())

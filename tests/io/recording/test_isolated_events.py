@@ -22,3 +22,16 @@ def test_one_wrong_stamp_is_dropped(tmp_path: Path, events: np.ndarray, where: i
     found = read(tmp_path)
     assert_events(found.events, np.delete(events, where, axis=0), T0_US)
     assert "dropped 1 isolated event(s)" in " ".join(found.notes)
+
+
+def test_the_first_events_may_be_of_another_epoch(tmp_path: Path, events: np.ndarray) -> None:
+    t_ns = (events[:, 0] + T0_US) * 1000
+    t_ns[:60] = np.arange(60) * 1000
+    lines = (
+        f"{t // 10**9}.{t % 10**9:09d} {x} {y} {p}\n"
+        for t, (x, y, p) in zip(t_ns.tolist(), events[:, 1:].tolist(), strict=True)
+    )
+    (tmp_path / "events.txt").write_text("".join(lines))
+    found = read(tmp_path)
+    assert_events(found.events, events[60:], T0_US)
+    assert "dropped 60 isolated event(s)" in " ".join(found.notes)

@@ -21,6 +21,9 @@ TEXTS = {
     "microseconds": ("", "{t} {x} {y} {p}", T0_US, "t x y p, time in microseconds (stamps since 1970)"),
     "named unit": ("# x y t[us] p\n", "{x} {y} {t} {p}", 0, "time in microseconds (by its name)"),
     "N-MNIST": ("", "{x} {y} {t} {p}", 0, "x y t p, time in microseconds"),
+    "quotes": ('"t","x","y","p"\n', '"{t}","{x}","{y}","{p}"', T0_US, "by their names"),
+    "spreadsheet": ("t,x,y,p\n", '"{t:,}",{x},{y},{p}', T0_US, "by their names"),
+    "further column": ("", "{t} {x} {y} {p} 7", T0_US, "1 further column(s) ignored"),
 }
 
 
@@ -59,7 +62,7 @@ def test_decimal_commas_are_named_and_the_cure_works(tmp_path: Path, events: np.
     file.write_text("".join(f"5,{t:06d};{x};{y};{p}\n" for t, x, y, p in rows))
     with pytest.raises(RecordingError, match="decimal commas") as caught:
         open_recording(tmp_path)
-    command = str(caught.value).split("Type: ")[1]
+    command = str(caught.value).split("Type: ")[1].split(")")[0]
     assert "'5," in str(caught.value)
     subprocess.run(command, shell=True, cwd=tmp_path, check=True)
     assert_events(read(tmp_path).events, events, 5_000_000)
@@ -73,4 +76,46 @@ def test_rows_out_of_order_are_named_and_the_cure_works(tmp_path: Path, events: 
         open_recording(tmp_path)
     command = str(caught.value).split("Sort it: ")[1]
     subprocess.run(f"{command} && mv sorted.txt events.txt", shell=True, cwd=tmp_path, check=True)
+    assert_events(read(tmp_path).events, events)
+
+
+def test_polarity_in_words(tmp_path: Path, events: np.ndarray) -> None:
+    rows = (f"{t},{x},{y},{'ON' if p else 'off'}\n" for t, x, y, p in events.tolist())
+    (tmp_path / "events.csv").write_text("t[us],x,y,p\n" + "".join(rows))
+    assert_events(read(tmp_path).events, events)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("{t} {x} {y}", "3 columns without names.*or the polarity is missing"),
+        ("{t} {x} {y} {q}", "column 4 has the values 1 and 2: a polarity is 0 and 1"),
+        ("{x} {t} {y} {p}", "name the columns in the first line, such as"),
+        ("0.5 {x}.25 {y}.5 7", "no two columns are integers"),
+    ],
+)
+@pytest.mark.parametrize("name", ["events.txt", "other.txt"])
+def test_columns_of_other_tables_are_named(
+    tmp_path: Path, events: np.ndarray, line: str, said: str, name: str
+) -> None:
+    rows = (line.format(t=T0_US + t, x=x, y=y, p=p, q=p + 1) + "\n" for t, x, y, p in events.tolist())
+    (tmp_path / name).write_text("".join(rows))
+    with pytest.raises(RecordingError, match=said) as caught:
+        open_recording(tmp_path)
+    assert "the first line of numbers is" in str(caught.value)
+
+
+def test_the_advice_to_name_columns_works(tmp_path: Path, events: np.ndarray) -> None:
+    rows = "".join(f"{x} {T0_US + t} {y} {p}\n" for t, x, y, p in events.tolist())
+    (tmp_path / "events.txt").write_text("x t[us] y p\n" + rows)
+    assert_events(read(tmp_path).events, events, T0_US)
+
+
+def test_utf16_is_named_and_the_command_works(tmp_path: Path, events: np.ndarray) -> None:
+    rows = "".join(f"{t},{x},{y},{p}\n" for t, x, y, p in events.tolist())
+    (tmp_path / "my events.csv").write_bytes(("t,x,y,p\n" + rows).encode("utf-16"))
+    with pytest.raises(RecordingError, match="UTF-16") as caught:
+        open_recording(tmp_path)
+    command = str(caught.value).split("Type: ")[1].split(")")[0]
+    subprocess.run(command, shell=True, check=True)
     assert_events(read(tmp_path).events, events)

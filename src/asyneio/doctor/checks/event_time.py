@@ -140,6 +140,15 @@ def check_event_clock(inspection: Inspection) -> CheckResult | None:
     values = {"tick_ns": events.tick_ns, "hz_per_pixel": _finite(rate), "span_s": events.span_s}
     found = f"{events.span_s:.6g} s long, {rate:.3g} events per second and pixel, timestamps in steps of "
     found += f"{events.tick_ns / 1e3:g} us"
+    if events.count >= _FEW and events.span_s == 0.0:
+        return fail(
+            "event clock",
+            f"all {events.count} events have the time stamp {events.first_ns} ns",
+            "steps of about a microsecond",
+            "the time was printed with too few digits, or stored as a 32-bit float: write whole "
+            "microseconds, or seconds with nine decimals (%.9f)",
+            **values,
+        )
     if events.count >= _FEW and events.tick_ns >= _COARSE_TICK_NS:
         return fail(
             "event clock",
@@ -196,7 +205,7 @@ def check_flicker(inspection: Inspection) -> CheckResult | None:
 
 def _factor(ratio: float) -> int:
     """The power of 1000 nearest to a ratio, at least 1000."""
-    return int(1000 ** max(1, min(3, round(np.log(max(ratio, 1.0)) / np.log(1000.0)))))
+    return int(1000 ** max(1, min(3, round(np.log(min(max(ratio, 1.0), 1e12)) / np.log(1000.0)))))
 
 
 def _rate(hz: float) -> str:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from asyneio.doctor.inspection import Inspection, fail, note, ok, warning
 from asyneio.doctor.result import CheckResult
 from asyneio.rotation.alignment import CONTRADICTED, OFFSET_OBSERVABLE_S, RIGHT_ANGLES, Alignment
+from asyneio.rotation.time_offset import clock_fix
 from asyneio.types import NS_PER_S, FloatArray
 
 #: A direction with a larger standard deviation [degrees] is not observable.
@@ -112,8 +113,8 @@ def check_time_offset(inspection: Inspection) -> CheckResult | None:
     expected = f"{1e3 * claimed:+.1f} ms as calibrated" if inspection.calibration else "no calibration: 0 ms"
     if abs(difference) > _FAR_S:
         fix = (
-            f"the clocks differ by {abs(difference):.3f} s: set timeshift_cam_imu to {found.offset_s:.4f} s, "
-            "or find the driver with delayed timestamps"
+            f"the clocks differ by {abs(difference):.3f} s: {clock_fix(found.offset_s)}, or find the driver "
+            "with delayed timestamps"
         )
         return fail("time offset", measured, expected, fix, **values)
     tolerance = _OFFSET_S + 2.0 * found.offset_sigma_s

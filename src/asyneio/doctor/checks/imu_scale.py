@@ -22,6 +22,11 @@ def check_imu_scale(inspection: Inspection) -> CheckResult | None:
         "force": gravity.force,
         "seconds": gravity.seconds,
     }
+    if inspection.wrong_axes:
+        fix = f"{inspection.wrong_axes}. A run rejects these samples"
+        return fail(
+            "imu scale", "gravity does not rotate as the gyroscope does", "the same axes", fix, **values
+        )
     if not gravity.observable:
         return ok("imu scale", "not observable: gravity rotates too little in the body frame", **values)
     sigma = gravity.scale * gravity.log_sigma

@@ -160,7 +160,19 @@ def check_stationary(inspection: Inspection) -> CheckResult | None:
 def check_gravity(inspection: Inspection) -> CheckResult | None:
     """Specific force of a stationary sensor against gravity: the difference is an error of scale or bias."""
     found, gravity = inspection.stationary, inspection.gravity
-    if found.force is None or (gravity is not None and gravity.force_complaint()):
+    if gravity is not None and gravity.force_complaint():
+        return None
+    if gravity is not None and not found.count and gravity.force_doubt():
+        off = gravity.force / STANDARD_GRAVITY - 1.0
+        return warning(
+            "imu gravity",
+            f"mean |a| = {gravity.force:.4g} m/s^2 over {gravity.seconds:.3g} s, {off:+.1%} of gravity",
+            f"{STANDARD_GRAVITY:.4g} m/s^2 within {_GRAVITY_OFF:.1%}",
+            "the accelerometer's scale or bias is wrong: calibrate it",
+            force=gravity.force,
+            stationary=False,
+        )
+    if found.force is None:
         return None
     where = f"stationary ({found.count} half seconds)" if found.count else "in the steadiest half second"
     measured = f"|a| = {found.force:.4g} m/s^2 {where}"

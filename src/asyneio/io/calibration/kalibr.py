@@ -147,12 +147,15 @@ def _read_camera(content: dict[str, Any], name: str, path: Path) -> CameraReadin
     if model != "pinhole":
         raise CalibrationError(
             f"{path}: camera_model of {name} is {shown(model)}; only 'pinhole' is supported, with the "
-            "distortions none, radtan and equidistant; calibrate with one of these"
+            "distortions none, radtan and equidistant; calibrate with one of these (Kalibr: --models "
+            "pinhole-radtan, or pinhole-equi for wide lenses)"
         )
     intrinsics = read_intrinsics(section, path)
     extrinsics = _extrinsics(content, name, path)
     T_b_c, notes = extrinsics if extrinsics else (None, ())
     notes += ignored_key_notes(section, path)
+    if "distortion_model" not in section and "distortion_coeffs" not in section:
+        notes += (f"{path.name}: {name} has no distortion_model: no distortion is assumed",)
     return CameraReading(intrinsics, T_b_c, shift_ns(section, "timeshift_cam_imu", path), notes)
 
 

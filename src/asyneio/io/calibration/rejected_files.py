@@ -18,9 +18,17 @@ _TEXTS = {
     "Camera-system parameters": _KALIBR,
     "%PDF": "{path} is a PDF report; expected the calibration: use {there}, which Kalibr writes to the "
     "same folder",
+    "MATLAB": "{path} is a MATLAB file; expected YAML: write its values to camchain.yaml below cam0: as "
+    "Kalibr does",
     "# oST version": "{path} is the text output of the ROS camera calibrator; expected its YAML: use "
     "ost.yaml from the same folder",
 }
+_DSO = (
+    "{path} is a camera file of DSO; expected YAML: write the values to camchain.yaml below cam0: as "
+    "camera_model: pinhole, intrinsics: [fx, fy, cx, cy], distortion_model: radtan (or equidistant), "
+    "distortion_coeffs: [k1, k2, p1, p2], resolution: [width, height]"
+)
+_TEXTS |= dict.fromkeys(("RadTan ", "EquiDistant ", "Pinhole ", "FOV ", "KannalaBrandt "), _DSO)
 _CAMERA_KEYS = (
     "camera_model",
     "intrinsics",
@@ -53,6 +61,13 @@ def reject_known_keys(content: dict[str, Any], path: Path) -> None:
         raise KnownFileError(
             f"{path} describes a calibration target ({content['target_type']}); expected the calibration "
             "that Kalibr computes with it: camchain-imucam-*.yaml"
+        )
+    cameras = content.get("cameras")
+    if isinstance(cameras, list) and cameras and isinstance(cameras[0], dict) and "T_SC" in cameras[0]:
+        raise KnownFileError(
+            f"{path} is a configuration of OKVIS; expected a Kalibr chain: write T_SC below cam0: as "
+            "T_imu_cam, focal_length and principal_point as intrinsics: [fx, fy, cx, cy], with "
+            "camera_model: pinhole, distortion_model, distortion_coeffs and resolution"
         )
     empty = next((key for key, value in content.items() if key.startswith("cam") and value is None), None)
     flat = [key for key in _CAMERA_KEYS if key in content]

@@ -216,6 +216,11 @@ def select_camera(
     fitting = [camera for camera in cameras if size is not None and camera.size == size]
     if len(fitting) == 1:
         return fitting[0]
+    if size is not None and not fitting:
+        raise CalibrationError(
+            f"the calibration contains {len(cameras)} cameras, none of {size[0]} x {size[1]} pixels: "
+            f"{listed}; pass the calibration of this camera with --calibration"
+        )
     which = f"{len(fitting)} of them have {size[0]} x {size[1]}" if size else "the sensor size is unknown"
     raise CalibrationError(
         f"the calibration contains {len(cameras)} cameras and {which}: {listed}; select one with --camera"

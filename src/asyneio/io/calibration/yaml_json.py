@@ -49,6 +49,8 @@ def load_mapping(path: Path) -> dict[str, Any]:
 def parse_mapping(text: str, path: Path) -> dict[str, Any]:
     """Like `load_mapping`, for text that was read from `path`."""
     text = text.removeprefix("\ufeff")
+    if "\0" in text.strip("\0") or "\x1a" in text:
+        raise CalibrationError(f"{path} is not text; expected a calibration in YAML, JSON or calib.txt")
     reject_known_text(text, path)
     if not text.strip(" \t\r\n\0-"):
         raise CalibrationError(f"{path} is empty; expected a calibration: write it again or remove the file")
@@ -57,7 +59,8 @@ def parse_mapping(text: str, path: Path) -> dict[str, Any]:
         raise CalibrationError(f"{path} contains only comments; expected a calibration")
     if not isinstance(content, dict):
         raise CalibrationError(
-            f"{path} contains a {type(content).__name__}; expected a mapping of keys to values"
+            f"{path} contains no keys with values, but a {type(content).__name__}; expected a calibration in "
+            "YAML, JSON or calib.txt"
         )
     return {str(key): value for key, value in content.items()}
 

@@ -80,7 +80,9 @@ class Meaning:
     def note(self, name: str) -> str:
         """A note on how the columns were read."""
         by = " (by their names)" if self.named else ""
-        return f"{name}: columns {self.order}{by}, time in {UNIT_WORDS[self.unit]} ({self.unit_source})"
+        more = f"; {self.count - 4} further column(s) ignored" if self.count > 4 else ""
+        unit = f"time in {UNIT_WORDS[self.unit]} ({self.unit_source})"
+        return f"{name}: columns {self.order}{by}, {unit}{more}"
 
 
 def columns_by_name(names: Sequence[str]) -> tuple[dict[str, int], str] | None:
@@ -127,7 +129,7 @@ def columns_by_values(rows: FloatArray) -> dict[str, int] | None:
     for preference, order in enumerate(_ORDERS):
         position = {letter: order.index(letter) for letter in "txyp"}
         if not is_polarity(rows[:, position["p"]]) or not all(
-            _are_pixels(rows[:, position[axis]]) for axis in "xy"
+            are_pixels(rows[:, position[axis]]) for axis in "xy"
         ):
             continue
         back = float(np.mean(np.diff(rows[:, position["t"]]) < 0.0)) if rows.shape[0] > 1 else 0.0
@@ -159,5 +161,6 @@ def is_polarity(values: FloatArray) -> bool:
     return bool(np.isin(values, (-1.0, 0.0, 1.0, 255.0, 65_535.0, 4_294_967_295.0)).all())
 
 
-def _are_pixels(values: FloatArray) -> bool:
+def are_pixels(values: FloatArray) -> bool:
+    """True if all values are integers from 0 to 65 534."""
     return bool(((values >= 0) & (values < _MOST_PIXELS) & (values == np.round(values))).all())

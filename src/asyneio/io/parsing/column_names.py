@@ -55,10 +55,12 @@ _UNITS_OF_TIME = {
 _UNIT_WORDS = {
     "dps": "deg/s", "degs": "deg/s", "degps": "deg/s", "rads": "rad/s", "radps": "rad/s",
     "ms2": "m/s^2", "mps2": "m/s^2", "mss": "m/s^2", "g": "g", "mg": "mg",
+    "mdps": "mdeg/s", "mdegs": "mdeg/s", "mrads": "mrad/s", "mms2": "mm/s^2",
 }  # fmt: skip
 _TIMES = frozenset(
     ["t", "ts", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "rosbagtimestamp"]
 )
+_AXES = ("x", "y", "z", "w")
 _BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 _WORD = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])|[0-9]+")
 
@@ -100,6 +102,9 @@ def parse_column(text: str) -> Column:
     found = _BRACKETS.search(text)
     unit = "".join(found.group(1).split()).lower() if found else ""
     words = tuple(word.lower() for word in _WORD.findall(_BRACKETS.sub("", text)))
+    if len(words) > 1 and words[0] in _AXES and words[-1][-1] not in _AXES:
+        # x_gyro
+        words = (*words[1:], words[0])
     for count in (3, 2, 1):
         # gyro_x_dps, acc_x_m_s2
         if not unit and len(words) > count and "".join(words[-count:]) in _UNIT_WORDS:

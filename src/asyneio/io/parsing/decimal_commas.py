@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 from asyneio.errors import RecordingError
@@ -23,8 +24,17 @@ def reject_decimal_commas(path: object, number: int, line: str) -> None:
         RecordingError: the line has semicolons between its numbers and commas in them.
     """
     if ";" in line and _DECIMAL_COMMA.search(line):
-        name = Path(str(path)).name
         raise RecordingError(
             f"{path}: line {number} has decimal commas between semicolons: {line.strip()[:80]!r}; expected "
-            f"decimal points. Type: sed -i 's/,/./g; s/;/ /g' {name}"
+            f"decimal points. Type: sed -i 's/,/./g; s/;/ /g' {shlex.quote(str(path))}"
         )
+
+
+def decimal_commas(path: Path, head: bytes) -> str:
+    """The error for decimal commas in the first lines of a file; empty if there are none."""
+    for number, line in enumerate(head.decode("utf-8", errors="replace").splitlines()[:3], 1):
+        try:
+            reject_decimal_commas(path, number, line)
+        except RecordingError as error:
+            return str(error)
+    return ""

@@ -20,6 +20,8 @@ _MAX_RUN, _MIN_OTHERS = 3, 10
 _JUMP_STEPS = 50.0
 #: Rows at the start or the end with a larger gap [ns] to the others are wrong.
 _END_GAP_NS = float(NS_PER_S)
+#: Rows at the start or the end, at most one in a hundred and this number, with a larger gap [ns] are wrong.
+_MOST_AT_END, _FAR_NS = 100, 3600.0 * NS_PER_S
 
 
 def isolated(t_ns: IntArray) -> BoolArray:
@@ -40,7 +42,7 @@ def isolated(t_ns: IntArray) -> BoolArray:
     if starts.size == 1:
         return wrong
     ends = np.concatenate([starts[1:], [t_ns.size]]) - 1
-    long = np.flatnonzero(ends - starts >= _MAX_RUN)
+    long = np.flatnonzero((ends - starts >= _MAX_RUN) & ~_far_ends(t_ns, starts, ends))
     if not long.size:
         return wrong
     for k in np.setdiff1d(np.arange(starts.size), long).tolist():
@@ -49,6 +51,19 @@ def isolated(t_ns: IntArray) -> BoolArray:
         apart = max(_END_GAP_NS, ahead) if gaps.size == 1 else np.inf
         wrong[starts[k] : ends[k] + 1] = bool(np.any((gaps < -MAX_DISORDER_NS) | (gaps > apart)))
     return wrong if np.count_nonzero(~wrong) >= _MIN_OTHERS else np.zeros_like(wrong)
+
+
+def _far_ends(t_ns: IntArray, starts: IntArray, ends: IntArray) -> BoolArray:
+    """Whether a run is the first or last one, has few rows, and is hours away from its neighbour.
+
+    Drivers write such stamps before they know the time.
+    """
+    far = np.zeros(starts.size, dtype=np.bool_)
+    most = min(t_ns.size // 100, _MOST_AT_END)
+    for k, near, other in ((0, ends[0], starts[1]), (-1, starts[-1], ends[-2])):
+        gap = abs(float(t_ns[other]) - float(t_ns[near]))
+        far[k] = ends[k] - starts[k] < most and gap > _FAR_NS
+    return far
 
 
 def _gaps(

@@ -13,6 +13,9 @@ from asyneio.types import NS_PER_S, IntArray, RecordArray
 #: A larger share of bad rows means a wrong file.
 MAX_BAD_SHARE = 0.01
 
+#: More steps back are no resets of a sensor.
+_MOST_RESETS = 10
+
 #: IMU rates outside this range mean a wrong time unit.
 PLAUSIBLE_RATE_HZ = (5.0, 50_000.0)
 
@@ -51,6 +54,12 @@ def sort_in_time(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, 
     disorder = latest.astype(np.uint64) - t_ns.astype(np.uint64)
     worst = int(np.argmax(disorder))
     if int(disorder[worst]) > MAX_DISORDER_NS:
+        if backward.size > _MOST_RESETS:
+            sort = f"(sort -s -g {what} > sorted.txt)" if what.lower().endswith(".txt") else "by their time"
+            raise RecordingError(
+                f"{what}: its rows are not sorted by time, which runs backwards {backward.size} times, by up "
+                f"to {int(disorder[worst]) / 1e6:.1f} ms: sort them {sort}"
+            )
         raise RecordingError(
             f"{what}: time runs backwards by {int(disorder[worst]) / 1e6:.1f} ms at row {worst + 1} "
             f"(t_ns = {int(t_ns[worst])}); up to {MAX_DISORDER_NS / 1e6:.0f} ms is sorted, more means "

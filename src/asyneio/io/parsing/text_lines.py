@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Iterator
 from enum import Enum
 from io import TextIOWrapper
@@ -16,6 +17,23 @@ from asyneio.io.parsing.zip_member import ZipMember
 #: Number of lines that determine the number of columns and the rate.
 FIRST = 1000
 _LONGEST_LINE = 4000
+#: Largest share of bytes of a text that are not UTF-8.
+_MOST_DAMAGE = 0.05
+
+
+#: Files that are no text, by their first bytes, and the command that makes text of them.
+_NO_TEXT = {
+    b"\x1f\x8b": "compressed with gzip: type `gunzip -k {0}`",
+    b"\x28\xb5\x2f\xfd": "compressed with zstd: type `zstd -d {0}`",
+    b"BZh": "compressed with bzip2: type `bunzip2 -k {0}`",
+    b"\xfd7zXZ": "compressed with xz: type `unxz -k {0}`",
+    b"PK\x03\x04": "a zip archive: type `unzip {0}`",
+    b"\xff\xfe": "text in UTF-16: type `iconv -f UTF-16 -t UTF-8 {0} > {0}.txt`",
+    b"\xfe\xff": "text in UTF-16: type `iconv -f UTF-16 -t UTF-8 {0} > {0}.txt`",
+    b"#ROSBAG": "a ROS bag: write its topic to a table, `rostopic echo -b {0} -p TOPIC > {0}.csv`",
+    b"\x89HDF": "HDF5: write its columns to a text file",
+    b"SQLite ": "a SQLite file: write its topic to a table, `ros2 topic echo --csv TOPIC > FILE.csv`",
+}
 
 
 class BoundedLines:
@@ -79,6 +97,14 @@ def open_end_note(name: str, line: int, state: LastNumber) -> str:
     return f"{name}: line {line} is not used: no line feed ends it, and its last number may lack digits"
 
 
+def reject_no_text(path: Path | ZipMember, head: bytes, expected: str) -> None:
+    """Reject a file that is no text, or compressed, by its first bytes. Raises RecordingError."""
+    quoted = shlex.quote(str(path))
+    for magic, what in _NO_TEXT.items():
+        if head.startswith(magic):
+            raise RecordingError(f"{path} is {what.format(quoted)}; expected {expected}")
+
+
 def _decimals(text: str) -> int:
     whole, point, decimals = text.replace(",", ".").partition(".")
     return len(decimals) if point else len(whole.lstrip("+-"))
@@ -100,5 +126,7 @@ def head_of(
             f"{path} is the output of `rostopic echo TOPIC`; expected {expected}. Record a table: "
             "rostopic echo -p TOPIC > FILE.csv, or use the bag"
         )
+    if sum(text.count("\ufffd") for text in seen) > _MOST_DAMAGE * sum(map(len, seen)):
+        raise RecordingError(f"{path} is not text, or not in UTF-8; expected {expected}")
     shown = f"; a typical line is {seen[-1][:60]!r}" if seen[-1] else ""
     raise RecordingError(f"{path} contains no line of numbers{shown}; expected {expected}")

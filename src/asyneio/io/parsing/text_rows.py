@@ -35,6 +35,7 @@ from asyneio.io.parsing.text_lines import (
     head_of,
     judge_last_number,
     open_end_note,
+    reject_no_text,
 )
 from asyneio.io.parsing.zip_member import DAMAGE, ZipMember
 from asyneio.types import NS_PER_S, FloatArray, IntArray
@@ -87,6 +88,8 @@ class TextRows:
         Raises:
             RecordingError: no unit fits, or a time is out of range.
         """
+        self._reject_repeated()
+        self._reject_unit()
         unit = self.time.unit or self._unit(rates_hz, slow)
         stamps = [parse_seconds(text, DECIMALS[unit]) for text in self.times]
         if None in stamps:
@@ -94,10 +97,11 @@ class TextRows:
             raise RecordingError(f"{self.path}: {text[:40]} {unit} does not fit into 64 bits of nanoseconds")
         return np.array(stamps, dtype=np.int64), unit
 
-    def _unit(self, rates_hz: tuple[float, float], slow: bool) -> str:
-        if len(self.times) < 2:
-            return "s"
-        exact = [Decimal(text) for text in self.times[: FIRST + 1]]
+    def _first_times(self) -> list[Decimal]:
+        return [Decimal(text) for text in self.times[: FIRST + 1]]
+
+    def _reject_repeated(self) -> None:
+        exact = self._first_times()
         steps = sorted(abs(float(after - before)) for before, after in pairwise(exact))
         if len(exact) > 2 and steps[int(_MAX_REPEATED * len(steps))] == 0.0:
             raise RecordingError(
@@ -105,6 +109,25 @@ class TextRows:
                 f"{len(exact)} lines, starting with {self.times[0][:30]}: printed with too few digits. "
                 "Write seconds with nine decimals (%.9f)"
             )
+
+    def _reject_unit(self) -> None:
+        """Reject a unit in the header if the times since 1970 are in another one."""
+        if not self.time.unit:
+            return
+        first = abs(float(self.times[0]))
+        years = {unit: first * 10.0**decimals / NS_PER_S for unit, decimals in DECIMALS.items()}
+        other = [unit for unit, epoch_s in years.items() if _within(epoch_s, _EPOCH_S)]
+        if other and other[0] != self.time.unit and self.time.nanoseconds is None:
+            raise RecordingError(
+                f"{self.path}: the header names {self.time.unit} as the unit of time, but "
+                f"{self.times[0][:30]} is a time since 1970 in {other[0]}: write {other[0]} in the header"
+            )
+
+    def _unit(self, rates_hz: tuple[float, float], slow: bool) -> str:
+        if len(self.times) < 2:
+            return "s"
+        exact = self._first_times()
+        steps = sorted(abs(float(after - before)) for before, after in pairwise(exact))
         step = float(np.median(steps))
         rates = {unit: NS_PER_S / (step * 10.0**decimals) for unit, decimals in DECIMALS.items() if step}
         for unit, rate in rates.items():
@@ -149,6 +172,8 @@ def read_text_rows(
         if size > _MAX_BYTES:
             raise RecordingError(f"{path} is too large ({size} bytes); expected {expected}")
         with path.open("rb") if isinstance(path, Path) else path.open() as raw:
+            reject_no_text(path, raw.read(8), expected)
+            raw.seek(0)
             stream = TextIOWrapper(raw, encoding="utf-8-sig", errors="replace")
             rows = _collect(path, BoundedLines(stream, path, expected), expected, columns)
     except OSError as error:

@@ -61,7 +61,8 @@ def skipped_notes(name: str, counts: Mapping[str, int], total: int = 0, of: str 
 
 def share_text(count: int, total: int) -> str:
     """A share as a percentage with two digits."""
-    return f"{100.0 * count / max(total, 1):.2g}%"
+    percent = 100.0 * count / max(total, 1)
+    return f"{percent:.0f}%" if percent >= 10.0 else f"{percent:.2g}%"
 
 
 def join_events(pieces: Sequence[RecordArray]) -> RecordArray:

@@ -8,6 +8,7 @@
 | TUM-VIE `imu_data.txt` | `t gx gy gz ax ay az temperature`, microseconds with decimals |
 | VECtor `*.imu.txt` | seconds, gyroscope first, followed by other columns |
 | `rostopic echo -p`, bagpy | `field.header.stamp` or `header.stamp.secs` and `.nsecs`, `angular_velocity.x` |
+| `ros2 topic echo --csv` | the same fields, without names |
 | DV | `timestamp` in microseconds, `accelX` [g], `gyroX` [deg/s] |
 | asyneio | `t_ns,gx,gy,gz,ax,ay,az` |
 
@@ -28,7 +29,7 @@ from asyneio.io.parsing.text_rows import TextRows, read_text_rows
 from asyneio.io.parsing.zip_member import ZipMember
 from asyneio.io.recording.contents import Samples, split_samples
 from asyneio.io.recording.event_source import SAMPLE_DTYPE
-from asyneio.io.recording.inertial_units import STANDARD_GRAVITY, factor_of
+from asyneio.io.recording.inertial_units import STANDARD_GRAVITY, factor_of, supported_units
 from asyneio.types import INERTIAL_DTYPE, FloatArray, RecordArray
 
 #: Plausible IMU rates, to determine the time unit without a header.
@@ -40,6 +41,14 @@ _EXPECTED = (
     "t_ns,gx,gy,gz,ax,ay,az"
 )
 _EXPECTED_SENSOR = "samples of one sensor: time and three axes, as in t_ns,gx,gy,gz"
+
+#: Columns of `ros2 topic echo --csv`, which writes no header.
+_ROS2_CSV = (
+    "header.stamp.sec", "header.stamp.nanosec", "header.frame_id",
+    *(f"orientation.{axis}" for axis in "xyzw"), *(f"orientation_covariance_{k}" for k in range(9)),
+    *(f"angular_velocity.{axis}" for axis in "xyz"), *(f"angular_covariance_{k}" for k in range(9)),
+    *(f"linear_acceleration.{axis}" for axis in "xyz"), *(f"linear_covariance_{k}" for k in range(9)),
+)  # fmt: skip
 
 _Sensors = tuple[tuple[int, ...], tuple[int, ...]]
 
@@ -57,6 +66,8 @@ def read_inertial_file(path: Path | ZipMember, accelerometer_first: bool = False
         RecordingError: unreadable, no samples, or columns or time unit cannot be determined.
     """
     rows = read_text_rows(path, 7, _EXPECTED)
+    if not rows.columns and rows.values.shape[1] == len(_ROS2_CSV):
+        rows = read_text_rows(path, 7, _EXPECTED, ",".join(_ROS2_CSV))
     named = _by_name(rows)
     gyroscope, accelerometer = named or _by_gravity(rows, accelerometer_first)
     t_ns, unit = rows.stamps(_RATES_HZ)
@@ -143,8 +154,8 @@ def _in_si(rows: TextRows, columns: tuple[int, ...], sensor: str) -> tuple[Float
     factor = None if units else factor_of(sensor, unit)
     if factor is None:
         raise RecordingError(
-            f"{rows.path}: the header names the unit {unit!r} for the {sensor}; supported: rad/s, deg/s, "
-            "m/s^2, g and mg"
+            f"{rows.path}: the header names the unit {unit!r} for the {sensor}; supported: "
+            f"{supported_units(sensor)}"
         )
     if factor == 1.0:
         return values, ()

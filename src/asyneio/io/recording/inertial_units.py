@@ -32,15 +32,34 @@ _PAIRS = (400, 20)
 #: by which factor the other unit must be better.
 _LEAST_TURN, _WRONG_TURN, _BETTER = 0.6, 0.4, 3.0
 
+#: Gravity in other units, and in the counts of common full-scale ranges.
+_FORCE_UNITS = (
+    (1000.0, "mg"),
+    (STANDARD_GRAVITY * 1000.0, "mm/s^2"),
+    (STANDARD_GRAVITY * 100.0, "cm/s^2"),
+    (STANDARD_GRAVITY**2, "m/s^2 multiplied by 9.81 again"),
+    (STANDARD_GRAVITY / 4.0, "a full-scale range four times the driver's"),
+    (STANDARD_GRAVITY * 4.0, "a full-scale range a quarter of the driver's"),
+    *((count, f"raw counts of {count:.0f} per g") for count in (2048.0, 4096.0, 8192.0, 16384.0)),
+)
+#: A unit fits up to this factor; quartiles of the norm farther apart than this share of the median show that
+#: it contains no gravity.
+_NEAR, _VARIES = 1.12, 0.5
+
 _FACTORS: dict[str, dict[float, tuple[str, ...]]] = {
     "gyroscope": {
         1.0: ("", "rad/s", "rads^-1", "rads-1", "rad/sec", "rads", "radps", "radians/s"),
         _DEGREE: ("deg/s", "degs^-1", "degs-1", "deg/sec", "dps", "°/s", "degrees/s", "degps"),
+        1e-3 * _DEGREE: ("mdeg/s", "mdps", "millideg/s", "m°/s"),
+        1e-3: ("mrad/s", "mrads^-1", "mrad/sec"),
     },
     "accelerometer": {
         1.0: ("", "m/s^2", "m/s2", "ms^-2", "ms-2", "m/s²", "m/s/s", "m/sec^2", "m/s**2", "m*s^-2"),
-        STANDARD_GRAVITY: ("g",),
-        1e-3 * STANDARD_GRAVITY: ("mg",),
+        STANDARD_GRAVITY: ("g", "gs", "g's", "g0", "gn"),
+        1e-3 * STANDARD_GRAVITY: ("mg", "milli-g", "millig"),
+        1e-6 * STANDARD_GRAVITY: ("ug", "µg"),
+        1e-3: ("mm/s^2", "mm/s2", "mm/s²"),
+        1e-2: ("cm/s^2", "cm/s2", "cm/s²", "gal"),
     },
 }
 
@@ -81,6 +100,13 @@ def check_units(
             "the median norm of the accelerometer is about one, so it is in g: multiplied by "
             f"{STANDARD_GRAVITY}",
         )
+    rate = _DEGREE * float(np.percentile(_norms(gyroscope), 95.0))
+    if rate > _LARGEST_RATE and _within(force, _USABLE_FORCE):
+        raise RecordingError(
+            f"the gyroscope exceeds {_LARGEST_RATE:g} rad/s even as deg/s (95 % of its readings are below "
+            f"{rate / _DEGREE:.4g}): counts or thousandths of a unit? Name the unit in the header, such as "
+            "gx[mdeg/s], or convert the readings to rad/s"
+        )
     in_degrees, unit_notes = _in_degrees(gyroscope, accelerometer, in_g)
     if in_degrees:
         gyroscope = _scaled(gyroscope, _DEGREE)
@@ -88,11 +114,28 @@ def check_units(
     if not _within(force, _USABLE_FORCE):
         raise RecordingError(
             f"the median norm of the accelerometer is {force:.4g}; expected about 9.81 m/s^2 (with gravity). "
-            "Check the unit, the column order, and that gravity was not removed"
+            + _force_cause(accelerometer, force)
         )
     if not _within(force, _EXPECTED_FORCE):
         notes += (f"the median norm of the accelerometer is {force:.2f} m/s^2, expected about 9.81",)
     return InertialStreams(gyroscope, accelerometer, notes)
+
+
+def supported_units(sensor: str) -> str:
+    """The units of a sensor that headers may name, as text."""
+    return ", ".join(next(name for name in names if name) for names in _FACTORS[sensor].values())
+
+
+def _force_cause(accelerometer: RecordArray, force: float) -> str:
+    """The likely reason for an impossible median `force`, and what to do."""
+    if force == 0.0:
+        return "All readings are zero: the sensor is dead or not read"
+    if force < _USABLE_FORCE[0] and _relative_spread(accelerometer) > _VARIES:
+        return "Check that gravity was not removed: export the raw acceleration, not the linear one"
+    for true, unit in _FORCE_UNITS:
+        if abs(np.log(force / true)) < np.log(_NEAR):
+            return f"This fits {unit}: multiply the readings by {STANDARD_GRAVITY / true:.6g}"
+    return "Check the unit, the column order, and that gravity was not removed"
 
 
 def _in_degrees(

@@ -24,6 +24,9 @@ MAX_RUN = 5
 LONG_JUMP_NS = 10 * NS_PER_S
 #: Number of events after the first ones that show which stamps are right.
 _REFERENCE_EVENTS = 100
+#: The first events, at most half of which may be hours away from all others: stamps before the driver knows
+#: the time.
+_FIRST_EVENTS, _FAR_NS = 2000, 3600.0 * NS_PER_S
 #: More than this share of the events, plus this number, are not isolated.
 _MAX_SHARE, _MAX_COUNT = 1e-4, 20
 
@@ -46,7 +49,7 @@ class IsolatedEventFilter:
             events = join_events([self._waiting, events])
             self._waiting = events[:0]
         if not self._begun:
-            if events.size < MAX_RUN + _REFERENCE_EVENTS:
+            if events.size < _FIRST_EVENTS:
                 self._waiting = events
                 return events[:0]
             events = self._without_first(events)
@@ -72,14 +75,21 @@ class IsolatedEventFilter:
         t_ns = events["t_ns"]
         steps = np.diff(t_ns[: MAX_RUN + _REFERENCE_EVENTS])
         far = np.flatnonzero((steps > LONG_JUMP_NS) | (steps < -MAX_DISORDER_NS))
+        hours = np.flatnonzero(np.abs(np.diff(t_ns[:_FIRST_EVENTS].astype(np.float64))) > _FAR_NS)
+        if hours.size == 1 and hours[0] >= MAX_RUN and 2 * hours[0] < t_ns.size:
+            return self._without(events, int(hours[0]) + 1)
         if far.size == 0 or far[-1] >= MAX_RUN or t_ns.size < far[-1] + 1 + 2 * MAX_RUN:
             return events
         # If time returns to the first event, the general rule applies.
         if abs(int(t_ns[far[-1] + 1]) - int(t_ns[0])) <= MAX_DISORDER_NS:
             return events
-        self._dropped += int(far[-1]) + 1
-        self._taken += int(far[-1]) + 1
-        return events[far[-1] + 1 :]
+        return self._without(events, int(far[-1]) + 1)
+
+    def _without(self, events: RecordArray, count: int) -> RecordArray:
+        """Without the first `count` events, which are counted as isolated."""
+        self._dropped += count
+        self._taken += count
+        return events[count:]
 
     def _checked(self, events: RecordArray, last: bool) -> RecordArray:
         """Without isolated events; events whose successors are not known yet wait."""

@@ -48,9 +48,9 @@ def find_samples(folder: Path, options: ReadOptions, names: Sequence[str] = SAMP
     found = first_file(folder, names)
     if found is not None:
         return read_samples(found)
-    sensors = [folder / name for name in SENSOR_FILES]
-    if names and all(path.is_file() for path in sensors):
-        return _read_two_files(sensors[0], sensors[1])
+    gyroscope, accelerometer = (first_file(folder, [name]) for name in SENSOR_FILES)
+    if names and gyroscope is not None and accelerometer is not None:
+        return _read_two_files(gyroscope, accelerometer)
     return no_samples(f"the IMU of {folder.name}")
 
 
@@ -78,7 +78,9 @@ def find_ground_truth(
 ) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
     """Ground truth from the first readable file of `names`, with notes on what was read and what could not
     be."""
-    return read_ground_truth([folder / name for name in names])
+    found = first_file(folder, names)
+    files = [folder / name for name in names]
+    return read_ground_truth(files if found is None or found in files else [found])
 
 
 def read_ground_truth(files: Sequence[Path | ZipMember]) -> tuple[PoseTrajectory | None, tuple[str, ...]]:
@@ -97,5 +99,12 @@ def read_ground_truth(files: Sequence[Path | ZipMember]) -> tuple[PoseTrajectory
 
 
 def first_file(folder: Path, names: Sequence[str]) -> Path | None:
-    """The first of the names that exists as a file in the folder."""
-    return next((folder / name for name in names if (folder / name).is_file()), None)
+    """The first of the names that exists as a file in the folder; if none does, in upper or lower case."""
+    exact = next((folder / name for name in names if (folder / name).is_file()), None)
+    if exact is not None or not folder.is_dir():
+        return exact
+    try:
+        others = {entry.name.lower(): entry for entry in sorted(folder.iterdir()) if entry.is_file()}
+    except OSError:
+        return None
+    return next((others[name] for name in names if name in others), None)

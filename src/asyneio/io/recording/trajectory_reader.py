@@ -108,7 +108,8 @@ def _columns(rows: TextRows) -> tuple[tuple[int, ...], tuple[int, ...]]:
     if position and quaternion:
         return position, quaternion
     count, first = rows.values.shape[1], rows.time.index + 1
-    if (position and not quaternion) or count == 4:
+    zero = count - first >= 6 and not rows.values[:, first + 3 :].any()
+    if (position and not quaternion) or count == 4 or zero:
         raise RecordingError(
             f"{rows.path} contains positions without orientations, the first line is {rows.first[:80]!r}; "
             f"expected {_EXPECTED}. If orientations are unknown, write 0 0 0 1 after each position: position "

@@ -7,14 +7,22 @@ import re
 
 import numpy as np
 
-from asyneio.io.parsing.column_meaning import Meaning, columns_by_name, columns_by_values, unit_of_time
+from asyneio.io.parsing.column_meaning import (
+    Meaning,
+    are_pixels,
+    columns_by_name,
+    columns_by_values,
+    unit_of_time,
+)
 from asyneio.io.parsing.decimal_seconds import parse_seconds
 
 #: Number of bytes from which the layout is determined.
 HEAD_BYTES = 4096
 _BOM = b"\xef\xbb\xbf"
 _LINES = 200
-_WORDS = {"true": 1.0, "false": 0.0}
+_WORDS = {"true": 1.0, "false": 0.0, "on": 1.0, "off": 0.0}
+#: A number in quotes with thousands separators, as spreadsheets export it.
+_THOUSANDS = re.compile(r'"(\d{1,3}(?:,\d{3})+)"')
 #: The default layout of files without column names.
 USUAL = Meaning((0, 1, 2, 3), 4, "s", "like events.txt")
 
@@ -29,19 +37,17 @@ def text_meaning(head: bytes) -> Meaning | None:
 
     One line of names may precede the numbers, as a comment or not; apart from it, only comments may.
     """
-    names, rows = _first_rows(without_bom(head))
-    if not rows:
-        return None
-    count = len(rows[0])
-    numbers = _as_numbers([row for row in rows if len(row) == count])
+    names, rows, numbers = first_rows(without_bom(head))
     if numbers.shape[0] == 0:
         return None
+    count = numbers.shape[1]
     named = columns_by_name(names) if len(names) == count else None
     if named is not None:
         position, unit = named
         default, layout = "us", "camera exports"
     else:
-        found = columns_by_values(numbers)
+        # Without names, further columns follow those of the events.
+        found = columns_by_values(numbers if names else numbers[:, :4])
         if found is None:
             return USUAL if _is_usual(rows[0], numbers[0]) else None
         position, unit = found, ""
@@ -60,12 +66,22 @@ def is_event_text(head: bytes) -> bool:
 
 
 def split(line: str) -> list[str]:
-    """The columns of a line of numbers."""
+    """The columns of a line of numbers, without quotes around them and thousands separators in them."""
+    if '"' in line:
+        line = _THOUSANDS.sub(lambda number: number.group(1).replace(",", ""), line).replace('"', " ")
     return line.replace(",", " ").replace(";", " ").split()
 
 
-def _first_rows(head: bytes) -> tuple[list[str], list[list[str]]]:
-    """Column names, if a line contains them, and the columns of the following lines of numbers."""
+def first_rows(head: bytes) -> tuple[list[str], list[list[str]], np.ndarray]:
+    """Column names, if a line contains them, the following lines of numbers, and the numbers (N,columns) of
+    those with as many columns as the first one; (0,0) without any."""
+    names, rows = _lines_of(head)
+    count = len(rows[0]) if rows else 0
+    numbers = [row for row in map(_numbers, rows) if row is not None and len(row) == count]
+    return names, rows, np.array(numbers, dtype=np.float64).reshape(len(numbers), count)
+
+
+def _lines_of(head: bytes) -> tuple[list[str], list[list[str]]]:
     lines = head.decode("utf-8", errors="replace").split("\n")
     if len(head) >= HEAD_BYTES - 3 and len(lines) > 1:
         # The last line may be incomplete.
@@ -105,11 +121,8 @@ def _numbers(tokens: list[str]) -> list[float] | None:
         return None
 
 
-def _as_numbers(rows: list[list[str]]) -> np.ndarray:
-    numbers = [row for row in map(_numbers, rows) if row is not None]
-    return np.array(numbers, dtype=np.float64).reshape(len(numbers), -1)
-
-
 def _is_usual(tokens: list[str], values: np.ndarray) -> bool:
     """Whether a single line can be t x y p, if all others are damaged."""
-    return len(tokens) == 4 and parse_seconds(tokens[0]) is not None and values[3] in (-1.0, 0.0, 1.0)
+    if len(tokens) != 4 or parse_seconds(tokens[0]) is None:
+        return False
+    return are_pixels(values[1:3]) and values[3] in (-1.0, 0.0, 1.0)

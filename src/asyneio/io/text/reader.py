@@ -22,6 +22,7 @@ from asyneio.io.parsing.gzip_file import GzipFile
 from asyneio.io.parsing.zip_member import DAMAGE, ZipMember
 from asyneio.io.recording.event_checks import MAX_STAMP_NS
 from asyneio.io.recording.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, share_text
+from asyneio.io.text.description import described_text
 from asyneio.io.text.kernels import COLUMN, POLARITY, ROW, TIME, parse_columns, parse_lines
 from asyneio.io.text.layout import HEAD_BYTES, USUAL, split, text_meaning, without_bom
 from asyneio.types import EVENT_DTYPE, RecordArray
@@ -33,9 +34,11 @@ CHUNK_BYTES = 2**20
 _SHORTEST_LINE = 8
 #: No event needs a longer line.
 _LONGEST_LINE = 200
+#: Lines of numbers in another layout that show that the file is not damaged, but another table.
+_LEAST_ROWS = 10
 #: Decimals from a time unit to a nanosecond.
 _DECIMALS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
-_POLARITY = {"-1": -1, "0": 0, "1": 1, "+1": 1, "true": 1, "false": 0}
+_POLARITY = {"-1": -1, "0": 0, "1": 1, "+1": 1, "true": 1, "false": 0, "on": 1, "off": 0}
 
 
 class TextEvents:
@@ -115,8 +118,12 @@ class TextEvents:
         return self._file.stat().st_size if isinstance(self._file, Path) else self._file.size()
 
     def _understand(self, head: bytes) -> None:
-        """Determine the meaning of the columns."""
-        self._meaning = text_meaning(head) or USUAL
+        """Determine the meaning of the columns. Raises RecordingError: another table."""
+        found = text_meaning(head)
+        self._meaning = found or USUAL
+        other = "" if found else described_text(self.path, head, _LEAST_ROWS)
+        if other:
+            raise RecordingError(f"{self._file} is {other}")
         self._roles = np.zeros(self._meaning.count, dtype=np.int64)
         self._roles[list(self._meaning.columns)] = TIME, COLUMN, ROW, POLARITY
 

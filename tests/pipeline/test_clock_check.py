@@ -1,0 +1,46 @@
+"""A clock offset that a run did not correct is named, with its value."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from asyneio.io import read_tracks_folder
+from asyneio.pipeline.clock_check import contradicted_clock
+from asyneio.rotation.time_offset import clock_fix
+from asyneio.types import CalibrationEstimate
+from tests.io.recordings import make_recording
+from tests.pipeline.test_real_recording import first_seconds
+
+
+@pytest.mark.parametrize("offset_ms", [0, -60, 100, 300])
+def test_offsets_of_a_real_recording(data_dir: Path, offset_ms: int) -> None:
+    recording = first_seconds(read_tracks_folder(data_dir / "tumvi_calib"), 15.0)
+    observations = recording.observations.copy()
+    observations["t_ns"] += offset_ms * 1_000_000
+    arguments = (recording.calibration, recording.gyroscope, observations)
+    for used_s in (0.0, -0.4 * offset_ms / 1e3):
+        found = CalibrationEstimate(used_s, np.eye(3), np.zeros(4))
+        said = contradicted_clock(found, *arguments)
+        assert bool(said) == (offset_ms != 0)
+    assert bool(contradicted_clock(None, *arguments)) == (offset_ms != 0)
+    if offset_ms:
+        right_ms = recording.calibration.timeshift_ns / 1e6 - offset_ms
+        stated = float(said.split("t_imu = t_cam ")[1].split(" ms")[0])
+        assert stated == pytest.approx(right_ms, abs=3.0)
+        corrected = CalibrationEstimate(-offset_ms / 1e3, np.eye(3), np.zeros(4))
+        assert contradicted_clock(corrected, *arguments) == ""
+
+
+def test_the_fix_is_one_that_a_calibration_accepts() -> None:
+    assert clock_fix(-0.25) == "set timeshift_cam_imu to -0.2500 s"
+    assert clock_fix(9.0).startswith("add 9.0000 s to the timestamps of the camera")
+
+
+def test_nothing_to_compare(rng: np.random.Generator) -> None:
+    recording = make_recording(rng, seconds=2.0)
+    none = recording.observations[:0]
+    assert contradicted_clock(None, recording.calibration, recording.gyroscope, none) == ""
+    assert contradicted_clock(None, recording.calibration, recording.gyroscope[:1], none) == ""
