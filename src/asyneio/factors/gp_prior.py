@@ -7,8 +7,8 @@ Under white noise on acceleration the third row, that of xi_ddot, does not exist
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from asyneio.jit import njit
 from asyneio.trajectory.motion_prior import information_root, transition
 from asyneio.types import FloatArray
 

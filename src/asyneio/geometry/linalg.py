@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 

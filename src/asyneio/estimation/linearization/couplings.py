@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.problem.problem import LANDMARK_COLUMNS
+from asyneio.jit import njit
 from asyneio.types import FloatArray, IntArray
 
 

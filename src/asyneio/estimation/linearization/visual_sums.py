@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.linearization.couplings import Couplings, empty_couplings
 from asyneio.estimation.linearization.visual_rows import ANCHOR, CAMERA, LANDMARK, LOCAL, RESIDUAL
 from asyneio.estimation.problem.problem import LANDMARK_COLUMNS, Problem
 from asyneio.geometry.linalg import set_block
+from asyneio.jit import njit
 from asyneio.state import DOF, EPS, KINEMATIC_DOF, KINEMATIC_LOCAL_DOF, VARPI, XI, XI_DDOT_0
 from asyneio.trajectory.model import SE3
 from asyneio.types import BoolArray, FloatArray, IntArray

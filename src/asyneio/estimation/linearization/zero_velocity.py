@@ -10,10 +10,10 @@ per second. A knot inside a stationary phase belongs to two such intervals, so e
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.problem.problem import NOTHING_AT_REST, Model, Problem, ZeroVelocity
 from asyneio.factors.zero_velocity import ROWS, zero_velocity_jacobian, zero_velocity_residual
+from asyneio.jit import njit
 from asyneio.state import DOF, VARPI, VARPI_DOT
 from asyneio.types import BoolArray, FloatArray
 

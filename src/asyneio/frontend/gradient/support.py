@@ -14,13 +14,13 @@ good part of what a slow edge leaves.
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.gradient.prefetch import prefetch
 from asyneio.frontend.gradient.state import GradientArrays
 from asyneio.frontend.surface import NEVER_NS, Event, Surface, is_first_of_edge
 from asyneio.frontend.tracker import INLINE, Record
+from asyneio.jit import njit
 from asyneio.types import NS_PER_S, IntArray
 
 #: Window as a share of the mean time between two events of a pixel and polarity.
@@ -31,7 +31,7 @@ MAX_SUPPORT_NS = 1_000 * NS_PER_S
 RATE_TIME_NS = 100_000_000
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def prefetch_neighbours(surface: Surface, event: Event) -> None:
     """Fetch the surface above and below the pixel of an event that comes later."""
     width = surface.hot.shape[1]
@@ -39,7 +39,7 @@ def prefetch_neighbours(surface: Surface, event: Event) -> None:
     prefetch(surface.latest_ns, 2 * ((event.y + 1) * width + event.x))
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def measure_rate(state: Record, pixels: int, elapsed_ns: int) -> None:
     """Update the window `state.support_ns` by the rate of the events since the last call."""
     rate_hz = state.unmeasured * NS_PER_S / max(elapsed_ns, 1)
@@ -49,7 +49,7 @@ def measure_rate(state: Record, pixels: int, elapsed_ns: int) -> None:
     state.support_ns = np.int64(min(window_ns, MAX_SUPPORT_NS))
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def record_supported(tracker: GradientArrays, event: Event) -> bool:
     """Write an event that a neighbour supports to `supported_ns`; True if it is the first of an edge there.
     At the border of the image every event counts."""
@@ -62,7 +62,7 @@ def record_supported(tracker: GradientArrays, event: Event) -> bool:
     return first_of_edge
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def newest_neighbour_ns(latest_ns: IntArray, event: Event) -> int:
     """Time of the latest event with the polarity of an event at the eight pixels around it; that of the event
     itself at the border of the image."""
