@@ -23,6 +23,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
+from numba.core.types import IntegerLiteral, unliteral
 
 #: Start of the names of the variables through which compiled code finds its Python environment.
 _ENVIRONMENT = "_ZN08NumbaEnv"
@@ -122,9 +123,9 @@ class Kernel(CPUDispatcher):
         targetoptions: dict[str, Any] | None = None,
         pipeline_class: type[Compiler] = _EntryCompiler,
     ) -> None:
-        super().__init__(py_func, locals, targetoptions, pipeline_class)
-        options = {**(targetoptions or {}), "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        self.inner = _Inner(py_func, locals, options, _InnerCompiler)
+        options = {**(targetoptions or {}), "no_cfunc_wrapper": True}
+        super().__init__(py_func, locals, options, pipeline_class)
+        self.inner = _Inner(py_func, locals, {**options, "no_cpython_wrapper": True}, _InnerCompiler)
 
     def enable_caching(self) -> None:
         """Keep compiled kernels on disk."""
@@ -142,8 +143,12 @@ class Kernel(CPUDispatcher):
         return self.inner.nopython_signatures
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Compile for a call from a kernel."""
-        return self.inner.get_call_template(args, kws)
+        """Compile for a call from a kernel.
+
+        Numba would compile again for each constant integer that is passed.
+        """
+        general = tuple(unliteral(a) if isinstance(a, IntegerLiteral) else a for a in args)
+        return self.inner.get_call_template(general, kws)
 
     def get_overload(self, sig: Any) -> Any:
         """The compiled form that kernels call."""
