@@ -50,6 +50,11 @@ class Couplings(NamedTuple):
         return out
 
 
+_NONE = np.zeros(0, dtype=np.int64)
+#: Without landmarks and knots.
+NO_COUPLINGS = Couplings(np.zeros(0), _NONE, _NONE, _NONE, np.zeros(1, dtype=np.int64), _NONE)
+
+
 @njit(cache=True, nogil=True)
 def empty_couplings(
     anchor: IntArray, start: IntArray, landmark: IntArray, knots: int, reach: int, dof: int
