@@ -29,11 +29,15 @@ from numba.core.types import IntegerLiteral, unliteral
 _ENVIRONMENT = "_ZN08NumbaEnv"
 
 
-def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+def njit(
+    *, cache: bool = False, literals: bool = True, **options: Any
+) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function as a kernel.
 
     Args:
         cache: keep the compiled kernel on disk.
+        literals: compile separately for each constant integer that another kernel passes, as Numba does. It
+            makes large kernels faster; small ones are copied into their callers and need no such forms.
         options: options of `numba.njit`.
     """
 
@@ -41,6 +45,7 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
         if config.DISABLE_JIT:
             return function
         kernel = Kernel(function, targetoptions={"nopython": True, "boundscheck": None, **options})
+        kernel.literals = literals
         if cache:
             kernel.enable_caching()
         return kernel
@@ -116,6 +121,9 @@ class _Inner(CPUDispatcher):
 class Kernel(CPUDispatcher):
     """A kernel; calls from other kernels are passed on to its inner form."""
 
+    #: Whether the inner form is compiled separately for each constant integer.
+    literals = True
+
     def __init__(
         self,
         py_func: Callable[..., Any],
@@ -143,12 +151,10 @@ class Kernel(CPUDispatcher):
         return self.inner.nopython_signatures
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Compile for a call from a kernel.
-
-        Numba would compile again for each constant integer that is passed.
-        """
-        general = tuple(unliteral(a) if isinstance(a, IntegerLiteral) else a for a in args)
-        return self.inner.get_call_template(general, kws)
+        """Compile for a call from a kernel."""
+        if not self.literals:
+            args = tuple(unliteral(a) if isinstance(a, IntegerLiteral) else a for a in args)
+        return self.inner.get_call_template(args, kws)
 
     def get_overload(self, sig: Any) -> Any:
         """The compiled form that kernels call."""
