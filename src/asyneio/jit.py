@@ -6,8 +6,8 @@ code separately, although a function that another kernel calls is also copied in
 optimized there. Here a kernel has two forms, each compiled only when needed:
 
 - *entry*: called from Python, compiled as Numba does.
-- *inner*: called by other kernels. It has no wrappers and no machine code of its own. It is simplified (so
-  that callers copy small code) and stored as LLVM code; the entry that contains it optimizes it.
+- *inner*: called by other kernels. It has no wrappers and no machine code of its own. It is simplified and
+  stored as LLVM code; the entry that contains it optimizes it.
 
 Both forms are cached on disk, in different files.
 """
@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numba
 from llvmlite import binding as llvm
 from numba.core import config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
@@ -25,6 +26,10 @@ from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 from numba.core.types import IntegerLiteral, unliteral
 
+#: Older versions of Numba optimize in another way; there, kernels are compiled as Numba does.
+_HAS_PASS_BUILDER = hasattr(llvm, "create_pass_builder")
+#: Start of the names of compiled functions.
+_COMPILED = "_ZN"
 #: Start of the names of the variables through which compiled code finds its Python environment.
 _ENVIRONMENT = "_ZN08NumbaEnv"
 
@@ -44,6 +49,8 @@ def njit(
     def decorate(function: Callable[..., Any]) -> Any:
         if config.DISABLE_JIT:
             return function
+        if not _HAS_PASS_BUILDER:
+            return numba.njit(cache=cache, **options)(function)
         kernel = Kernel(function, targetoptions={"nopython": True, "boundscheck": None, **options})
         kernel.literals = literals
         if cache:
@@ -64,6 +71,15 @@ class _Library(JITCodeLibrary):
             if not function.is_declaration:
                 manager, builder = self._codegen._function_pass_manager()
                 manager.run(function, builder)
+
+    def _optimize_final_module(self) -> None:
+        """Optimize, as Numba does, but keep copies of inner kernels private: what nobody else can call is
+        specialized for its callers, inlined if it has one, and removed afterwards."""
+        for function in self._final_module.functions:
+            copied = function.linkage == llvm.Linkage.linkonce_odr and not function.is_declaration
+            if copied and function.name.startswith(_COMPILED):
+                function.linkage = llvm.Linkage.internal
+        super()._optimize_final_module()
 
 
 class _InnerLibrary(_Library):
