@@ -34,7 +34,7 @@ COMPILING = "Compiling numerical kernels (first run after installation, about a 
 #: What a child process runs.
 _CHILD = "from asyneio.pipeline import compilation; compilation.in_child()"
 #: Number of kernels and their specializations that a cold start compiles, in all processes.
-COMPILED = 301
+COMPILED = 334
 
 
 def compile_kernels(progress: ProgressCallback) -> None:
