@@ -73,7 +73,7 @@ class _Library(JITCodeLibrary):
                 manager.run(function, builder)
 
     def _optimize_final_module(self) -> None:
-        """Optimize, as Numba does, but keep copies of inner kernels private: what nobody else can call is
+        """Optimize, as Numba does, but keep copies of inner kernels private: what is called from here alone is
         specialized for its callers, inlined if it has one, and removed afterwards."""
         for function in self._final_module.functions:
             copied = function.linkage == llvm.Linkage.linkonce_odr and not function.is_declaration
