@@ -73,8 +73,8 @@ class _Library(JITCodeLibrary):
                 manager.run(function, builder)
 
     def _optimize_final_module(self) -> None:
-        """Optimize, as Numba does, but with private copies of inner kernels: each is specialized for the calls
-        in this entry, and removed where it is inlined."""
+        """Optimize, as Numba does, but with private copies of inner kernels: each is specialized for the
+        calls in this entry, and removed where it is inlined."""
         for function in self._final_module.functions:
             copied = function.linkage == llvm.Linkage.linkonce_odr and not function.is_declaration
             if copied and function.name.startswith(_COMPILED):
