@@ -24,7 +24,8 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
-from numba.core.types import IntegerLiteral, unliteral
+from numba.core.types import IntegerLiteral
+from numba.core.types.misc import unliteral
 
 #: Older versions of Numba optimize in another way; there, kernels are compiled as Numba does.
 _HAS_PASS_BUILDER = hasattr(llvm, "create_pass_builder")
@@ -62,6 +63,8 @@ def njit(
 
 class _Library(JITCodeLibrary):
     """Code of an entry."""
+
+    _final_module: Any
 
     def _optimize_functions(self, ll_module: Any) -> None:
         """Simplify each function, as Numba does, but skip declarations: preparing the passes takes longer
