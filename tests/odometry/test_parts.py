@@ -275,7 +275,7 @@ def test_kernels_are_compiled_for_the_types_in_use() -> None:
     problem, _ = make_toy(count=3, landmarks=4).problem()
     linearize(problem._replace(imu=problem.imu._replace(columns=np.arange(15))))
     watched = [
-        correction_terms.add_correction,
+        correction_terms.add_correction.inner,
         visual_terms.visual_terms,
         interval_terms.accelerometer_terms,
         interval_terms.gyroscope_terms,

@@ -13,9 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from asyneio.io.recording.event_checks import MAX_STAMP_NS
+from asyneio.jit import njit
 from asyneio.types import NS_PER_S, FloatArray, IntArray, RecordArray
 
 #: Pauses between events that are reported: the estimator's health is DEGRADED after one.

@@ -10,11 +10,11 @@ in each interval.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.linalg import matvec_t
 from asyneio.geometry.se3 import right_jacobian, right_jacobian_times
 from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
+from asyneio.jit import njit
 from asyneio.state import BIAS_0, BIAS_1, KINEMATIC_DOF, XI_DOT_0
 from asyneio.trajectory.interpolation import query_rates, query_rates_jacobian, weighted
 from asyneio.types import FloatArray

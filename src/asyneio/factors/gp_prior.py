@@ -7,8 +7,9 @@ Under white noise on acceleration the third row, that of xi_ddot, does not exist
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from asyneio.geometry.linalg import set_block
+from asyneio.jit import njit
 from asyneio.trajectory.motion_prior import information_root, transition
 from asyneio.types import FloatArray
 
@@ -21,7 +22,7 @@ def gp_prior_coefficients(dt: float, prior: int, out: FloatArray) -> None:
     transition(dt, prior, Phi)
     information_root(dt, prior, U)
     G = np.zeros((3, 5))
-    G[:, :2] = Phi[:, 1:]
+    set_block(G, 0, 0, 1.0, Phi[:, 1:])
     for a in range(3):
         G[a, 2 + a] = -1.0
     for i in range(3):

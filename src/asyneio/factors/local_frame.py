@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from asyneio.jit import njit
 from asyneio.state import BIAS, BIAS_0, BIAS_1, DOF, KINEMATIC_DOF, KINEMATIC_LOCAL_DOF
 from asyneio.trajectory.interpolation import interval_chain
 from asyneio.types import FloatArray

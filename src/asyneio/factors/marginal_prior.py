@@ -9,9 +9,9 @@ other blocks by subtraction. The prior is linear in delta, so its Jacobian is th
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.se3 import se3_between, se3_log
+from asyneio.jit import njit
 from asyneio.state import BIAS, VARPI, VARPI_DOT
 from asyneio.types import FloatArray
 

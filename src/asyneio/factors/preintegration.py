@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.linalg import matmul, matmul_tn, matvec, matvec_t, set_block, skew
 from asyneio.geometry.so3 import so3_exp, so3_log, so3_right_jacobian, so3_right_jacobian_inverse
+from asyneio.jit import njit
 from asyneio.state import BIAS, DOF, NU, PHI, RHO
 from asyneio.types import FloatArray
 

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.factors.preintegration import Increment, Knot, corrected_increments
 from asyneio.geometry.linalg import matmul, matvec_t
 from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 

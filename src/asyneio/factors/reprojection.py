@@ -21,8 +21,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import njit
-
 from asyneio.geometry.tuples import (
     Matrix,
     Vector,
@@ -34,6 +32,7 @@ from asyneio.geometry.tuples import (
     times,
     transposed_times,
 )
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 #: Smallest component of the projected direction along the optical axis that still counts as "in front".

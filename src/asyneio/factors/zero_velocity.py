@@ -10,10 +10,10 @@ poses and `varpi` the velocities of the knots, the residual is
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.linalg import matmul, matmul_tn, matvec_t, set_block, skew
 from asyneio.geometry.so3 import so3_log, so3_right_jacobian_inverse
+from asyneio.jit import njit
 from asyneio.state import DOF, PHI, RHO, VARPI
 from asyneio.types import FloatArray
 

@@ -7,10 +7,10 @@ in a 9x9 patch then decides.
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.surface import NEVER_NS
+from asyneio.jit import njit
 from asyneio.types import FloatArray, IntArray
 
 #: Circles of radius 3 and 4 in order around the centre (dx, dy), as in eFAST.
@@ -58,7 +58,7 @@ def gaussian_5x5() -> FloatArray:
 _GAUSSIAN = gaussian_5x5()
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def is_corner(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) -> bool:
     """FA-Harris test of the newest event, at (x, y) with polarity p, on the surface `latest_ns` (H,W,2).
 
@@ -77,7 +77,7 @@ def is_corner(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) ->
     return harris_score(latest_ns, p, x, y, scratch) > HARRIS_THRESHOLD
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _has_arc(
     flat: IntArray, width: int, middle: int, circle: IntArray, shortest: int, longest: int, scratch: IntArray
 ) -> bool:
@@ -103,7 +103,7 @@ def _has_arc(
     return _is_one_arc(scratch, n, oldest, shortest, longest)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _is_one_arc(scratch: IntArray, n: int, largest: int, shortest: int, longest: int) -> bool:
     """Whether the k largest of n values around a circle are adjacent, for any k in `shortest`..`longest`.
 
@@ -136,7 +136,7 @@ def _is_one_arc(scratch: IntArray, n: int, largest: int, shortest: int, longest:
     return False
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def harris_score(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray) -> float:
     """Harris score of the binary 9x9 patch in which the latest 25 pixels are set.
 
@@ -177,7 +177,7 @@ def harris_score(latest_ns: IntArray, p: int, x: int, y: int, scratch: IntArray)
     return xx * yy - xy * xy - HARRIS_K * trace * trace
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _nth_largest(values: IntArray, count: int, n: int) -> int:
     """A threshold at or below the n-th largest of the first `count` values, and above all smaller values.
 
@@ -209,7 +209,7 @@ def _nth_largest(values: IntArray, count: int, n: int) -> int:
     return below
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _reaching(values: IntArray, count: int, threshold: int) -> int:
     """Number of the first `count` values that are at least `threshold`."""
     total = 0

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
-from asyneio.frontend.tracker import INNER
+from asyneio.jit import njit
 from asyneio.types import RecordArray
 
 #: Binary logarithm of the side of a bucket [px] of the grid that feeds features.
@@ -65,14 +64,14 @@ def shift_for(reach: float) -> int:
     return max(FINE, int(np.ceil(np.log2(0.5 * reach))))
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def bucket_of(coordinate: float, shift: int, buckets: int) -> int:
     """Index, along one axis of `buckets`, of the bucket that contains a coordinate [px]; clipped to the
     image."""
     return min(max(int(np.floor(coordinate)) >> shift, 0), buckets - 1)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def insert(grid: FeatureGrid, slot: int, x: float, y: float) -> None:
     """Insert a feature at (x, y); buckets that are full do not list it."""
     rows, columns = grid.buckets.shape
@@ -87,7 +86,7 @@ def insert(grid: FeatureGrid, slot: int, x: float, y: float) -> None:
                 grid.counts[row, column] = count + 1
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def remove(grid: FeatureGrid, slot: int) -> None:
     """Remove a feature from all its buckets."""
     box = grid.boxes[slot]
@@ -102,7 +101,7 @@ def remove(grid: FeatureGrid, slot: int) -> None:
                     break
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def move(grid: FeatureGrid, slot: int, x: float, y: float) -> None:
     """Move a feature to (x, y); the buckets change only if its disc overlaps others than before."""
     rows, columns = grid.buckets.shape
@@ -138,7 +137,7 @@ def make_grids(width: int, height: int, capacity: int, feed_px: float, spacing_p
     )
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def insert_feature(grids: FeatureGrids, slot: int, x: float, y: float) -> None:
     """Insert a feature into the grids."""
     insert(grids.feeding, slot, x, y)
@@ -146,7 +145,7 @@ def insert_feature(grids: FeatureGrids, slot: int, x: float, y: float) -> None:
         insert(grids.spacing, slot, x, y)
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def remove_feature(grids: FeatureGrids, slot: int) -> None:
     """Remove a feature from the grids."""
     remove(grids.feeding, slot)
@@ -154,7 +153,7 @@ def remove_feature(grids: FeatureGrids, slot: int) -> None:
         remove(grids.spacing, slot)
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def move_feature(grids: FeatureGrids, slot: int, x: float, y: float) -> None:
     """Move a feature in the grids."""
     move(grids.feeding, slot, x, y)

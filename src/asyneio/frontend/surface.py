@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.tracker import INLINE, Record
+from asyneio.jit import njit
 from asyneio.types import NS_PER_S, BoolArray, IntArray, RecordArray
 
 #: Time of a pixel that never fired: far in the past, and differences with it do not overflow.
@@ -53,7 +53,7 @@ def make_surface(width: int, height: int) -> Surface:
     )
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def read_event(events: RecordArray, i: int) -> Event:
     """Event `i`, not negative, of an array EVENT_DTYPE."""
     event = events[np.uint64(i)]
@@ -61,7 +61,7 @@ def read_event(events: RecordArray, i: int) -> Event:
 
 
 # Indices below are unsigned: an index that may be negative is checked at run time.
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def is_first_of_edge(latest_ns: IntArray, event: Event, silence_ns: int) -> bool:
     """Whether an event that is not yet on the surface `latest_ns` (H,W,2) is the first of an edge and may
     therefore be a corner."""
@@ -70,7 +70,7 @@ def is_first_of_edge(latest_ns: IntArray, event: Event, silence_ns: int) -> bool
     return latest_ns[row, column, sign ^ np.uint64(1)] > own or event.t_ns - own > silence_ns
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def record_event(surface: Surface, event: Event) -> None:
     """Write an event to the surface."""
     row, column = np.uint64(event.y), np.uint64(event.x)
@@ -78,13 +78,13 @@ def record_event(surface: Surface, event: Event) -> None:
     surface.fired[row, column] += np.int32(1)
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def is_hot(surface: Surface, event: Event) -> bool:
     """Whether the pixel of an event is masked."""
     return surface.hot[np.uint64(event.y), np.uint64(event.x)]
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def update_hot_pixels(surface: Surface, state: Record, t_ns: int) -> None:
     """Search for hot pixels if HOT_NS have passed; `state` has the fields `hot_ns` and `hot_pixels`."""
     if t_ns - state.hot_ns > HOT_NS:
@@ -92,7 +92,7 @@ def update_hot_pixels(surface: Surface, state: Record, t_ns: int) -> None:
         state.hot_ns = t_ns
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def refresh_hot_pixels(surface: Surface, elapsed_s: float) -> int:
     """Recompute the mask of hot pixels and clear the counts; returns how many pixels are masked.
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, TypeAlias, get_type_hints
 
-import numba as nb
 import numpy as np
 
+from asyneio.jit import njit
 from asyneio.types import RecordArray
 
 #: States of a feature slot: unused; a corner that still collects the events for its template; tracked.
@@ -26,27 +26,25 @@ NO_ROLL = np.zeros(1, dtype=TURN_DTYPE)
 #: declare.
 Record: TypeAlias = Any
 
-#: Options of a kernel that only other kernels call: no wrapper for calls from Python or C is compiled.
-INNER: dict[str, Any] = {"cache": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 #: Options of a kernel that is copied into its callers: one that runs for every event, where a call would pass
 #: dozens of array fields, or one with a single caller, where that saves time to compile.
 INLINE: dict[str, Any] = {"cache": True, "inline": "always"}
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def has_capacity(state: Record) -> bool:
     """Whether another feature may begin; `state` has the fields `alive` and `capacity`."""
     return state.alive < state.capacity
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def is_outside(u: float, v: float, sensor: Record, margin: float) -> bool:
     """Whether a position is outside the image or within `margin` [px] of its border; `sensor` has the fields
     `width` and `height`."""
     return u < margin or v < margin or u > sensor.width - 1 - margin or v > sensor.height - 1 - margin
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def free_slot(records: RecordArray) -> int:
     """The first unused slot; there must be one."""
     slot = int(np.int64(0))

@@ -6,11 +6,11 @@ One compiled pass, about a nanosecond per event; the trackers need some tens to 
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
 from asyneio.errors import RecordingError
 from asyneio.frontend.surface import NEVER_NS
+from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray
 
 #: Range of times whose difference with that of a pixel that never fired cannot overflow; it ends in 2065.
@@ -121,7 +121,7 @@ def _described(value: object) -> str:
     return f"a {type(value).__name__}"
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _first_fault(events: RecordArray, latest_ns: int, width: int, height: int) -> tuple[int, int]:
     """Index of the first invalid event and the kind of fault; `(0, _VALID)` if there is none."""
     before_ns = latest_ns

@@ -17,11 +17,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from asyneio.errors import GeometryError
 from asyneio.geometry.distortion import SOLVED, Lens, cold_start, distort, make_lens, undistort
+from asyneio.jit import njit
 from asyneio.types import CameraIntrinsics, FloatArray
 
 BoolArray = NDArray[np.bool_]

@@ -33,9 +33,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import GeometryError
+from asyneio.jit import njit
 from asyneio.types import Distortion, FloatArray
 
 NONE, RADTAN, EQUIDISTANT = 0, 1, 2

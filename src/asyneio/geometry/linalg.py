@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 
@@ -72,7 +71,7 @@ def matvec_t(A: FloatArray, x: FloatArray, out: FloatArray) -> None:
         out[i] = s
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, literals=False)
 def set_block(out: FloatArray, row: int, column: int, s: float, A: FloatArray) -> None:
     """`out[row:, column:] = s A`, of the size of `A`; a sliced assignment would compile checks of shapes and
     their messages as well."""
@@ -81,7 +80,7 @@ def set_block(out: FloatArray, row: int, column: int, s: float, A: FloatArray) -
             out[row + i, column + j] = s * A[i, j]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, literals=False)
 def add_block(out: FloatArray, row: int, column: int, s: float, A: FloatArray) -> None:
     """`out[row:, column:] += s A`, of the size of `A`."""
     for i in range(A.shape[0]):

@@ -21,7 +21,6 @@ expansions (10), (46)-(53), (67)-(74).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.linalg import matmul, matmul_tn, matvec
 from asyneio.geometry.series import (
@@ -33,6 +32,7 @@ from asyneio.geometry.series import (
     evaluate_values,
 )
 from asyneio.geometry.so3 import so3_left_jacobian_inverse, so3_log, so3_polynomial
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 

@@ -23,8 +23,8 @@ from fractions import Fraction
 from math import comb, factorial
 
 import numpy as np
-from numba import njit
 
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 _TERMS_JACOBIAN = 26

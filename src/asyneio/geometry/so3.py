@@ -7,9 +7,9 @@ Laws (tested): Exp(Log(C)) = C; Exp(phi + d) = Exp(phi) Exp(J_r(phi) d) to first
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.series import SO3_INVERSE_SERIES, SO3_JACOBIAN_SERIES, evaluate_value
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 

@@ -5,9 +5,9 @@ costs a view. A vector is (3,), a matrix a tuple of three rows, a twist a pair o
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.series import EXP_SERIES, JACOBIAN_SERIES, evaluate_value
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 Vector = tuple[float, float, float]

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.linalg import cross, matmul, matvec, matvec_t
 from asyneio.geometry.so3 import so3_exp
+from asyneio.jit import njit
 from asyneio.types import FloatArray, IntArray
 
 

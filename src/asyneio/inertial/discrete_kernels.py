@@ -12,11 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.linalg import matmul, matvec
 from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
 from asyneio.inertial.increments import Increments
+from asyneio.jit import njit
 from asyneio.types import FloatArray, IntArray
 
 

@@ -18,7 +18,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.linalg import matmul, matvec
 from asyneio.geometry.series import SO3_INVERSE_SERIES, evaluate_series
@@ -26,6 +25,7 @@ from asyneio.geometry.so3 import so3_exp, so3_polynomial, so3_right_jacobian
 from asyneio.inertial.gp_process import Process
 from asyneio.inertial.hermite import accumulate, integral_weights, interval_of
 from asyneio.inertial.smoother import smooth
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 #: Columns of the rotation's derivatives: by the gyroscope bias, 3 p + axis.

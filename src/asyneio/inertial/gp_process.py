@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.inertial.smoother import gains
 from asyneio.inertial.smoothness import prior_variances
+from asyneio.jit import njit
 from asyneio.types import FloatArray, IntArray
 
 

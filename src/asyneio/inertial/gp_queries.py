@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.so3 import so3_exp, so3_right_jacobian
 from asyneio.inertial.gp_kernels import (
@@ -21,6 +20,7 @@ from asyneio.inertial.gp_process import Process
 from asyneio.inertial.hermite import functional, integral_weights, interval_of, settle
 from asyneio.inertial.increments import Increments
 from asyneio.inertial.smoother import smooth_adjoint
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 

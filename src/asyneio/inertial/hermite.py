@@ -10,8 +10,8 @@ integrals start at time zero, which must be a node.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 #: Hermite basis on [0, 1] for [p_0, p'_0, p''_0, p_1, p'_1, p''_1]: coefficients of 1, s, .., s^5.

@@ -11,8 +11,8 @@ the sample at node j, or -1.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from asyneio.jit import njit
 from asyneio.types import FloatArray, IntArray
 
 

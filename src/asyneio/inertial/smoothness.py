@@ -6,11 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import InertialError
 from asyneio.inertial.increments import ImuWindow, SampleNoise
 from asyneio.inertial.smoother import evidence
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 #: Candidate densities, in units of a sample's variance over the fifth power of the sample period: from one

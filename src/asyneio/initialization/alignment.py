@@ -20,9 +20,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import EstimationError
+from asyneio.jit import njit
 from asyneio.types import FloatArray, IntArray
 
 #: Scatter of a track's bearings along its mean ray, as a multiple of the scatter from noise alone.

@@ -14,10 +14,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.factors.robust import cauchy
 from asyneio.geometry.tuples import Vector
+from asyneio.jit import njit
 from asyneio.types import FloatArray, IntArray
 
 #: Unknowns shared by all tracks: columns of velocity (3), tilt of gravity (2), gyroscope bias (3),

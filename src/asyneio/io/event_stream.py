@@ -15,13 +15,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import RecordingError
 from asyneio.io.calibration import find_calibration
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.recording.event_source import SAMPLE_DTYPE, skipped_notes
 from asyneio.io.recording.sidecar import find_ground_truth, find_samples
+from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"Event Stream"

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from collections import deque
 
-import numba as nb
 import numpy as np
 
 from asyneio.io.recording.event_source import join_events
+from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 #: Largest number of rows that wait for a packet (512 MB of events). A burst of 50 million events per second
@@ -107,7 +107,7 @@ class RowBuffer:
         return join_events(parts) if self._dtype == EVENT_DTYPE else np.concatenate(parts)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _order(t_ns: IntArray, newest_ns: int) -> tuple[int, bool]:
     """The largest backward step [ns], and whether a stamp is repeated."""
     worst, repeated = 0, False

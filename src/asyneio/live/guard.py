@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 
+from asyneio.jit import njit
 from asyneio.live.chunks import Break, Chunk
 from asyneio.types import NS_PER_S, BoolArray, IntArray, RecordArray
 
@@ -122,7 +122,7 @@ def _samples_chunk(arrived_s: float, name: str, rows: RecordArray) -> Chunk:
     return Chunk(arrived_s, accelerometer=rows)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _classify(t_ns: int, newest_ns: int, state: IntArray, agree: int) -> int:
     """1: a usable stamp, 0: a wrong one, 2: the last of `agree` stamps in a row that show a jump."""
     if not _EARLIEST_NS < t_ns < _LATEST_NS:
@@ -145,7 +145,7 @@ def _classify(t_ns: int, newest_ns: int, state: IntArray, agree: int) -> int:
     return 0
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _scan_events(
     events: RecordArray, width: int, height: int, newest_ns: int, keep: BoolArray, state: IntArray
 ) -> int:
@@ -163,7 +163,7 @@ def _scan_events(
     return -1
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _scan_stamps(t_ns: IntArray, newest_ns: int, keep: BoolArray, state: IntArray) -> int:
     """As `_scan_events`, for rows without a pixel."""
     for i in range(t_ns.size):

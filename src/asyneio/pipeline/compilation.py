@@ -1,62 +1,84 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compilation of the numerical kernels: before a run, on two cores, with its duration.
 
-Numba caches compiled kernels on disk, so this matters for the first run after installation only. Each group
-of `pipeline.kernels` is compiled in its own process, one of them in this one; later groups find shared parts
-in the cache.
+Numba caches compiled kernels on disk, so this matters for the first run after installation only. Two groups
+of `pipeline.kernels` that share little with the others are compiled in a child process.
 """
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import Any
 
 from numba.core import config as numba_config
 from numba.core import event as numba_event
 
-from asyneio.pipeline.kernels import are_compiled, compile_intervals, compile_linearization, compile_start
+from asyneio.pipeline.kernels import (
+    are_compiled,
+    compile_frontend,
+    compile_intervals,
+    compile_linearization,
+    compile_start,
+    compile_visual,
+)
 from asyneio.progress import ProgressCallback, RunProgress
 
 COMPILING = "Compiling numerical kernels (first run after installation, about a minute) ..."
 
-#: What child processes compile.
-_IN_CHILDREN = ("compile_visual", "compile_frontend")
+#: What a child process runs.
+_CHILD = "from asyneio.pipeline import compilation; compilation.in_child()"
 #: Number of kernels and their specializations that a cold start compiles, in all processes.
-COMPILED = 375
+COMPILED = 334
 
 
 def compile_kernels(progress: ProgressCallback) -> None:
-    """Compile the kernels of estimator and front end, two groups of them in child processes.
+    """Compile the kernels of estimator and front end, two groups of them in a child process.
 
-    `progress` is called from several threads.
+    `progress` is called from two threads.
     """
     done = _Count(progress)
-    with numba_event.install_listener("numba:compile", done), ExitStack() as stack:
-        readers = []
-        for name in _IN_CHILDREN:
-            code = "from asyneio.pipeline import compilation, kernels; compilation.in_child(kernels.{})"
-            command = [sys.executable, "-c", code.format(name)]
-            child = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE))
-            assert child.stdout is not None
-            readers.append(threading.Thread(target=done.count_lines, args=(child.stdout,), daemon=True))
-            readers[-1].start()
+    with (
+        numba_event.install_listener("numba:compile", done),
+        subprocess.Popen([sys.executable, "-c", _CHILD], stdout=subprocess.PIPE) as child,
+        _no_garbage_collection(),
+    ):
+        assert child.stdout is not None
+        reader = threading.Thread(target=done.count_lines, args=(child.stdout,), daemon=True)
+        reader.start()
         compile_intervals()
-        # The output of a child ends when the child exits.
-        for reader in readers:
-            reader.join()
-        compile_start()
+        compile_visual()
         compile_linearization()
+        # The output of the child ends when the child exits.
+        reader.join()
+    # Loads what the child has compiled; compiles it if the child failed.
+    compile_frontend()
+    compile_start()
 
 
-def in_child(compile_group: Callable[[], None]) -> None:
-    """Compile a group; write a line to standard output for each kernel."""
-    with numba_event.install_listener("numba:compile", _Count(lambda _: print(flush=True))):
-        compile_group()
+def in_child() -> None:
+    """Compile the other groups; write a line to standard output for each kernel."""
+    counter = _Count(lambda _: print(flush=True))
+    with numba_event.install_listener("numba:compile", counter), _no_garbage_collection():
+        compile_frontend()
+        compile_start()
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Collections would scan Numba's large data structures again and again: 8 % of the time."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 class _Count(numba_event.Listener):

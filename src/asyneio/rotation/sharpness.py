@@ -11,9 +11,9 @@ translation of the camera acts as a rotation about x and y; the fit to the gyros
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.optimize import minimize
 
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 #: Maximum width of the image [px]: finer images of large sensors do not improve the estimate.

@@ -10,8 +10,8 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numba import njit
 
+from asyneio.jit import njit
 from asyneio.types import IntArray
 
 #: Length and table size of the loop, size and number of the factorisations: about 20 ms each.

@@ -22,9 +22,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import TrajectoryError
+from asyneio.jit import njit
 from asyneio.state import DOF, KINEMATIC_DOF, KINEMATIC_LOCAL_DOF
 from asyneio.trajectory.interpolation import (
     interval_chain,

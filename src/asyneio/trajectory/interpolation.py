@@ -27,7 +27,6 @@ docs/derivations/local-coordinates.md derives the Jacobians.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.linalg import matmul, set_block
 from asyneio.geometry.se3 import (
@@ -46,6 +45,7 @@ from asyneio.geometry.se3 import (
     varpi_from_local,
 )
 from asyneio.geometry.so3 import so3_exp
+from asyneio.jit import njit
 from asyneio.state import EPS, KINEMATIC_DOF, VARPI, VARPI_DOT, XI, XI_DDOT, XI_DOT
 from asyneio.trajectory.linear_position import (
     linear_chain,

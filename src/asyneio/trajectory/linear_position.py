@@ -13,9 +13,9 @@ those on SE(3), which depend on the rotation only; each function below replaces 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.geometry.linalg import add_block, cross, matmul, matvec, matvec_t, set_block, skew
+from asyneio.jit import njit
 from asyneio.state import KINEMATIC_DOF, NU, NU_DOT, OMEGA, PHI, RHO, XI, XI_DDOT, XI_DDOT_0, XI_DOT
 from asyneio.types import FloatArray
 

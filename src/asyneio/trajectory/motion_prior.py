@@ -14,8 +14,8 @@ whose variance is not finite.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from asyneio.jit import njit
 from asyneio.trajectory.model import WNOA
 from asyneio.types import FloatArray
 

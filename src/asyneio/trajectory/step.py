@@ -7,8 +7,6 @@ On SE(3) the step is Exp(xi); on SO(3) x R^3 it is `(Exp(phi), rho)`.
 
 from __future__ import annotations
 
-from numba import njit
-
 from asyneio.geometry.tuples import (
     Matrix,
     Vector,
@@ -22,6 +20,7 @@ from asyneio.geometry.tuples import (
     se3_exp_of,
     times,
 )
+from asyneio.jit import njit
 from asyneio.trajectory.model import SE3
 from asyneio.types import FloatArray
 

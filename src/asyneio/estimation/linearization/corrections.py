@@ -7,9 +7,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.problem.inertial_calibration import DIRECTIONS, GYROSCOPE_DOF
+from asyneio.jit import njit
 from asyneio.state import DOF, LOCAL_DOF
 from asyneio.types import FloatArray, IntArray
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.problem.problem import LANDMARK_COLUMNS
+from asyneio.jit import njit
 from asyneio.types import FloatArray, IntArray
 
 
@@ -48,6 +48,11 @@ class Couplings(NamedTuple):
             rows = self.group(k, dof).reshape(len(mine), dof, span, LANDMARK_COLUMNS)
             out[mine, :, k : k + span] = rows
         return out
+
+
+_NONE = np.zeros(0, dtype=np.int64)
+#: Without landmarks and knots.
+NO_COUPLINGS = Couplings(np.zeros(0), _NONE, _NONE, _NONE, np.zeros(1, dtype=np.int64), _NONE)
 
 
 @njit(cache=True, nogil=True)

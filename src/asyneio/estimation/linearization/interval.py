@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.linearization.corrections import CorrectionSums, add_correction
 from asyneio.estimation.problem.problem import Inertial, Model, Problem, States
@@ -24,6 +23,7 @@ from asyneio.factors.gp_inertial import (
 )
 from asyneio.factors.gp_prior import gp_prior_coefficients, gp_prior_factor
 from asyneio.factors.local_frame import local_to_knots
+from asyneio.jit import njit
 from asyneio.state import BIAS_0, BIAS_1, LOCAL_DOF, XI_DOT_0
 from asyneio.trajectory.interpolation import interval_local
 from asyneio.types import BoolArray, FloatArray

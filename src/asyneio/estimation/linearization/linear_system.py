@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.linearization.corrections import (
     NO_CORRECTION_SUMS,
@@ -34,6 +33,7 @@ from asyneio.estimation.linearization.visual import visual_terms
 from asyneio.estimation.linearization.visual_sums import NO_SUMS, VisualSums, empty_sums
 from asyneio.estimation.linearization.zero_velocity import zero_velocity_terms
 from asyneio.estimation.problem.problem import Problem
+from asyneio.jit import njit
 from asyneio.state import BIAS, BIAS_0, BIAS_1, DOF, EPS, KINEMATIC_DOF, LOCAL_DOF, VARPI, XI, XI_DDOT_0
 from asyneio.types import BoolArray, FloatArray
 

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.problem.problem import Problem
 from asyneio.estimation.problem.propagated_queries import knot_at
 from asyneio.factors.preintegration import Increment, preintegration_jacobian, preintegration_residual
+from asyneio.jit import njit
 from asyneio.state import DOF
 from asyneio.types import FloatArray
 

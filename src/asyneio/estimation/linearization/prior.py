@@ -5,12 +5,12 @@ point."""
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.linearization.linear_system import LinearSystem
 from asyneio.estimation.problem.camera_calibration import camera_difference
 from asyneio.estimation.problem.problem import Camera, ImuCorrection, Prior, States
 from asyneio.factors.marginal_prior import knot_difference
+from asyneio.jit import njit
 from asyneio.state import DOF
 from asyneio.types import FloatArray
 

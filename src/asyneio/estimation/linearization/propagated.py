@@ -8,7 +8,6 @@ knots' coordinates.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.linearization.visual_sums import VisualSums
 from asyneio.estimation.problem.problem import LANDMARK_COLUMNS, Landmarks, Problem, States
@@ -29,6 +28,7 @@ from asyneio.factors.reprojection import (
 )
 from asyneio.factors.robust import cauchy
 from asyneio.geometry.tuples import ORIGIN, Vector, matrix_at, matrix_of, plus, vector_at
+from asyneio.jit import njit
 from asyneio.state import BIAS, DOF, EPS, NU
 from asyneio.types import FloatArray
 

@@ -8,11 +8,11 @@ sums are products of those rows (`visual_sums.py`).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.linearization.visual_rows import CAMERA, fill_rows
 from asyneio.estimation.linearization.visual_sums import VisualSums, sum_knots, sum_landmarks
 from asyneio.estimation.problem.problem import Problem
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 

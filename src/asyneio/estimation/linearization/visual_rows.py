@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.problem.problem import Landmarks, Problem, States
 from asyneio.factors.reprojection import (
@@ -22,6 +21,7 @@ from asyneio.factors.reprojection import (
 )
 from asyneio.factors.robust import cauchy
 from asyneio.geometry.tuples import dot, matrix_at, plus, transposed_product, transposed_times, vector_at
+from asyneio.jit import njit
 from asyneio.state import KINEMATIC_LOCAL_DOF, XI_DOT_0
 from asyneio.trajectory.step import local_variable, row_times_step_jacobian, step_pose
 from asyneio.types import FloatArray

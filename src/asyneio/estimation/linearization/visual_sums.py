@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from asyneio.estimation.linearization.couplings import Couplings, empty_couplings
+from asyneio.estimation.linearization.couplings import NO_COUPLINGS, Couplings, empty_couplings
 from asyneio.estimation.linearization.visual_rows import ANCHOR, CAMERA, LANDMARK, LOCAL, RESIDUAL
 from asyneio.estimation.problem.problem import LANDMARK_COLUMNS, Problem
 from asyneio.geometry.linalg import set_block
+from asyneio.jit import njit
 from asyneio.state import DOF, EPS, KINEMATIC_DOF, KINEMATIC_LOCAL_DOF, VARPI, XI, XI_DDOT_0
 from asyneio.trajectory.model import SE3
 from asyneio.types import BoolArray, FloatArray, IntArray
@@ -67,7 +67,8 @@ NO_SUMS = VisualSums(
     touched=np.zeros((0, 0), dtype=np.bool_),
     H_pose=np.zeros((0, 6, 6)),
     b_pose=np.zeros((0, 6)),
-    W=empty_couplings(*(np.zeros(0, dtype=np.int64),) * 3, 0, 0, 0),
+    # Not from a kernel, which would be compiled or loaded by every import of the package.
+    W=NO_COUPLINGS,
     H_l=np.zeros((0, 3, 3)),
     b_l=np.zeros((0, 3)),
     H_camera=np.zeros((0, 0)),

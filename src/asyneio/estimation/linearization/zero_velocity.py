@@ -10,10 +10,11 @@ per second. A knot inside a stationary phase belongs to two such intervals, so e
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.problem.problem import NOTHING_AT_REST, Model, Problem, ZeroVelocity
 from asyneio.factors.zero_velocity import ROWS, zero_velocity_jacobian, zero_velocity_residual
+from asyneio.geometry.linalg import add_block
+from asyneio.jit import njit
 from asyneio.state import DOF, VARPI, VARPI_DOT
 from asyneio.types import BoolArray, FloatArray
 
@@ -69,7 +70,9 @@ def zero_velocity_terms(problem: Problem, with_jacobian: bool, H: FloatArray, b:
         for row in range(ROWS):
             for column in range(2 * DOF):
                 jacobian[row, column] *= update.root_information[i, row]
-        first, end = DOF * i, DOF * (i + 2)
-        H[first:end, first:end] += np.dot(jacobian.T, jacobian)
-        b[first:end] += np.dot(jacobian.T, residual)
+        first = DOF * i
+        add_block(H, first, first, 1.0, np.dot(jacobian.T, jacobian))
+        gradient = np.dot(jacobian.T, residual)
+        for column in range(2 * DOF):
+            b[first + column] += gradient[column]
     return cost

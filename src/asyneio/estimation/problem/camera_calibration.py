@@ -26,12 +26,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.problem.problem import Camera, Prior, Propagated, Visual
 from asyneio.estimation.problem.propagated_queries import shifted
 from asyneio.geometry.linalg import set_block
 from asyneio.geometry.so3 import so3_exp, so3_log
+from asyneio.jit import njit
 from asyneio.trajectory.motion_prior import interpolation_weights
 from asyneio.types import FloatArray, IntArray
 

@@ -6,13 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.problem.problem import Landmarks, Propagated, States, bearing_tangent
 from asyneio.estimation.problem.propagated_queries import increment_at, knot_at
 from asyneio.factors.preintegration import propagated_pose
 from asyneio.geometry.linalg import matmul, matvec
 from asyneio.geometry.triangulation import triangulate_inverse_depth
+from asyneio.jit import njit
 from asyneio.trajectory.interpolation import interval_local, query_pose
 from asyneio.types import BoolArray, FloatArray, IntArray
 

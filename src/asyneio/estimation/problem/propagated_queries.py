@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.problem.problem import Propagated, States
 from asyneio.factors.preintegration import Increment, Knot
 from asyneio.factors.propagated_rates import shifted_increments
 from asyneio.geometry.so3 import so3_log
 from asyneio.inertial.increments import Preintegration
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 #: Step [s] of the differences that give rates of increments, which are smooth and exact to rounding.

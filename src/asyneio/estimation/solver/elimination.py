@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.linalg.blas import dsyrk
 
 from asyneio.estimation.linearization.couplings import Couplings
 from asyneio.estimation.linearization.linear_system import LinearSystem
 from asyneio.estimation.problem.problem import LANDMARK_COLUMNS, Landmarks, Model
+from asyneio.jit import njit
 from asyneio.state import DOF
 from asyneio.types import FloatArray, IntArray
 

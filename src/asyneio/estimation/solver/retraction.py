@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.estimation.linearization.linear_system import LinearSystem
 from asyneio.estimation.problem.camera_calibration import at_offset, moved_camera
@@ -13,6 +12,7 @@ from asyneio.estimation.problem.problem import Landmarks, Problem, States
 from asyneio.estimation.solver.elimination import landmark_steps
 from asyneio.geometry.linalg import set_block
 from asyneio.geometry.se3 import se3_between, se3_compose, se3_exp, se3_log
+from asyneio.jit import njit
 from asyneio.state import BIAS, DOF, EPS, VARPI, VARPI_DOT
 from asyneio.types import FloatArray
 

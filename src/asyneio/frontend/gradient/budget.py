@@ -7,12 +7,12 @@ on every machine, at every playback speed, and for every division of the stream 
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.gradient.state import GradientArrays
 from asyneio.frontend.gradient.track_management import release
-from asyneio.frontend.tracker import FREE, INLINE, INNER, Record
+from asyneio.frontend.tracker import FREE, INLINE, Record
+from asyneio.jit import njit
 
 #: Corner tests per second of event time, and how many may accumulate. For comparison, features begin a few
 #: hundred times per second.
@@ -34,13 +34,13 @@ _KEPT, _REGAINED = 0.75, 0.1
 _FEWEST = 8
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def grant_tests(state: Record, elapsed_ns: int) -> None:
     """Add the corner tests of this much event time."""
     state.tests = min(MOST_TESTS, state.tests + elapsed_ns * 1e-9 * TESTS_PER_S)
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def has_credit(state: Record, t_ns: int) -> bool:
     """Whether an event at `t_ns` may be processed in full."""
     elapsed_ns = t_ns - state.credited_ns
@@ -50,7 +50,7 @@ def has_credit(state: Record, t_ns: int) -> bool:
     return state.credit_ns > 0.0
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def is_shed(state: Record, t_ns: int, features_near: int) -> bool:
     """Under a limit on the load: charge an event, and decide whether it is dropped.
 
@@ -70,7 +70,7 @@ def is_shed(state: Record, t_ns: int, features_near: int) -> bool:
     return False
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def shed_features(tracker: GradientArrays) -> None:
     """Release the youngest features if too much credit is overdrawn; otherwise let the number recover."""
     records, state = tracker.features.records, tracker.state[0]

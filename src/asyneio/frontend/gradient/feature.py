@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.borrowed import borrowed
@@ -28,7 +27,8 @@ from asyneio.frontend.gradient.patch import blur, draw_patch, restrict, seen_lag
 from asyneio.frontend.gradient.state import Roll
 from asyneio.frontend.gradient.template import learn, match, synthesise
 from asyneio.frontend.gradient.track_management import reported_point
-from asyneio.frontend.tracker import INLINE, INNER, TRACKING, Record
+from asyneio.frontend.tracker import INLINE, TRACKING, Record
+from asyneio.jit import njit
 from asyneio.types import RecordArray
 
 ENDED, REJECTED, MOVED = -1, 0, 1
@@ -95,7 +95,7 @@ class Prediction(NamedTuple):
     sin: float
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def try_birth(
     features: Features, slot: int, roll: Roll, reach_px: int, settings: Record, work: Record
 ) -> bool:
@@ -126,7 +126,7 @@ def try_birth(
     return True
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def _find_motion(
     features: Features, slot: int, roll_rate: float, reach_px: int, settings: Record, work: Record
 ) -> Motion:
@@ -148,7 +148,7 @@ def _find_motion(
     return Motion(count, moved_px)
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def _cut_template(
     features: Features, slot: int, motion: Motion, roll: Roll, settings: Record, work: Record
 ) -> float:
@@ -177,7 +177,7 @@ def _cut_template(
     return span_s
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def _postpone(feature: Record, rings: RecordArray, slot: int) -> None:
     """Try again after half as many events more, but before a full ring overwrites events; a full ring is
     thinned."""
@@ -188,7 +188,7 @@ def _postpone(feature: Record, rings: RecordArray, slot: int) -> None:
     feature.fresh = 0
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def _schedule(feature: Record, settings: Record) -> None:
     """Set after how many kept events the next update is due."""
     speed = np.hypot(feature.vx, feature.vy)
@@ -198,7 +198,7 @@ def _schedule(feature: Record, settings: Record) -> None:
     feature.fresh = 0
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def _set_offset(feature: Record, work: Record) -> None:
     """Report the centroid of the edges in the first patch: at a depth boundary, the strongest edges are the
     ones that are tracked."""
@@ -212,7 +212,7 @@ def _set_offset(feature: Record, work: Record) -> None:
     feature.offset_y = v_sum / max(weight, 1e-9)
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def update(
     features: Features,
     slot: int,
@@ -256,7 +256,7 @@ def update(
     return MOVED
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def _predict(
     feature: Record, rings: RecordArray, slot: int, roll: Roll, window_px: float, settings: Record
 ) -> Prediction:
@@ -270,7 +270,7 @@ def _predict(
     return Prediction(window, span_s, dt, x, y, angle, np.cos(angle), np.sin(angle))
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def _displacement(feature: Record, predicted: Prediction) -> tuple[float, float]:
     """Displacement (x, y) over a window in the patch frame [px]."""
     cos, sin = predicted.cos, predicted.sin
@@ -279,7 +279,7 @@ def _displacement(feature: Record, predicted: Prediction) -> tuple[float, float]
     return sx, sy
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def _apply_match(
     features: Features, slot: int, predicted: Prediction, settings: Record, work: Record
 ) -> None:
@@ -304,7 +304,7 @@ def _apply_match(
     learn(feature, features.gradient_sums, slot, sx, sy, keep, work)
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def _is_trusted(feature: Record, settings: Record, out: Record) -> bool:
     """Whether the patch still moves as a whole and is still matched sharply.
 

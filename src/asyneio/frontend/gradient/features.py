@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.tracker import GROWING, Record
+from asyneio.jit import njit
 from asyneio.types import NS_PER_S, RecordArray
 
 #: An event kept by a feature: time, pixel, and polarity times the number of events that it represents.
@@ -106,7 +106,7 @@ def make_features(capacity: int) -> Features:
     )
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def newest_events(feature: Record, rings: RecordArray, slot: int, wanted: int, max_ns: int) -> Window:
     """The newest `wanted` events, fewer if the ring holds fewer or some are older than `max_ns` before the
     last."""
@@ -122,7 +122,7 @@ def newest_events(feature: Record, rings: RecordArray, slot: int, wanted: int, m
     return Window(count, first, last - total // count, last)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def thin_out(feature: Record, rings: RecordArray, slot: int) -> None:
     """Keep every other event of a ring that has just become full for the first time, and of the events to
     come: the same memory covers twice the time."""
@@ -134,7 +134,7 @@ def thin_out(feature: Record, rings: RecordArray, slot: int) -> None:
     feature.stride *= 2
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def begin(feature: Record, t_ns: int, x: int, y: int, due: int) -> None:
     """Begin a feature at a corner; the first attempt to track it is made after `due` events."""
     feature.state = GROWING

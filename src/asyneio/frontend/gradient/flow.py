@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.gradient.features import PATCH_HALF, PATCH_SIDE, PATCH_SIZE, RING, ROW
 from asyneio.frontend.gradient.patch import blur, contrast, share
 from asyneio.frontend.tracker import Record
+from asyneio.jit import njit
 from asyneio.types import FloatArray, RecordArray
 
 #: Largest number of events in the coarse search.
@@ -17,7 +17,7 @@ _SKETCHED = 160
 _FURTHEST = 1.5
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def make_sketch(rings: RecordArray, slot: int, newest: int, count: int, work: Record) -> None:
     """Copy the newest `count` events, relative to the frame, to contiguous memory."""
     middle = PATCH_HALF - work.x, PATCH_HALF - work.y
@@ -33,7 +33,7 @@ def make_sketch(rings: RecordArray, slot: int, newest: int, count: int, work: Re
         work.sketch[3, i] = event.w
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def rough_contrast(work: Record, count: int, every: int, vx: float, vy: float) -> float:
     """Sum of squares of the patch with one in `every` events, each in its nearest pixel: fast."""
     patch, sketch = work.patch, work.sketch
@@ -54,7 +54,7 @@ def rough_contrast(work: Record, count: int, every: int, vx: float, vy: float) -
     return float(total)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def draw_sketch(work: Record, count: int, vx: float, vy: float) -> None:
     """As `draw_patch`, with the copied events and another velocity."""
     patch, sketch = work.patch, work.sketch
@@ -70,7 +70,7 @@ def draw_sketch(work: Record, count: int, vx: float, vy: float) -> None:
         share(patch, u, v, sketch[3, i])
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def fine_contrast(work: Record, count: int, vx: float, vy: float) -> float:
     """Contrast of the blurred patch with all copied events."""
     draw_sketch(work, count, vx, vy)
@@ -78,7 +78,7 @@ def fine_contrast(work: Record, count: int, vx: float, vy: float) -> float:
     return contrast(work)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def find_flow(
     rings: RecordArray, slot: int, newest: int, count: int, span_s: float, reach_px: int, work: Record
 ) -> float:
@@ -112,7 +112,7 @@ def find_flow(
     return around[_largest(around)] / max(without_motion, 1e-9)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def peak_of(around: FloatArray) -> tuple[float, float]:
     """Peak (u, v) of the paraboloid fitted to 3x3 values (row v, column u), in steps from the middle.
 
@@ -136,7 +136,7 @@ def peak_of(around: FloatArray) -> tuple[float, float]:
     return column - 1.0, row - 1.0
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _largest(around: FloatArray) -> tuple[int, int]:
     """Row and column of the largest of 3x3 values; the first one if several are equal."""
     row, column = 0, 0

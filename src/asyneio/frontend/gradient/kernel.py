@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.borrowed import borrowed
@@ -31,7 +30,8 @@ from asyneio.frontend.gradient.track_management import (
     report,
 )
 from asyneio.frontend.surface import Event, is_hot, read_event, record_event, update_hot_pixels
-from asyneio.frontend.tracker import GROWING, INLINE, INNER, Record, free_slot, has_capacity, is_outside
+from asyneio.frontend.tracker import GROWING, INLINE, Record, free_slot, has_capacity, is_outside
+from asyneio.jit import njit
 from asyneio.types import RecordArray
 
 #: Period of the track management, in event time: how the stream is divided into packets has no effect.
@@ -53,7 +53,7 @@ class Limits(NamedTuple):
     load: bool
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def process_events(
     events: RecordArray, start: int, turns: RecordArray, tracker: GradientArrays, observations: RecordArray
 ) -> int:
@@ -100,7 +100,7 @@ def process_events(
     return events.size
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def next_turn(turns: RecordArray, k: int, start: int) -> tuple[int, int]:
     """The first turn from index `k` on that is at event `start` or later: its index and event, or -1."""
     while k < turns.size and turns[k].first < start:
@@ -108,7 +108,7 @@ def next_turn(turns: RecordArray, k: int, start: int) -> tuple[int, int]:
     return k, turns[k].first if k < turns.size else -1
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def prefetch_surface(tracker: GradientArrays, event: Event) -> None:
     """Fetch the surface at the pixel of an event that comes later."""
     surface = tracker.surface
@@ -120,13 +120,13 @@ def prefetch_surface(tracker: GradientArrays, event: Event) -> None:
     prefetch_neighbours(surface, event)
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def is_full(state: Record, observations: RecordArray) -> bool:
     """Whether the output may not hold the observations of one more event: two per feature of a bucket."""
     return state.written + 2 * BUCKET_FEATURES > observations.size
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def manage_tracks(tracker: GradientArrays, t_ns: int) -> None:
     """Periodic work: release tracks, renew budgets, the event rate and hot pixels."""
     state = tracker.state[0]
@@ -140,14 +140,14 @@ def manage_tracks(tracker: GradientArrays, t_ns: int) -> None:
     update_hot_pixels(tracker.surface, state, t_ns)
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def count_listed(tracker: GradientArrays, event: Event) -> int:
     """Number of features in the bucket of an event."""
     counts = tracker.grids.feeding.counts
     return int(np.int64(counts[np.uint64(event.y >> FINE), np.uint64(event.x >> FINE)]))
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def feed_neighbours(
     tracker: GradientArrays, event: Event, listed: int, limits: Limits, observations: RecordArray
 ) -> bool:
@@ -165,7 +165,7 @@ def feed_neighbours(
     return near
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def find_neighbours(tracker: GradientArrays, event: Event, listed: int, limits: Limits) -> tuple[bool, int]:
     """Whether a feature is too close for a new corner; how many features the event is fed to, listed in
     `nearby`, the newest entry of the bucket first."""
@@ -182,7 +182,7 @@ def find_neighbours(tracker: GradientArrays, event: Event, listed: int, limits: 
     return near, fed
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def squared_distance(feature: Record, event: Event) -> float:
     """Squared distance [px^2] of an event from where a feature is predicted to be."""
     ahead_s = (event.t_ns - feature.t_ns) * 1e-9
@@ -191,7 +191,7 @@ def squared_distance(feature: Record, event: Event) -> float:
     return dx * dx + dy * dy
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def keep_event(tracker: GradientArrays, slot: int, event: Event) -> bool:
     """Write one in `stride` events to the ring of a feature; True if the feature is due for an attempt."""
     feature, weights = tracker.features.records[np.uint64(slot)], tracker.state[0].polarity_weights
@@ -207,7 +207,7 @@ def keep_event(tracker: GradientArrays, slot: int, event: Event) -> bool:
     return feature.fresh >= feature.due
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def act(tracker: GradientArrays, slot: int, t_ns: int, observations: RecordArray) -> None:
     """Update a feature that has collected enough events; a growing one may become a track."""
     tracker = borrowed(tracker)
@@ -219,7 +219,7 @@ def act(tracker: GradientArrays, slot: int, t_ns: int, observations: RecordArray
         report(tracker, slot, observations)
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def begin_track(tracker: GradientArrays, slot: int, roll: Roll) -> None:
     """Track a growing feature if its events span enough motion."""
     features, state, work = tracker.features, tracker.state[0], tracker.work[0]
@@ -231,7 +231,7 @@ def begin_track(tracker: GradientArrays, slot: int, roll: Roll) -> None:
         move_feature(tracker.grids, slot, feature.x, feature.y)
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def advance_track(tracker: GradientArrays, slot: int, roll: Roll) -> bool:
     """Match a track against its template and end it if that fails; whether it has moved."""
     loop, state = tracker.loop[0], tracker.state[0]
@@ -251,7 +251,7 @@ def advance_track(tracker: GradientArrays, slot: int, roll: Roll) -> bool:
     return status == MOVED
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def may_begin(tracker: GradientArrays, event: Event) -> bool:
     """Whether there is capacity for a feature, room at the event, and a corner test left, which is used."""
     state, loop = tracker.state[0], tracker.loop[0]
@@ -268,7 +268,7 @@ def may_begin(tracker: GradientArrays, event: Event) -> bool:
     return True
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def is_near(tracker: GradientArrays, event: Event) -> bool:
     """Whether a feature beyond the feeding distance is too close for a new corner."""
     grid, spacing2 = tracker.grids.spacing, tracker.loop[0].spacing_px ** 2
@@ -280,7 +280,7 @@ def is_near(tracker: GradientArrays, event: Event) -> bool:
     return False
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def begin_feature(tracker: GradientArrays, event: Event) -> None:
     """Begin a feature at a corner, in the first free slot."""
     records, state = tracker.features.records, tracker.state[0]

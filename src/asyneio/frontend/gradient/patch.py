@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.gradient.features import (
@@ -19,6 +18,7 @@ from asyneio.frontend.gradient.features import (
     TEMPLATE_SIZE,
 )
 from asyneio.frontend.tracker import Record
+from asyneio.jit import njit
 from asyneio.types import FloatArray, RecordArray
 
 #: Sums over pixels are accumulated per column; the columns are added last. Such loops vectorise without
@@ -84,7 +84,7 @@ def make_workspace(mask_sigma_px: float) -> RecordArray:
     return work
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def draw_patch(rings: RecordArray, slot: int, newest: int, count: int, work: Record) -> None:
     """Draw `count` events of a ring, up to index `newest`, at their positions at the time of the frame."""
     patch = work.patch
@@ -107,7 +107,7 @@ def draw_patch(rings: RecordArray, slot: int, newest: int, count: int, work: Rec
         share(patch, u, v, event.w)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def share(patch: FloatArray, u: float, v: float, w: float) -> None:
     """Distribute `w` over the four pixels around (u, v), which must be inside the patch."""
     iu, iv = np.uint32(u), np.uint32(v)
@@ -122,7 +122,7 @@ def share(patch: FloatArray, u: float, v: float, w: float) -> None:
     patch[j + np.uint32(ROW + 1)] += b
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def blur(work: Record) -> None:
     """Binomial 1-4-6-4-1 along both axes, from `patch` into `blurred`; a margin of two pixels stays zero."""
     a, b, c = np.float32(1.0 / 16.0), np.float32(4.0 / 16.0), np.float32(6.0 / 16.0)
@@ -135,7 +135,7 @@ def blur(work: Record) -> None:
             out[k] = a * (rows[k - two] + rows[k + two]) + b * (rows[k - one] + rows[k + one]) + c * rows[k]
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def shift_patch(work: Record, du: float, dv: float) -> None:
     """`shifted(X) = blurred(X + d)` over the template's region; |d| < PATCH_HALF - TEMPLATE_HALF."""
     iu, iv = int(np.floor(du)), int(np.floor(dv))
@@ -151,7 +151,7 @@ def shift_patch(work: Record, du: float, dv: float) -> None:
         out[k] = w00 * source[j] + w01 * source[j + 1] + w10 * source[j + ROW] + w11 * source[j + ROW + 1]
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def contrast(work: Record) -> float:
     """Sum of squares of the blurred patch over the mask."""
     first = (PATCH_HALF - TEMPLATE_HALF) * (ROW + 1)
@@ -165,14 +165,14 @@ def contrast(work: Record) -> float:
     return total_of(work, 0, 0, COLUMNS)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def clear_sums(work: Record, count: int) -> None:
     """Set the first `count` sums to zero."""
     for k in range(count * COLUMNS):
         work.sums[k] = 0.0
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def total_of(work: Record, which: int, start: int, end: int) -> float:
     """One of the sums over the columns start..end-1."""
     total = 0.0
@@ -181,7 +181,7 @@ def total_of(work: Record, which: int, start: int, end: int) -> float:
     return total
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def restrict(feature: Record, x: float, y: float, width: int, height: int) -> None:
     """Restrict a feature's valid region to what lies inside the image with the patch's centre at (x, y)."""
     feature.u0 = max(feature.u0, int(np.ceil(TEMPLATE_HALF - x)) + 1)
@@ -190,7 +190,7 @@ def restrict(feature: Record, x: float, y: float, width: int, height: int) -> No
     feature.v1 = min(feature.v1, int(np.floor(TEMPLATE_HALF + height - 1 - y)) - 1)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def weigh(feature: Record, work: Record) -> float:
     """Compute `weight`, the mask within the valid region of a feature; returns its share of the full mask."""
     u0, u1, v0, v1 = feature.u0, feature.u1, feature.v0, feature.v1
@@ -212,7 +212,7 @@ def weigh(feature: Record, work: Record) -> float:
     return work.share
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def seen_lag(work: Record, moved_px: float) -> float:
     """Lag of the event image behind the scene [px]: the motion that changes brightness by half a threshold.
 

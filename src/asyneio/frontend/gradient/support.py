@@ -16,13 +16,13 @@ or slow edge leaves.
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.gradient.prefetch import prefetch
 from asyneio.frontend.gradient.state import GradientArrays
 from asyneio.frontend.surface import NEVER_NS, Event, Surface, is_first_of_edge
 from asyneio.frontend.tracker import INLINE, Record
+from asyneio.jit import njit
 from asyneio.types import NS_PER_S, IntArray
 
 #: Window as a share of the mean time between two events of a pixel and polarity.
@@ -38,7 +38,7 @@ _OF_EDGES, _OF_NOISE = 0.2, 0.8
 MAX_STRETCH = 2.0
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def prefetch_neighbours(surface: Surface, event: Event) -> None:
     """Fetch the surface above and below the pixel of an event that comes later."""
     width = surface.hot.shape[1]
@@ -46,7 +46,7 @@ def prefetch_neighbours(surface: Surface, event: Event) -> None:
     prefetch(surface.latest_ns, 2 * ((event.y + 1) * width + event.x))
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def measure_noise(state: Record, pixels: int, elapsed_ns: int) -> None:
     """Update the window `state.support_ns` by the rate of the events since the last call, and `state.filters`
     and `state.stretch` by the share of them that were without support.
@@ -70,7 +70,7 @@ def measure_noise(state: Record, pixels: int, elapsed_ns: int) -> None:
     state.unmeasured = state.unsupported = 0
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def is_supported(tracker: GradientArrays, event: Event) -> bool:
     """Whether a neighbour of an event has fired shortly before; at the border of the image every event
     counts."""
@@ -81,7 +81,7 @@ def is_supported(tracker: GradientArrays, event: Event) -> bool:
     return supported
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def record_supported(tracker: GradientArrays, event: Event) -> bool:
     """Write an event to `supported_ns`; True if it is the first of an edge there."""
     supported_ns = tracker.supported_ns
@@ -90,7 +90,7 @@ def record_supported(tracker: GradientArrays, event: Event) -> bool:
     return first_of_edge
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def newest_neighbour_ns(latest_ns: IntArray, event: Event) -> int:
     """Time of the latest event with the polarity of an event at the eight pixels around it; that of the event
     itself at the border of the image."""

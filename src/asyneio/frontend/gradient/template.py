@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.gradient.features import PATCH_HALF, ROW, TEMPLATE_HALF, TEMPLATE_SIDE, TEMPLATE_SIZE
 from asyneio.frontend.gradient.patch import COLUMNS, clear_sums, shift_patch, total_of
 from asyneio.frontend.tracker import Record
+from asyneio.jit import njit
 
 _FIRST, _MIDDLE, _LAST = 1, TEMPLATE_HALF, TEMPLATE_SIDE - 1
 
@@ -41,7 +41,7 @@ class NormalSums(NamedTuple):
     tw: float
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def synthesise(
     feature: Record, gradient_sums: np.ndarray, slot: int, sx: float, sy: float, ridge: float, work: Record
 ) -> None:
@@ -54,7 +54,7 @@ def synthesise(
         work.template[k] = a * gradient_sums[slot, 0, k] + b * gradient_sums[slot, 1, k]
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def learn(
     feature: Record, gradient_sums: np.ndarray, slot: int, sx: float, sy: float, keep: float, work: Record
 ) -> None:
@@ -70,7 +70,7 @@ def learn(
     feature.yy = keep * feature.yy + sy * sy
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def correlate(work: Record) -> Products:
     """Weighted sums over the template and the shifted patch."""
     weight, W, T, sums = work.weight, work.shifted, work.template, work.sums
@@ -86,7 +86,7 @@ def correlate(work: Record) -> Products:
     return Products(total_of(work, 0, 0, n), total_of(work, 1, 0, n), total_of(work, 2, 0, n))
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def normal_equations(work: Record, gain: float, top: int, bottom: int) -> None:
     """Sum J J^T, J r and T W, weighted, over the rows top..bottom-1, column by column; see `read_sums`.
 
@@ -113,7 +113,7 @@ def normal_equations(work: Record, gain: float, top: int, bottom: int) -> None:
             sums[5 * COLUMNS + u] += m * t * w
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def read_sums(work: Record, start: int, end: int) -> NormalSums:
     """The sums of `normal_equations` over the columns start..end-1."""
     # Central differences, and the mean of two: a quarter each.
@@ -127,7 +127,7 @@ def read_sums(work: Record, start: int, end: int) -> NormalSums:
     )
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def match(work: Record, max_jump: float, min_corner: float, iterations: int, out: Record) -> bool:
     """Align the blurred patch with the template, into `out` MATCH_DTYPE.
 
@@ -158,7 +158,7 @@ def match(work: Record, max_jump: float, min_corner: float, iterations: int, out
     return _measure(work, gain, out)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _measure(work: Record, gain: float, out: Record) -> bool:
     """Correlation, residual, Hessian and disagreement of the halves after the last step, into `out`; False
     without contrast."""
@@ -183,7 +183,7 @@ def _measure(work: Record, gain: float, out: Record) -> bool:
     return True
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _shift_of(a: NormalSums, b: NormalSums) -> tuple[float, float]:
     """Remaining shift (u, v) of two quadrants together; damped, since half a patch may be a single edge."""
     xx, xy, yy, x, y = a.xx + b.xx, a.xy + b.xy, a.yy + b.yy, a.x + b.x, a.y + b.y

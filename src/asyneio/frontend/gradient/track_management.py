@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.feature_grid import FeatureGrids, remove_feature
 from asyneio.frontend.gradient.state import GradientArrays
 from asyneio.frontend.surface import NEVER_NS
-from asyneio.frontend.tracker import FREE, GROWING, INLINE, INNER, TRACKING, Record, is_outside
+from asyneio.frontend.tracker import FREE, GROWING, INLINE, TRACKING, Record, is_outside
+from asyneio.jit import njit
 from asyneio.types import RecordArray
 
 #: Sample of events over which the contrast thresholds of on and off events are balanced.
@@ -26,7 +26,7 @@ class ImagePoint(NamedTuple):
     v: float
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def integrate_roll(state: Record, t_ns: int, rate: float) -> None:
     """Integrate the roll up to `t_ns` and continue at another rate [rad/s]."""
     if state.roll_ns != NEVER_NS:
@@ -34,7 +34,7 @@ def integrate_roll(state: Record, t_ns: int, rate: float) -> None:
     state.roll_ns, state.roll_rate = t_ns, rate
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def release(feature: Record, grids: FeatureGrids, slot: int, state: Record) -> None:
     """End a feature and free its slot."""
     remove_feature(grids, slot)
@@ -42,7 +42,7 @@ def release(feature: Record, grids: FeatureGrids, slot: int, state: Record) -> N
     state.alive -= 1
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def remove_idle(tracker: GradientArrays, t_ns: int) -> None:
     """Release features that received no events for too long, that never began to move, or that came too
     close to an older one."""
@@ -62,7 +62,7 @@ def remove_idle(tracker: GradientArrays, t_ns: int) -> None:
             state.crowded += 1
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def is_crowded(records: RecordArray, feature: Record, within_px: float) -> bool:
     """Whether an older track is within that distance of a feature."""
     for k in range(records.size):
@@ -74,7 +74,7 @@ def is_crowded(records: RecordArray, feature: Record, within_px: float) -> bool:
     return False
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def balance_polarities(state: Record) -> None:
     """Weight on and off events so that both polarities carry the same change of brightness over time.
 
@@ -88,7 +88,7 @@ def balance_polarities(state: Record) -> None:
         state.polarity_counts[0], state.polarity_counts[1] = 0.5 * off, 0.5 * on
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def guess_velocity(records: RecordArray, feature: Record, within_px: float, work: Record) -> bool:
     """Write the mean velocity of the three nearest tracks to the frame `work`; zero and False if fewer than
     three are within that distance."""
@@ -114,7 +114,7 @@ def guess_velocity(records: RecordArray, feature: Record, within_px: float, work
     return True
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def reported_point(feature: Record, roll: float, lag_share: float) -> ImagePoint:
     """The point that a feature reports: its offset from the centre, moved ahead by the lag of the events.
 
@@ -127,7 +127,7 @@ def reported_point(feature: Record, roll: float, lag_share: float) -> ImagePoint
     return ImagePoint(feature.t_ns, u, v)
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def report(tracker: GradientArrays, slot: int, observations: RecordArray) -> None:
     """Write the observations of a feature that has just been matched."""
     feature, loop = tracker.features.records[slot], tracker.loop[0]
@@ -142,7 +142,7 @@ def report(tracker: GradientArrays, slot: int, observations: RecordArray) -> Non
         feature.emitted_ns = feature.t_ns
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def emit(tracker: GradientArrays, feature: Record, point: ImagePoint, observations: RecordArray) -> None:
     """Append an observation with the covariance of the last match; nothing outside the image."""
     loop, work, state = tracker.loop[0], tracker.work[0], tracker.state[0]

@@ -12,10 +12,10 @@ the scores over the whole window.
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
 from asyneio.frontend.tracker import GROWING, TRACKING, Record
+from asyneio.jit import njit
 from asyneio.types import FloatArray
 
 #: Half side of the patch and radius of the disc whose events are fed to the feature [px].
@@ -64,7 +64,7 @@ HASTE_DTYPE = np.dtype(
 )
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def correlate(feature: Record, k: int, end: int, sign: float) -> None:
     """Add (`sign` 1) or subtract (-1) the contribution of events k..end-1 of the window to each score.
 
@@ -88,7 +88,7 @@ def correlate(feature: Record, k: int, end: int, sign: float) -> None:
         score[i] += sign * total
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def learn(feature: Record, k: int, weight: float) -> None:
     """Distribute event k of the window over the four nearest template pixels under the current pose."""
     dx, dy = feature.window_xy[k, 0] - feature.x, feature.window_xy[k, 1] - feature.y
@@ -104,7 +104,7 @@ def learn(feature: Record, k: int, weight: float) -> None:
         template[row + 1, column + 1] += weight * a * b
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def spread_hypotheses(feature: Record) -> None:
     """Compute the hypotheses around the current pose."""
     for i in range(HYPOTHESES):
@@ -115,7 +115,7 @@ def spread_hypotheses(feature: Record) -> None:
         feature.hypotheses[i, 3] = np.sin(turn)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def score_window(feature: Record) -> None:
     """Use the current template as reference and score all hypotheses over the whole window.
 
@@ -131,7 +131,7 @@ def score_window(feature: Record) -> None:
     correlate(feature, 0, WINDOW, 1.0)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def best_hypothesis(score: FloatArray) -> int:
     """The next hypothesis: 0, the current one, unless another exceeds it by more than the hysteresis."""
     best, highest, lowest = 0, score[0], score[0]
@@ -142,7 +142,7 @@ def best_hypothesis(score: FloatArray) -> int:
     return best if highest - score[0] > HYSTERESIS * (highest - lowest) else 0
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def feed(feature: Record, t_ns: int, x: int, y: int) -> bool:
     """Add an event to the window of a feature; True if its pose has changed or is now known."""
     k = feature.written % WINDOW

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
 from asyneio.config import FrontendConfig
@@ -41,7 +40,6 @@ from asyneio.frontend.tracker import (
     FREE,
     GROWING,
     INLINE,
-    INNER,
     NO_ROLL,
     TRACKING,
     FrontendStatistics,
@@ -52,6 +50,7 @@ from asyneio.frontend.tracker import (
     record_of,
 )
 from asyneio.frontend.validation import EventValidator
+from asyneio.jit import njit
 from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, IntArray, RecordArray
 
 #: Period of the search for silent features, in event time.
@@ -110,7 +109,7 @@ class HasteArrays(NamedTuple):
     corner_scratch: IntArray
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def process_events(events: RecordArray, start: int, tracker: HasteArrays, observations: RecordArray) -> int:
     """Algorithm 1 from event `start` on; returns the index of the next event to process.
 
@@ -140,7 +139,7 @@ def process_events(events: RecordArray, start: int, tracker: HasteArrays, observ
     return events.size
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def manage_tracks(tracker: HasteArrays, t_ns: int) -> None:
     """Periodic work, by event time: how the stream is divided into packets has no effect."""
     tracker.state[0].checked_ns = t_ns
@@ -148,7 +147,7 @@ def manage_tracks(tracker: HasteArrays, t_ns: int) -> None:
     update_hot_pixels(tracker.surface, tracker.state[0], t_ns)
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def remove_silent(tracker: HasteArrays, t_ns: int) -> None:
     """Release the features whose time is older than `t_max_ns`."""
     records = tracker.records
@@ -158,7 +157,7 @@ def remove_silent(tracker: HasteArrays, t_ns: int) -> None:
             tracker.state[0].silent += 1
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def release(tracker: HasteArrays, slot: int) -> None:
     """End a feature and free its slot."""
     remove(tracker.grid, slot)
@@ -166,7 +165,7 @@ def release(tracker: HasteArrays, slot: int) -> None:
     tracker.state[0].alive -= 1
 
 
-@nb.njit(**INLINE)
+@njit(**INLINE)
 def feed_neighbours(tracker: HasteArrays, event: Event, observations: RecordArray) -> bool:
     """Feed an event to the features in whose disc it lies; True if one is too close for a new corner."""
     grid, spacing2 = tracker.grid, tracker.settings[0].spacing_px ** 2
@@ -187,7 +186,7 @@ def feed_neighbours(tracker: HasteArrays, event: Event, observations: RecordArra
     return near
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def follow_feature(tracker: HasteArrays, slot: int, begins: bool, observations: RecordArray) -> None:
     """Update the grid after a feature has moved, or after its track begins, and write an observation."""
     tracker = borrowed(tracker)
@@ -207,7 +206,7 @@ def follow_feature(tracker: HasteArrays, slot: int, begins: bool, observations: 
         state.written += 1
 
 
-@nb.njit(**INNER)
+@njit(cache=True)
 def begin_feature(tracker: HasteArrays, event: Event) -> None:
     """Begin a feature at a corner event, in the first free slot."""
     slot, state = free_slot(tracker.records), tracker.state[0]

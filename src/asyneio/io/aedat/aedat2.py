@@ -19,13 +19,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import RecordingError
 from asyneio.io.calibration import find_calibration
 from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.recording.event_source import FAR_OUTSIDE, SAMPLE_DTYPE, skipped_notes
 from asyneio.io.recording.inertial_units import STANDARD_GRAVITY
+from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"#!AER-DAT2.0"

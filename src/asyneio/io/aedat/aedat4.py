@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import RecordingError
 from asyneio.io.aedat.aedat4_packets import (
@@ -31,6 +30,7 @@ from asyneio.io.recording.contents import Contents, ReadOptions
 from asyneio.io.recording.event_checks import MAX_STAMP_NS
 from asyneio.io.recording.event_source import SAMPLE_DTYPE
 from asyneio.io.recording.inertial_units import STANDARD_GRAVITY
+from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 MAGIC = b"#!AER-DAT4"

@@ -22,10 +22,10 @@ from typing import IO
 from xml.etree import ElementTree
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.unpack import MAX_UNPACKED, unpack
+from asyneio.jit import njit
 from asyneio.types import IntArray
 
 FIRST_LINE = b"#!AER-DAT4.0\r\n"

@@ -8,8 +8,8 @@ A record is a 32-bit time [us] and a 32-bit word: column bits 0-13, row bits 14-
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 VERSION = 2

@@ -15,7 +15,6 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from asyneio.io.prophesee.high_time import (
     CD_ON,
@@ -29,6 +28,7 @@ from asyneio.io.prophesee.high_time import (
     unwrap_high,
 )
 from asyneio.io.prophesee.word_decoder import WordDecoder
+from asyneio.jit import njit
 from asyneio.types import IntArray, RecordArray
 
 _CODE_BIT = 28

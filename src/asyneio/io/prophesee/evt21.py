@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import RecordingError
 from asyneio.io.prophesee.evt2 import STATE_DTYPE
@@ -38,6 +37,7 @@ from asyneio.io.prophesee.high_time import (
 )
 from asyneio.io.prophesee.word_decoder import WordDecoder
 from asyneio.io.recording.event_source import skipped_notes
+from asyneio.jit import njit
 from asyneio.types import IntArray, RecordArray
 
 _CODE_BIT, _HIGH_BIT = 60, 32

@@ -25,9 +25,9 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from asyneio.io.prophesee.word_decoder import WordDecoder
+from asyneio.jit import njit
 from asyneio.types import IntArray, RecordArray
 
 #: One step of the high time, and its wrap [ns].

@@ -8,7 +8,8 @@ where time was before.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from asyneio.jit import njit
 
 #: Bits of the high time, and of the time in an event word.
 HIGH_BITS, LOW_BITS = 28, 6

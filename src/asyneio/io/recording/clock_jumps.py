@@ -15,11 +15,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from asyneio.io.parsing.stamp_checks import MAX_DISORDER_NS
 from asyneio.io.recording.event_checks import MAX_LATE_RUN, MAX_STAMP_NS
 from asyneio.io.recording.event_source import join_events
+from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, NS_PER_S, IntArray, RecordArray
 
 #: A smaller step back is disorder: packets in the wrong order.

@@ -7,11 +7,11 @@ Memory is bounded by one piece and the events of the last MAX_DISORDER_NS, which
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import RecordingError
 from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE, MAX_DISORDER_NS
 from asyneio.io.recording.event_source import join_events
+from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, NS_PER_S, BoolArray, IntArray, RecordArray
 
 #: Stamps beyond this (146 years either way) could overflow when clocks are shifted against each other.

@@ -12,10 +12,10 @@ loop. Samples are few and complete, so the other one compares all runs of a file
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.io.parsing.stamp_checks import MAX_DISORDER_NS
 from asyneio.io.recording.event_source import join_events, share_text
+from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, NS_PER_S, IntArray, RecordArray
 
 #: A longer run of wrong stamps is not isolated.

@@ -19,10 +19,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from asyneio.io.prophesee.evt3 import EVT_TIME_HIGH, EVT_TIME_LOW, WRAP_NS, Evt3Decoder
 from asyneio.io.recording.event_source import FAR_OUTSIDE, pack_events
+from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, IntArray, RecordArray
 
 ENCODINGS = ("evt3", "mono", "libcaer", "libcaer_cmp")

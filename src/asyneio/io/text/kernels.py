@@ -8,10 +8,10 @@ terminates every inner loop. Unsigned indices avoid numba's handling of negative
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from asyneio.io.recording.event_checks import MAX_STAMP_NS
 from asyneio.io.recording.event_source import FAR_OUTSIDE
+from asyneio.jit import njit
 from asyneio.types import NS_PER_S, IntArray
 
 #: Roles of columns, for `parse_columns`.

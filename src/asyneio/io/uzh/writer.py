@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import RecordingError
 from asyneio.io.calibration import CAMCHAIN_FILE, IMU_FILE
@@ -17,6 +16,7 @@ from asyneio.io.parsing.decimal_seconds import format_seconds
 from asyneio.io.recording.event_source import pieces_of
 from asyneio.io.recording.tum import tum_text
 from asyneio.io.uzh.folder_reader import EVENTS_FILE, GROUND_TRUTH_FILE, INTRINSICS_FILE, SAMPLES_FILE
+from asyneio.jit import njit
 from asyneio.types import NS_PER_S, CameraIntrinsics, Distortion, EventRecording, IntArray, RecordArray
 
 _PIECE = 2**15

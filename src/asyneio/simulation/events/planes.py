@@ -12,8 +12,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from asyneio.jit import njit
 from asyneio.simulation.events.world import World
 from asyneio.types import FloatArray, IntArray
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from asyneio.jit import njit
 from asyneio.simulation.camera import BoolArray, PinholeCamera
 from asyneio.simulation.events.planes import Rectangles, linear_forms, nearest, rectangles_of
 from asyneio.simulation.events.rays import lens_row, pixel_ray

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from asyneio.jit import njit
 from asyneio.simulation.camera import turning_radius
 from asyneio.types import CameraIntrinsics, Distortion, FloatArray
 

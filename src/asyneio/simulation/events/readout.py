@@ -18,9 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from asyneio.jit import njit
 from asyneio.simulation.events.sensor import EventBuffer, SensorSpec
 from asyneio.types import EVENT_DTYPE, CameraIntrinsics, FloatArray, IntArray, RecordArray
 

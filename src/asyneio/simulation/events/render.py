@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from asyneio.jit import njit
 from asyneio.simulation.events.planes import Planes, planes_of, rectangles_of
 from asyneio.simulation.events.pyramid import Pyramids
 from asyneio.simulation.events.view import TILE, View

@@ -20,9 +20,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from asyneio.jit import njit
 from asyneio.simulation.events.sensor import Circuit, EventBuffer, Pixels
 from asyneio.types import FloatArray
 

@@ -11,9 +11,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import SimulationError
+from asyneio.jit import njit
 from asyneio.simulation.events.planes import Planes, planes_of, rectangles_of
 from asyneio.simulation.events.pyramid import Pyramids
 from asyneio.simulation.events.readout import Readout, ReadoutCounts

@@ -11,9 +11,9 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from asyneio.errors import SimulationError
+from asyneio.jit import njit
 from asyneio.types import FloatArray, IntArray
 
 #: Side of the noise patch that is repeated [texels]; a power of two like all sides.
