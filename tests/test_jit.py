@@ -14,7 +14,14 @@ import numpy as np
 import pytest
 from numba.core import config
 
-pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="kernels are not compiled")
+from asyneio import jit
+
+pytestmark = [
+    pytest.mark.skipif(bool(config.DISABLE_JIT), reason="kernels are not compiled"),
+    pytest.mark.skipif(
+        numba.version_info[:2] not in jit.TESTED, reason="kernels are compiled as this version of Numba does"
+    ),
+]
 
 #: Kernels with arrays, tuples, recursion, a constant argument, and an error.
 SOURCE = """
@@ -76,6 +83,18 @@ def test_results_are_those_of_python_and_of_numba(load: Callable[[], ModuleType]
     assert kernels.parts(VALUES) == numba.njit(kernels.parts.py_func)(VALUES)
 
 
+def test_other_versions_of_numba_compile_in_their_own_way(
+    load: Callable[[], ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the same results, and without a look at what is inside them."""
+    expected = load().entry(VALUES, 5)
+    monkeypatch.setattr(jit, "TESTED", ())
+    monkeypatch.setitem(sys.modules, "asyneio.kernel_forms", None)
+    kernels = load()
+    assert kernels.entry(VALUES, 5) == expected
+    assert not hasattr(kernels.entry, "inner")
+
+
 def test_errors_pass_through_inner_kernels(load: Callable[[], ModuleType]) -> None:
     with pytest.raises(ValueError, match="no values"):
         load().entry(np.empty(0), 3)
@@ -128,7 +147,7 @@ def test_inner_kernels_have_no_machine_code(load: Callable[[], ModuleType]) -> N
 def test_importing_the_package_compiles_nothing() -> None:
     code = (
         "from numba.core import event\n"
-        "from asyneio.jit import Kernel\n"
+        "from asyneio.kernel_forms import Kernel\n"
         "seen = []\n"
         "real = Kernel._compile_for_args\n"
         "Kernel._compile_for_args = lambda self, *a, **k: (seen.append(self), real(self, *a, **k))[1]\n"

@@ -1,15 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decorator of numerical kernels: Numba's `njit` with half its compilation time.
+"""Decorator of numerical kernels: Numba's `njit`, with half its compilation time where that was tested.
 
-Numba prepares every function for calls from Python and from C, and optimizes it and generates its machine
-code separately, although a function that another kernel calls is also copied into that kernel's module and
-optimized there. Here a kernel has two forms, each compiled only when needed:
-
-- *entry*: called from Python, compiled as Numba does.
-- *inner*: called by other kernels. It has no wrappers and no machine code of its own. It is simplified and
-  stored as LLVM code; the entry that contains it optimizes it.
-
-Both forms are cached on disk, in different files.
+`kernel_forms` says what is saved. It replaces parts of Numba that are not its public interface, so it is used
+only with versions of Numba that it was tested with. With others, kernels are compiled as Numba does, with the
+same results.
 """
 
 from __future__ import annotations
@@ -18,21 +12,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-from llvmlite import binding as llvm
 from numba.core import config
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
-from numba.core.registry import CPUDispatcher
-from numba.core.types import IntegerLiteral
-from numba.core.types.misc import unliteral
 
-#: Older versions of Numba optimize in another way; there, kernels are compiled as Numba does.
-_HAS_PASS_BUILDER = hasattr(llvm, "create_pass_builder")
-#: Start of the names of compiled functions.
-_COMPILED = "_ZN"
-#: Start of the names of the variables through which compiled code finds its Python environment.
-_ENVIRONMENT = "_ZN08NumbaEnv"
+#: Versions of Numba with which `kernel_forms` was tested (major, minor).
+TESTED = ((0, 68),)
 
 
 def njit(
@@ -50,8 +33,11 @@ def njit(
     def decorate(function: Callable[..., Any]) -> Any:
         if config.DISABLE_JIT:
             return function
-        if not _HAS_PASS_BUILDER:
+        if numba.version_info[:2] not in TESTED:
             return numba.njit(cache=cache, **options)(function)
+        # Numba's internals are imported only in versions that are known to have them.
+        from asyneio.kernel_forms import Kernel
+
         kernel = Kernel(function, targetoptions={"nopython": True, "boundscheck": None, **options})
         kernel.literals = literals
         if cache:
@@ -59,122 +45,3 @@ def njit(
         return kernel
 
     return decorate
-
-
-class _Library(JITCodeLibrary):
-    """Code of an entry."""
-
-    _final_module: Any
-
-    def _optimize_functions(self, ll_module: Any) -> None:
-        """Simplify each function, as Numba does, but skip declarations: preparing the passes takes longer
-        than running them."""
-        ll_module.data_layout = self._codegen._data_layout
-        for function in ll_module.functions:
-            if not function.is_declaration:
-                manager, builder = self._codegen._function_pass_manager()
-                manager.run(function, builder)
-
-    def _optimize_final_module(self) -> None:
-        """Optimize, as Numba does, but with private copies of inner kernels: each is specialized for the
-        calls in this entry, and removed where it is inlined."""
-        for function in self._final_module.functions:
-            copied = function.linkage == llvm.Linkage.linkonce_odr and not function.is_declaration
-            if copied and function.name.startswith(_COMPILED):
-                function.linkage = llvm.Linkage.internal
-        super()._optimize_final_module()
-
-
-class _InnerLibrary(_Library):
-    """Code of an inner kernel, without machine code."""
-
-    def _optimize_final_module(self) -> None:
-        """Left to the entry."""
-
-    def _finalize_final_module(self) -> None:
-        """Generate machine code for nothing but the variables of the environment, which Numba sets."""
-        self._verify_declare_only_symbols()
-        code = self._final_module
-        names = [v.name for v in code.global_variables if v.name.startswith(_ENVIRONMENT)]
-        stub = str(self._codegen._create_empty_module(self.name))
-        stub += "".join(f'\n@"{name}" = common global ptr null' for name in names)
-        self._final_module = llvm.parse_assembly(stub)
-        super()._finalize_final_module()
-        self._final_module = code
-        self._finalize_dynamic_globals()
-
-
-class _EntryCompiler(Compiler):
-    library_class: type[JITCodeLibrary] = _Library
-
-    def define_pipelines(self) -> Any:
-        """Numba's passes, on our library."""
-        state = self.state
-        state.library = self.library_class(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.library.enable_object_caching()
-        return super().define_pipelines()
-
-
-class _InnerCompiler(_EntryCompiler):
-    library_class = _InnerLibrary
-
-
-class _InnerCacheImpl(CompileResultCacheImpl):
-    def get_filename_base(self, fullname: str, abiflags: str) -> str:
-        """Files separate from those of the entry."""
-        return str(super().get_filename_base(f"{fullname}.inner", abiflags))
-
-
-class _InnerCache(FunctionCache):
-    _impl_class = _InnerCacheImpl
-
-
-class _Inner(CPUDispatcher):
-    """A kernel as other kernels call it."""
-
-    def enable_caching(self) -> None:
-        """Keep compiled kernels on disk."""
-        self._cache = _InnerCache(self.py_func)
-
-
-class Kernel(CPUDispatcher):
-    """A kernel; calls from other kernels are passed on to its inner form."""
-
-    #: Whether the inner form is compiled separately for each constant integer.
-    literals = True
-
-    def __init__(
-        self,
-        py_func: Callable[..., Any],
-        locals: dict[str, Any] | None = None,
-        targetoptions: dict[str, Any] | None = None,
-        pipeline_class: type[Compiler] = _EntryCompiler,
-    ) -> None:
-        options = {**(targetoptions or {}), "no_cfunc_wrapper": True}
-        super().__init__(py_func, locals, options, pipeline_class)
-        self.inner = _Inner(py_func, locals, {**options, "no_cpython_wrapper": True}, _InnerCompiler)
-
-    def enable_caching(self) -> None:
-        """Keep compiled kernels on disk."""
-        super().enable_caching()
-        self.inner.enable_caching()
-
-    @property
-    def is_compiling(self) -> bool:
-        """Whether a call from a kernel is a recursive one."""
-        return bool(self.inner.is_compiling)
-
-    @property
-    def nopython_signatures(self) -> Any:
-        """Signatures for calls from kernels."""
-        return self.inner.nopython_signatures
-
-    def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Compile for a call from a kernel."""
-        if not self.literals:
-            args = tuple(unliteral(a) if isinstance(a, IntegerLiteral) else a for a in args)
-        return self.inner.get_call_template(args, kws)
-
-    def get_overload(self, sig: Any) -> Any:
-        """The compiled form that kernels call."""
-        return self.inner.get_overload(sig)
