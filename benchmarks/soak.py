@@ -168,7 +168,7 @@ class Stream:
             gyroscope, accelerometer = (_shifted(stream[k], shift_ns) for stream in streams)
             packet = Packet(int(ends_ns[k + 1]) + shift_ns, observations, gyroscope, accelerometer)
             estimates, report = self.odometry.process(packet)
-            self._frontend.adapt(report.feedback)
+            self._frontend.set_outlier_share(report.outlier_share)
             self._rejected += report.inertial_rejected
             if report.origin is not None:
                 self.origins[report.origin.segment] = report.origin

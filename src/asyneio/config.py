@@ -36,11 +36,6 @@ class FrontendConfig(_Section):
     min_interval_s: float = Field(
         0.05, ge=0.0, description="shortest time between two observations of a feature (t_min)"
     )
-    initial_interval_s: float = Field(
-        0.02,
-        ge=0.0,
-        description="the same while the estimator initializes and for the next 3 s, if shorter",
-    )
     max_silence_s: float = Field(
         0.3, gt=0.0, description="a feature without an observation for this time is released (t_max)"
     )

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -323,17 +322,6 @@ class NoiseEstimate:
     measured_density: tuple[float, float] = (0.0, 0.0)
 
 
-class TrackFeedback(NamedTuple):
-    """What the estimator reports about a packet to the front end.
-
-    `outlier_share` (0 to 1) of the packet's tracks are rejected as outliers. `new_segment`: the segment is
-    not initialized yet, or was a short time ago, so that observations determine its scale and tilt.
-    """
-
-    outlier_share: float = 0.0
-    new_segment: bool = True
-
-
 @dataclass(frozen=True)
 class StepReport:
     """What one call of `Odometry.process` did.
@@ -353,7 +341,6 @@ class StepReport:
         stationary: whether the sensor was detected to be stationary.
         attitude: attitude before the segment is initialized; None where there is a pose.
         outlier_share: share of the packet's tracks that are rejected as outliers.
-        new_segment: whether the segment is not initialized yet, or was a short time ago.
         inertial_rejected: number of the packet's inertial samples that were rejected: spikes, saturated or
             corrupt readings.
         noise: of the inertial samples, as learned so far.
@@ -377,17 +364,11 @@ class StepReport:
     stationary: bool = False
     attitude: Attitude | None = None
     outlier_share: float = 0.0
-    new_segment: bool = True
     inertial_rejected: int = 0
     noise: NoiseEstimate | None = None
     visual_nis: float = float("nan")
     inertial_nis: float = float("nan")
     origin: Estimate | None = None
-
-    @property
-    def feedback(self) -> TrackFeedback:
-        """What the front end takes from this report."""
-        return TrackFeedback(self.outlier_share, self.new_segment)
 
 
 @dataclass

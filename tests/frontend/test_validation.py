@@ -12,7 +12,7 @@ from asyneio.errors import RecordingError
 from asyneio.frontend import Frontend
 from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.frontend.haste.tracker import HasteTracker
-from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray, TrackFeedback
+from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray
 
 WIDTH, HEIGHT = 40, 30
 TRACKERS = ("gradient", "haste")
@@ -166,4 +166,4 @@ def test_the_epoch_of_the_clock_changes_nothing(tracker: str) -> None:
 @pytest.mark.parametrize("share", [-0.1, 1.1, np.nan])
 def test_a_share_is_a_share(share: float) -> None:
     with pytest.raises(RecordingError, match="expected 0 to 1"):
-        Frontend(FrontendConfig(), WIDTH, HEIGHT).adapt(TrackFeedback(share))
+        Frontend(FrontendConfig(), WIDTH, HEIGHT).set_outlier_share(share)

@@ -26,7 +26,6 @@ from asyneio.types import (
     Packet,
     RecordArray,
     StepReport,
-    TrackFeedback,
 )
 from tests.cli.fakes import FakeOdometry
 
@@ -83,7 +82,7 @@ def test_an_outlier_share_takes_effect_at_a_fixed_time(recording: EventRecording
         stream, found = ObservationStream(recording, few, ends_of(recording)), []
         for batch in stream:
             time.sleep(wait_s)
-            stream.report(TrackFeedback(share if len(found) == 1 else 0.0))
+            stream.set_outlier_share(share if len(found) == 1 else 0.0)
             found.append(batch)
         return found
 
@@ -95,18 +94,6 @@ def test_an_outlier_share_takes_effect_at_a_fixed_time(recording: EventRecording
     assert all(same[:6])
     assert not same[7]
     assert np.unique(quick[7]["id"]).size > 1.3 * np.unique(silent[7]["id"]).size
-
-
-def test_features_are_observed_more_often_in_a_new_segment(recording: EventRecording) -> None:
-    """From the sixth batch after a report on, every `min_interval_s`."""
-    stream = ObservationStream(recording, FrontendConfig(), ends_of(recording))
-    intervals: dict[bool, list[int]] = {True: [], False: []}
-    for number, batch in enumerate(stream):
-        stream.report(TrackFeedback(new_segment=number < 1))
-        for track in np.unique(batch["id"]):
-            intervals[number < 7].extend(np.diff(batch["t_ns"][batch["id"] == track]).tolist())
-    assert 0.02e9 <= min(intervals[True]) < 0.03e9
-    assert min(intervals[False]) >= 0.05e9
 
 
 def test_the_front_end_runs_ahead_by_a_fixed_number_of_batches(
@@ -142,7 +129,7 @@ def test_a_restored_front_end_continues_with_the_same_batches(
     state, released = None, []
     stream = ObservationStream(recording, config, ends_ns)
     for number, batch in enumerate(stream):
-        stream.report(TrackFeedback(0.1 * (number % 5), new_segment=number % 3 == 0))
+        stream.set_outlier_share(0.1 * (number % 5))
         released.append(batch)
         if number == 2:
             stream.request_state()
@@ -153,7 +140,7 @@ def test_a_restored_front_end_continues_with_the_same_batches(
     restored = ObservationStream(recording, config, ends_ns)
     restored.restore(state, released[: state.batches])
     for number, batch in enumerate(restored, start=state.batches):
-        restored.report(TrackFeedback(0.1 * (number % 5), new_segment=number % 3 == 0))
+        restored.set_outlier_share(0.1 * (number % 5))
         assert batch.tobytes() == released[number].tobytes()
     assert restored.observations().tobytes() == stream.observations().tobytes()
     assert restored.notes() == stream.notes()

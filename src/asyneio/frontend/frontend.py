@@ -14,15 +14,7 @@ from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.frontend.haste.tracker import HasteTracker
 from asyneio.frontend.tracker import NO_ROLL, TURN_DTYPE, FrontendStatistics, Tracker
 from asyneio.frontend.validation import EventValidator, check_gyroscope
-from asyneio.types import (
-    INERTIAL_DTYPE,
-    NS_PER_S,
-    OBSERVATION_DTYPE,
-    EventRecording,
-    IntArray,
-    RecordArray,
-    TrackFeedback,
-)
+from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: The roll rate is constant over this time.
 _ROLL_STEP_NS = 4_000_000
@@ -52,9 +44,6 @@ class Frontend:
         self._border = EventValidator(width, height)
         self._tracker: Tracker = _TRACKERS[config.tracker](config, width, height)
         self._roll_rate = 0.0
-        shorter_s = min(config.initial_interval_s, config.min_interval_s)
-        #: Between two observations of a feature: usually, and in a new segment.
-        self._intervals_ns = tuple(round(s * NS_PER_S) for s in (config.min_interval_s, shorter_s))
 
     def process(self, events: RecordArray, gyroscope: RecordArray | None = None) -> RecordArray:
         """Process a packet of events.
@@ -81,25 +70,21 @@ class Frontend:
         turns = NO_ROLL if gyroscope is None else self._turns(events["t_ns"], gyroscope)
         return self._tracker.follow(events, turns)
 
-    def adapt(self, feedback: TrackFeedback) -> None:
-        """Adapt to what the estimator reports about its tracks.
+    def set_outlier_share(self, share: float) -> None:
+        """Raise the capacity to compensate for tracks that the estimator rejects as outliers.
 
         The default tracker raises its capacity so that `max_features` inliers remain, up to twice
-        `max_features`; the baseline does not. In a new segment, features are observed every
-        `initial_interval_s`, because these observations determine scale and tilt for the whole segment;
-        later, and without feedback, every `min_interval_s`.
+        `max_features`; the baseline does not.
 
         Args:
-            feedback: `StepReport.feedback`.
+            share: of the tracks that are outliers, 0 to 1.
 
         Raises:
-            RecordingError: the share of outliers is not a share.
+            RecordingError: not a share.
         """
-        share = feedback.outlier_share
         if not 0.0 <= share <= 1.0:
             raise RecordingError(f"found {share} for the share of outlier tracks, expected 0 to 1")
         self._tracker.set_outlier_share(share)
-        self._tracker.set_interval(self._intervals_ns[feedback.new_segment])
 
     def limit_load(self, share: float) -> None:
         """Change `frontend.max_load` from now on: for live use, where a wall clock shows the real load.

@@ -111,10 +111,6 @@ class Tracker(Protocol):
         """Set the share of the tracks (0 to 1) that the estimator rejects as outliers, from now on."""
         ...
 
-    def set_interval(self, interval_ns: int) -> None:
-        """Set the shortest time between two observations of a feature, from now on."""
-        ...
-
     def limit_load(self, share: float) -> None:
         """Limit the nominal cost to this share of a processor core, from now on; 0: no limit."""
         ...

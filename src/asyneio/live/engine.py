@@ -198,7 +198,7 @@ class _Engine:
 
     def _step(self, tracked: Tracked) -> None:
         estimates, report = self._process(tracked.packet)
-        tracked.report(report.feedback)
+        tracked.feedback(report.outlier_share)
         if self._gravity.add(tracked.packet):
             self._progress.message(
                 f"warning: {self._gravity.complaint}; the positions will be wrong by metres"

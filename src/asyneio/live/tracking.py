@@ -17,7 +17,7 @@ from asyneio.live.load import LoadControl
 from asyneio.live.packetizer import Packetizer, RawPacket, Rows
 from asyneio.pipeline.delayed import DelayedObservations
 from asyneio.pipeline.frontend_thread import AHEAD
-from asyneio.types import NS_PER_S, Packet, TrackFeedback
+from asyneio.types import NS_PER_S, Packet
 
 #: Data that wait for more than this multiple of the longest backlog are dropped, and a new stretch begins.
 _GIVE_UP = 4.0
@@ -58,14 +58,14 @@ class Shed:
 class Tracked:
     """A packet for the estimator, with the raw one behind it.
 
-    `report` takes what the estimator reports about it. `stretch`: number of the stretch. `backlog_s`:
+    `feedback` takes the share of its tracks that are outliers. `stretch`: number of the stretch. `backlog_s`:
     how long data wait for the front end. `load_limit`: `LoadControl.share`. `interval_ns`: between packets.
     """
 
     packet: Packet
     raw: RawPacket
     stretch: int
-    report: Callable[[TrackFeedback], None]
+    feedback: Callable[[float], None]
     backlog_s: float
     shed: Shed
     load_limit: float
@@ -87,7 +87,7 @@ Keep = Callable[[int, Rows], None]
 class TrackingThread:
     """Takes chunks from the inbox, cuts packets, follows features, hands packets to the estimator.
 
-    What the estimator reports about a packet takes effect AHEAD packets later. The
+    The share of outlier tracks that the estimator reports for a packet takes effect AHEAD packets later. The
     front end waits for it, so results do not depend on the scheduling of threads, and at most AHEAD packets
     wait for the estimator.
 
@@ -136,10 +136,9 @@ class TrackingThread:
             PATIENCE_NS,
         )
         self._frontend = Frontend(frontend, *size)
-        self._frontend.adapt(TrackFeedback())
         self._frontend.limit_load(self._load.share)
         self._delayed: DelayedObservations | None = None
-        self._reported: queue.SimpleQueue[TrackFeedback] = queue.SimpleQueue()
+        self._shares: queue.SimpleQueue[float] = queue.SimpleQueue()
         self._count = 0
 
     def _work(self) -> None:
@@ -187,10 +186,10 @@ class TrackingThread:
                     self._keep_rows(self._packetizer.prelude)
             self._keep_rows(Rows(raw.events, raw.gyroscope, raw.accelerometer))
             if self._count >= AHEAD:
-                feedback = self._wait_for_feedback()
-                if feedback is None:
+                share = self._wait_for_feedback()
+                if share is None:
                     return
-                self._frontend.adapt(feedback)
+                self._frontend.set_outlier_share(share)
             self.queue.put(self._tracked(raw, self._delayed))
             self._count += 1
 
@@ -210,7 +209,7 @@ class TrackingThread:
             packet,
             raw,
             self._stretch,
-            self._reported.put,
+            self._shares.put,
             backlog_s,
             self._shed(),
             self._load.share,
@@ -226,17 +225,17 @@ class TrackingThread:
         if self._load.share != before:
             self._frontend.limit_load(self._load.share)
 
-    def _wait_for_feedback(self) -> TrackFeedback | None:
+    def _wait_for_feedback(self) -> float | None:
         started = time.perf_counter()
         try:
             return self._feedback()
         finally:
             self._last_waited_s = time.perf_counter() - started
 
-    def _feedback(self) -> TrackFeedback | None:
+    def _feedback(self) -> float | None:
         while not self._abort.is_set():
             try:
-                return self._reported.get(timeout=0.1)
+                return self._shares.get(timeout=0.1)
             except queue.Empty:
                 continue
         return None

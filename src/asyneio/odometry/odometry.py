@@ -191,7 +191,6 @@ class Odometry:
         segment.buffer.drop_until(int(window.t_ns[-1]))
         newest = newest_estimate(window, solution, settings, segment.number)
         segment.tracking = Tracking(window, solution, newest)
-        segment.initialized_ns = newest.t_ns
         segment.tracking.marginalize_to(settings.window_s)
         status = segment.health.begin(newest, first.scale_sigma, first.object_in_view)
         return [reported(newest, settings)], self._report(packet, status, segment.number, origin)
@@ -214,7 +213,6 @@ class Odometry:
             stationary=segment.stationary.stationary,
             attitude=None if has_pose else self._attitude,
             outlier_share=segment.buffer.outlier_share(packet.observations["id"]),
-            new_segment=segment.is_new(packet.t_end_ns),
             inertial_rejected=self._rejected_samples,
             noise=self._noise.estimate(),
             origin=origin,

@@ -22,9 +22,6 @@ from asyneio.odometry.outliers import without_outliers
 from asyneio.odometry.stationary import StationaryDetector
 from asyneio.types import Calibration, Estimate, Packet, RecordArray
 
-#: Time [ns] after an initialization in which scale, tilt and biases become known: two windows.
-_NEW_NS = 3_000_000_000
-
 
 @dataclass
 class Tracking:
@@ -102,7 +99,6 @@ class Segment:
         attempts: number of attempts to initialize in motion that failed.
         next_attempt_ns: time of the next attempt to initialize; None before the first.
         waiting_reason: why the newest attempt to initialize did not succeed.
-        initialized_ns: time of the first estimate; None before.
     """
 
     def __init__(self, number: int, config: Config, calibration: Calibration) -> None:
@@ -117,17 +113,12 @@ class Segment:
         self.attempts = 0
         self.next_attempt_ns: int | None = None
         self.waiting_reason = "collecting measurements"
-        self.initialized_ns: int | None = None
 
     def append(self, packet: Packet, rates_hz: tuple[float, float]) -> tuple[RecordArray, RecordArray]:
         """Add a packet; returns its gated samples, as `MeasurementBuffer.append`."""
         samples = self.buffer.append(packet, rates_hz)
         self.health.append(packet, self.buffer.raw)
         return samples
-
-    def is_new(self, t_ns: int) -> bool:
-        """Whether the segment is not initialized at `t_ns` yet, or was a short time before."""
-        return self.initialized_ns is None or t_ns - self.initialized_ns < _NEW_NS
 
     def due_knots(self, newest_ns: int, interval_ns: int) -> range:
         """Times [ns] of the knots after the one at `newest_ns` that the measurements cover."""

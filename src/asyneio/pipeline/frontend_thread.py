@@ -22,7 +22,7 @@ from asyneio.frontend import Frontend, gyroscope_in_camera
 from asyneio.pipeline.delayed import DelayedObservations
 from asyneio.pipeline.safe_pickle import dump, load
 from asyneio.pipeline.track_source import SourceState
-from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray, TrackFeedback
+from asyneio.types import NS_PER_S, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: Batches that the front end runs ahead; feedback on one batch applies to the batch this many later.
 AHEAD = 5
@@ -71,13 +71,12 @@ class ObservationStream:
         # Binary search here and for each batch: of a memory map, only the tracked events are read.
         begin = int(np.searchsorted(recording.events["t_ns"], start_ns - self._shift_ns))
         frontend = Frontend(config, recording.width, recording.height)
-        frontend.adapt(TrackFeedback())
         self._tracking = TrackingState(frontend, DelayedObservations(start_ns), begin)
         # Neither queue grows beyond `AHEAD` entries: the front end waits for feedback.
         self._queue: queue.SimpleQueue[tuple[RecordArray, bytes] | BaseException] = queue.SimpleQueue()
-        self._feedback: queue.SimpleQueue[TrackFeedback] = queue.SimpleQueue()
-        self._reported: deque[TrackFeedback] = deque(maxlen=AHEAD)
-        self._newest = TrackFeedback()
+        self._feedback: queue.SimpleQueue[float] = queue.SimpleQueue()
+        self._shares: deque[float] = deque(maxlen=AHEAD)
+        self._outlier_share = 0.0
         self._stop = threading.Event()
         self._requested = threading.Event()
         self._captured = b""
@@ -99,10 +98,10 @@ class ObservationStream:
                 batch, self._captured = item
                 self._awaited &= not self._captured
                 self._released.append(batch)
-                self._newest = TrackFeedback()
+                self._outlier_share = 0.0
                 yield batch
-                self._reported.append(self._newest)
-                self._feedback.put(self._newest)
+                self._shares.append(self._outlier_share)
+                self._feedback.put(self._outlier_share)
         finally:
             self._stop.set()
             worker.join()
@@ -127,24 +126,24 @@ class ObservationStream:
         """The captured state after the newest batch, before requesting the next; None if there is none."""
         if not self._captured:
             return None
-        # The report on the newest batch is recorded when the next one is requested.
-        feedback = (*self._reported, self._newest)[-AHEAD:]
-        return SourceState(len(self._released), self._captured, feedback)
+        # The share of the newest batch is recorded when the next one is requested.
+        shares = (*self._shares, self._outlier_share)[-AHEAD:]
+        return SourceState(len(self._released), self._captured, shares)
 
     def restore(self, state: SourceState, released: list[RecordArray]) -> None:
         """Continue after a captured state; `released`: all batches until then. Before iterating."""
         self._tracking = load(state.tracking)
         self._released = released
-        self._reported.extend(state.feedback)
-        for feedback in state.feedback:
-            self._feedback.put(feedback)
+        self._shares.extend(state.shares)
+        for share in state.shares:
+            self._feedback.put(share)
 
-    def report(self, feedback: TrackFeedback) -> None:
-        """Report on the newest batch, before requesting the next.
+    def set_outlier_share(self, share: float) -> None:
+        """Report the share (0 to 1) of outlier tracks in the newest batch, before requesting the next.
 
-        Without a report there are no outliers, in a new segment.
+        Without a report the share is zero.
         """
-        self._newest = feedback
+        self._outlier_share = share
 
     def observations(self) -> RecordArray:
         """All observations released so far."""
@@ -172,10 +171,10 @@ class ObservationStream:
         try:
             while self._tracking.batches < self._ends_ns.size - 1:
                 if self._tracking.batches >= AHEAD:
-                    feedback = self._wait_for_feedback()
-                    if feedback is None:
+                    share = self._wait_for_feedback()
+                    if share is None:
                         return
-                    self._tracking.frontend.adapt(feedback)
+                    self._tracking.frontend.set_outlier_share(share)
                 batch = self._next_batch()
                 captured = b""
                 if self._requested.is_set():
@@ -185,8 +184,8 @@ class ObservationStream:
         except BaseException as error:  # raised again in the reading thread
             self._queue.put(error)
 
-    def _wait_for_feedback(self) -> TrackFeedback | None:
-        """The report on the next batch; None when reading has stopped."""
+    def _wait_for_feedback(self) -> float | None:
+        """The outlier share of the next batch to be reported; None when reading has stopped."""
         while not self._stop.is_set():
             try:
                 return self._feedback.get(timeout=0.1)

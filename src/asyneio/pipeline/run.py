@@ -235,7 +235,7 @@ class _Loop:
         try:
             for packet in packets(recording, grid.start_ns, grid.interval_ns, grid.total, self.source, skip):
                 report = self._step(packet)
-                self.source.report(report.feedback)
+                self.source.set_outlier_share(report.outlier_share)
                 self._show(report)
                 if self.watch is not None:
                     self.watch(packet, self.estimator.landmarks(), self.done)

@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Protocol
 
 from asyneio.pipeline.packets import batches
-from asyneio.types import IntArray, RecordArray, TrackFeedback
+from asyneio.types import IntArray, RecordArray
 
 
 @dataclass(frozen=True)
@@ -17,12 +17,12 @@ class SourceState:
     """A source of tracks between two batches, to continue a run.
 
     `batches`: number of batches so far; `tracking`: `TrackingState` as a pickle, empty for known
-    observations; `feedback`: reported on the newest batches, and not in effect yet.
+    observations; `shares`: outlier shares reported on the newest batches, which have not taken effect.
     """
 
     batches: int
     tracking: bytes = b""
-    feedback: tuple[TrackFeedback, ...] = ()
+    shares: tuple[float, ...] = ()
 
 
 class TrackSource(Protocol):
@@ -35,8 +35,8 @@ class TrackSource(Protocol):
     def __iter__(self) -> Iterator[RecordArray]:
         """Yield one batch of observations (OBSERVATION_DTYPE, IMU clock, ascending) for each packet."""
 
-    def report(self, feedback: TrackFeedback) -> None:
-        """Report on the newest batch, before requesting the next."""
+    def set_outlier_share(self, share: float) -> None:
+        """Report the share (0 to 1) of outlier tracks in the newest batch, before requesting the next."""
 
     def observations(self) -> RecordArray:
         """All observations of the run so far (OBSERVATION_DTYPE)."""
@@ -87,7 +87,7 @@ class ReplayedStream:
         """Continue after a number of batches."""
         self._batches = state.batches
 
-    def report(self, feedback: TrackFeedback) -> None:
+    def set_outlier_share(self, share: float) -> None:
         """Ignored: these tracks exist already."""
 
     def observations(self) -> RecordArray:

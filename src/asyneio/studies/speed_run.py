@@ -175,7 +175,7 @@ class SpeedRun:
         ends_ns = np.array([reports[0].t_ns - interval_ns, *(report.t_ns for report in reports)])
         stream = ObservationStream(self.recording, self._workload.config.frontend, ends_ns)
         for _, report in zip(stream, reports, strict=True):
-            stream.report(report.feedback)
+            stream.set_outlier_share(report.outlier_share)
         return stream.busy_s
 
 

@@ -107,10 +107,6 @@ class GradientTracker:
         capacity = self._max_features / max(1.0 - share, 1.0 / _MOST)
         self.arrays.state[0]["capacity"] = min(round(capacity), _MOST * self._max_features)
 
-    def set_interval(self, interval_ns: int) -> None:
-        """Set the shortest time between two observations of a feature, from now on."""
-        self.arrays.loop[0]["t_min_ns"] = interval_ns
-
     def limit_load(self, share: float) -> None:
         """Limit the nominal cost to this share of a processor core, from now on; 0: no limit."""
         state = self.arrays.state[0]

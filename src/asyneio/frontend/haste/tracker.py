@@ -280,10 +280,6 @@ class HasteTracker:
     def set_outlier_share(self, share: float) -> None:
         """No effect: the baseline follows `max_features`, as published."""
 
-    def set_interval(self, interval_ns: int) -> None:
-        """Set the shortest time between two observations of a feature, from now on."""
-        self.arrays.settings[0]["t_min_ns"] = interval_ns
-
     def limit_load(self, share: float) -> None:
         """No effect: the baseline sheds no load."""
 
