@@ -15,7 +15,12 @@ from asyneio.frontend.gradient.feature import MOVED, try_birth, update
 from asyneio.frontend.gradient.features import RING, begin
 from asyneio.frontend.gradient.prefetch import prefetch
 from asyneio.frontend.gradient.state import GradientArrays, Roll
-from asyneio.frontend.gradient.support import is_supported, measure_noise, prefetch_neighbours, record_supported
+from asyneio.frontend.gradient.support import (
+    is_supported,
+    measure_noise,
+    prefetch_neighbours,
+    record_supported,
+)
 from asyneio.frontend.gradient.track_management import (
     balance_polarities,
     guess_velocity,

@@ -10,8 +10,8 @@ would pass.
 The filter has its own surface of events, on which corners are looked for: on the surface of all events, a few
 noise events in a circle break the arc of an edge. The share of events without such a neighbour shows how much
 noise there is. If they are mostly noise, they are not fed to features either, and the windows of features
-become longer. Otherwise features are fed with all events, since lone events are a good part of what a sharp or
-slow edge leaves.
+become longer. Otherwise features are fed with all events, since lone events are a good part of what a sharp
+or slow edge leaves.
 """
 
 from __future__ import annotations
