@@ -119,6 +119,20 @@ def test_a_kernel_of_kernels_can_be_called_from_python_as_well(load: Callable[[]
     assert kernels.factorial(4) == 24
 
 
+def test_functions_of_numba_call_the_entry(load: Callable[[], ModuleType]) -> None:
+    kernels = load()
+    mean, scaled = kernels.parts, kernels.scaled
+
+    @numba.njit
+    def outside(values: np.ndarray) -> float:
+        return scaled(mean(values)[1], 2)
+
+    assert outside(VALUES) == VALUES.sum() / 3.0 * 2
+    assert len(kernels.parts.signatures) == 1
+    assert not kernels.parts.inner.signatures
+    assert not kernels.scaled.inner.signatures
+
+
 def test_both_forms_come_from_the_cache(load: Callable[[], ModuleType]) -> None:
     kernels = load()
     expected = kernels.entry(VALUES, 5), kernels.parts(VALUES)

@@ -9,6 +9,8 @@ optimized there. Here a kernel has two forms, each compiled only when needed:
 - *inner*: called by other kernels. It has no wrappers and no machine code of its own. It is simplified and
   stored as LLVM code; the entry that contains it optimizes it.
 
+Functions that were compiled with Numba's own decorator call the entry: without machine code they may crash.
+
 Both forms are cached on disk, in different files. See `asyneio.jit` for the versions of Numba.
 """
 
@@ -76,6 +78,16 @@ class _InnerLibrary(_Library):
 
 class _EntryCompiler(Compiler):
     library_class: type[JITCodeLibrary] = _Library
+    #: Number of kernels that are being compiled, one inside the other. Numba compiles in one thread at a time.
+    depth = 0
+
+    def _compile_core(self) -> Any:
+        """Compile, and know that it is a kernel."""
+        _EntryCompiler.depth += 1
+        try:
+            return super()._compile_core()
+        finally:
+            _EntryCompiler.depth -= 1
 
     def define_pipelines(self) -> Any:
         """Numba's passes, on our library."""
@@ -131,20 +143,22 @@ class Kernel(CPUDispatcher):
 
     @property
     def is_compiling(self) -> bool:
-        """Whether a call from a kernel is a recursive one."""
-        return bool(self.inner.is_compiling)
+        """Whether a call from a compiled function is a recursive one."""
+        return bool(self.inner.is_compiling if _EntryCompiler.depth else super().is_compiling)
 
     @property
     def nopython_signatures(self) -> Any:
-        """Signatures for calls from kernels."""
-        return self.inner.nopython_signatures
+        """Signatures for calls from compiled functions."""
+        return self.inner.nopython_signatures if _EntryCompiler.depth else super().nopython_signatures
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Compile for a call from a kernel."""
+        """Compile for a call from a kernel; other functions get the entry."""
+        if not _EntryCompiler.depth:
+            return super().get_call_template(args, kws)
         if not self.literals:
             args = tuple(unliteral(a) if isinstance(a, IntegerLiteral) else a for a in args)
         return self.inner.get_call_template(args, kws)
 
     def get_overload(self, sig: Any) -> Any:
-        """The compiled form that kernels call."""
-        return self.inner.get_overload(sig)
+        """The compiled form that a kernel calls, or another function."""
+        return self.inner.get_overload(sig) if _EntryCompiler.depth else super().get_overload(sig)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import numba as nb
 import numpy as np
 
 from asyneio.config import FrontendConfig
@@ -21,12 +20,13 @@ from asyneio.frontend.gradient.patch import make_workspace
 from asyneio.frontend.gradient.state import LoopSettings, Roll
 from asyneio.frontend.surface import NEVER_NS
 from asyneio.frontend.tracker import Record, record_of
+from asyneio.jit import njit
 from asyneio.types import RecordArray
 
 MS = 1_000_000
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def first_template(
     features: Features, angle: float, rate: float, reach_px: int, settings: RecordArray, work: RecordArray
 ) -> bool:
@@ -34,7 +34,7 @@ def first_template(
     return try_birth(features, np.int64(0), Roll(angle, rate), reach_px, settings[0], work[0])
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def match_track(
     features: Features,
     roll: Roll,
