@@ -141,7 +141,7 @@ def test_other_polarities_stop(asyneio: Asyneio, tmp_path: Path) -> None:
     events[:, 3] += 1
     status, said, _ = converted(asyneio, write(tmp_path / "events.txt", events))
     assert status == 1
-    assert "text of four numbers, but no event t[s] x y p with polarity 0 and 1" in " ".join(said.split())
+    assert "column 4 has the values 1 and 2: a polarity is 0 and 1, or -1 and 1" in " ".join(said.split())
 
 
 def test_garbage_lines(asyneio: Asyneio, tmp_path: Path) -> None:
