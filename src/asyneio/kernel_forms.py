@@ -78,7 +78,7 @@ class _InnerLibrary(_Library):
 
 class _EntryCompiler(Compiler):
     library_class: type[JITCodeLibrary] = _Library
-    #: Number of kernels that are being compiled, one inside the other; Numba compiles in one thread at a time.
+    #: Number of kernels being compiled, one inside the other; Numba compiles in one thread at a time.
     depth = 0
 
     def _compile_core(self) -> Any:
