@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.clock_wraps import unwrapped
 from asyneio.io.parsing.isolated_stamps import MAX_DISORDER_NS as MAX_DISORDER_NS
 from asyneio.io.parsing.isolated_stamps import drop_isolated_rows
 from asyneio.types import NS_PER_S, IntArray, RecordArray
@@ -39,12 +40,14 @@ _UNITS = {10**3: "microseconds", 10**6: "milliseconds", 10**9: "seconds"}
 def sort_in_time(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, ...]]:
     """Rows in ascending `t_ns`, equal stamps in file order, and notes on what changed.
 
-    Isolated wrong stamps are dropped first.
+    A clock that wraps around continues, then isolated wrong stamps are dropped.
 
     Raises:
         RecordingError: a stamp is more than MAX_DISORDER_NS earlier than a previous one.
     """
+    rows, wrapped = unwrapped(rows, what)
     rows, notes = drop_isolated_rows(rows, what)
+    notes = wrapped + notes
     t_ns = rows["t_ns"]
     backward = np.flatnonzero(t_ns[1:] < t_ns[:-1])
     if backward.size == 0:

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.clock_wraps import unwrapped
 from asyneio.io.parsing.column_names import POSITION, QUATERNION, find_axes, find_bare_axes
 from asyneio.io.parsing.csv_table import bad_lines_note
 from asyneio.io.parsing.stamp_checks import drop_equal_stamps
@@ -150,12 +151,13 @@ def _poses(
         )
     table = np.empty(good.size, dtype=POSE_DTYPE)
     table["t_ns"], table["p"], table["q"] = t_ns, position, quaternion
-    poses, sorted_note = _sorted(table[good], name)
+    poses, wrapped = unwrapped(table[good], name)
+    poses, sorted_note = _sorted(poses, name)
     poses, dropped_note = drop_equal_stamps(poses, name)
     notes: tuple[str, ...] = (*rows.notes, *bad_lines_note(rows.path, rows.bad))
     if not good.all():
         notes += (f"{name}: skipped {int((~good).sum())} line(s) without a pose",)
-    return poses_of(poses), notes + sorted_note + dropped_note
+    return poses_of(poses), notes + wrapped + sorted_note + dropped_note
 
 
 def _sorted(rows: RecordArray, name: str) -> tuple[RecordArray, tuple[str, ...]]:
