@@ -21,6 +21,7 @@ from asyneio.io.recording.contents import Samples
 from asyneio.io.recording.inertial_units import InertialStreams
 from asyneio.rotation.alignment import Alignment
 from asyneio.rotation.camera_rates import CameraRates
+from asyneio.rotation.clock_rate import ClockRate
 from asyneio.rotation.gains import Gains
 from asyneio.types import Calibration, CameraIntrinsics, PoseTrajectory, RecordArray
 
@@ -74,6 +75,7 @@ class Inspection:
         alignment: of these rates with the gyroscope.
         files: files of the folder, used or not.
         gyroscope_scale: scale by which the gyroscope readings were divided before the alignment.
+        clock_rate: rate of the camera's clock, if it differs from that of the gyroscope.
         gains: ratios of the camera's motion to the gyroscope readings divided by that scale.
         failures: parts that could not be read.
         notes: messages in which a run would report repairs and assumptions.
@@ -97,6 +99,7 @@ class Inspection:
     files: FolderFiles | None = None
     gyroscope_scale: float = 1.0
     gains: Gains | None = None
+    clock_rate: ClockRate | None = None
     failures: tuple[ReadFailure, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
