@@ -15,6 +15,7 @@ from asyneio.doctor.result import CheckResult, Severity
 from asyneio.doctor.stationary import StationarySpans, find_stationary
 from asyneio.inertial.gravity_axes import axis_complaint
 from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
+from asyneio.io.parsing.clock_wraps import unwrapped
 from asyneio.io.parsing.isolated_stamps import isolated
 from asyneio.io.recording.clock_jumps import ClockPart
 from asyneio.io.recording.contents import Samples
@@ -120,12 +121,13 @@ class Inspection:
 
     @cached_property
     def readings(self) -> tuple[Readings, ...]:
-        """Samples of each sensor that has any, in file order, without isolated wrong timestamps."""
+        """Samples of each sensor that has any, in file order, without wrap-arounds of the clock and isolated
+        wrong timestamps."""
         if self.samples is None:
             return ()
         found = []
         for name in ("gyroscope", "accelerometer"):
-            rows = getattr(self.samples, name)
+            rows, _ = unwrapped(getattr(self.samples, name), name)
             if rows.size:
                 wrong = isolated(rows["t_ns"])
                 found.append(Readings(name, rows[~wrong], int(np.count_nonzero(wrong))))

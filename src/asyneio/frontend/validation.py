@@ -82,7 +82,7 @@ def checked_size(width: object, height: object) -> tuple[int, int]:
     """Width and height [px] as integers.
 
     Raises:
-        RecordingError: not whole numbers, or a size that no sensor has.
+        RecordingError: not integers, or a size that no sensor has.
     """
     sides = []
     for side in (width, height):

@@ -106,20 +106,20 @@ def _search(rates: CameraRates, turn: TurnOf, around_s: float) -> tuple[float, f
     clipped = CameraRates(rates.start_ns, rates.end_ns, np.clip(rates.omega, -limit, limit))
     steps = np.arange(-round(_MOST_RATE / _RATE_STEP), round(_MOST_RATE / _RATE_STEP) + 1) * _RATE_STEP
     reach = np.arange(-round(_REACH_S / _STEP_S), round(_REACH_S / _STEP_S) + 1) * _STEP_S
-    best = _best(clipped, turn, steps, around_s + reach)
+    best = _best(clipped, turn, steps.tolist(), (around_s + reach).tolist())
     for finer in _FINER:
-        near = best[1] + 20.0 * finer * np.arange(-2, 3)
-        best = _best(clipped, turn, best[0] + finer * np.arange(-1, 2), near)
+        near = [best[1] + 20.0 * finer * k for k in range(-2, 3)]
+        best = _best(clipped, turn, [best[0] + finer * k for k in (-1, 0, 1)], near)
     return best
 
 
 def _best(
-    rates: CameraRates, turn: TurnOf, trial_rates: FloatArray, offsets_s: FloatArray
+    rates: CameraRates, turn: TurnOf, trial_rates: list[float], offsets_s: list[float]
 ) -> tuple[float, float]:
-    found = (float("inf"), 0.0, float(offsets_s[offsets_s.size // 2]))
-    for rate in trial_rates.tolist():
+    found = (float("inf"), 0.0, offsets_s[len(offsets_s) // 2])
+    for rate in trial_rates:
         trial = slowed(rates, rate)
-        for offset_s in offsets_s.tolist():
+        for offset_s in offsets_s:
             found = min(found, (_cost(trial, turn, offset_s), rate, offset_s))
     return found[1], found[2]
 

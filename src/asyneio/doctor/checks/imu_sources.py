@@ -22,7 +22,7 @@ _LEAST, _LEAST_CHANGES = 4, 5
 #: Least distance of the groups: in standard deviations inside them, and relative to the largest reading.
 _SIGMAS, _RELATIVE = 6.0, 0.2
 #: Windows with smaller readings [rad/s, m/s^2] show nothing; least number and share of the others. The share
-#: is 0 in all real recordings at hand (hand-held, rotating disk, drone), 0.18 and more where two are mixed.
+#: is at most 0.006 in real recordings (hand-held, rotating disk, drone), 0.18 and more where two are mixed.
 _LEAST_READING = {"gyroscope": 0.2, "accelerometer": 2.0}
 _LEAST_WINDOWS, _SHARE = 5, 0.15
 
