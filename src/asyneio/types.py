@@ -229,8 +229,9 @@ class Packet:
 
 def _check_records(name: str, array: RecordArray, dtype: np.dtype[np.void]) -> None:
     """Reject arrays that compiled code would misinterpret."""
-    if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != 1:
-        found = (array.dtype, array.shape) if isinstance(array, np.ndarray) else type(array).__name__
+    plain = isinstance(array, np.ndarray) and not isinstance(array, np.ma.MaskedArray)
+    if not plain or array.dtype != dtype or array.ndim != 1:
+        found = (array.dtype, array.shape) if plain else type(array).__name__
         raise RecordingError(
             f"found {found} for the {name} of a packet, expected an array (N,) of "
             f"{', '.join(dtype.names or ())} as asyneio.types defines them"

@@ -277,6 +277,27 @@ def test_wrong_usage_is_status_two(asyneio: Asyneio, arguments: tuple[str, ...])
     assert "Usage: asyneio" in err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        (("run", "desk", "-o", ""), "after -o"),
+        (("track", "desk", "--output", " "), "after --output"),
+        (("simulate", "gentle", "--output="), "after --output="),
+        (("convert", "desk", ""), "after desk"),
+        (("doctor", ""), "after doctor"),
+        (("",), "first"),
+    ],
+)
+def test_empty_arguments_are_rejected(
+    asyneio: Asyneio, folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], where: str
+) -> None:
+    monkeypatch.chdir(folder.parent)
+    status, out, err = asyneio(*arguments)
+    assert (status, out) == (2, "")
+    assert f"found an empty argument ({where}), expected a value or a path" in err
+    assert [path.name for path in folder.parent.iterdir()] == ["desk"]
+
+
 def test_unwritable_output_is_found_before_the_run(
     asyneio: Asyneio, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,13 +11,16 @@ import pytest
 from asyneio.doctor import CheckResult, Severity
 from asyneio.doctor.checks.event_pixels import check_hot_pixels, check_resolution
 from asyneio.doctor.checks.event_time import check_event_clock, check_event_rate, check_flicker
+from asyneio.doctor.checks.imu_sources import check_one_source
 from asyneio.doctor.checks.imu_values import check_noise
 from asyneio.doctor.checks.intrinsics import check_distortion, check_focal_length
 from asyneio.doctor.checks.truth import check_truth
 from asyneio.doctor.event_scan import EventScan
 from asyneio.doctor.inspection import Inspection
+from asyneio.io.recording.contents import Samples
 from asyneio.io.recording.event_source import pack_events
 from asyneio.io.recording.inertial_units import InertialStreams
+from asyneio.io.recording.trajectory_reader import read_trajectory
 from asyneio.types import (
     INERTIAL_DTYPE,
     CameraIntrinsics,
@@ -193,3 +196,52 @@ def test_ground_truth_of_another_clock_is_reported(rng: np.random.Generator) -> 
     assert result(check_truth(inspection(events, truth=later))).severity is WARNING
     torn = dataclasses.replace(truth, position=100.0 * position)
     assert result(check_truth(inspection(events, truth=torn))).severity is WARNING
+
+
+@pytest.mark.parametrize("rate_hz", [200.0, 1000.0])
+def test_readings_of_two_sensors_in_one_stream_are_named(rng: np.random.Generator, rate_hz: float) -> None:
+    rows = np.zeros(4000, dtype=INERTIAL_DTYPE)
+    rows["t_ns"] = np.arange(4000) * round(1e9 / rate_hz)
+    seconds = rows["t_ns"] * 1e-9
+    rows["xyz"] = np.stack([np.sin(2.0 * seconds), 0.6 * np.cos(3.1 * seconds), 0.4 + 0.0 * seconds], axis=1)
+    # A vibration that is faster than the sampling.
+    vibration = 0.05 * np.sin(2.0 * np.pi * 0.4963 * np.arange(4000))
+    rows["xyz"] += vibration[:, None] + rng.normal(0.0, 0.01, (4000, 3))
+    assert check_one_source(of_gyroscope(rows)) is None
+    alternating, random = np.arange(4000) % 2 == 0, rng.random(4000) < 0.3
+    other_range, other_axes = 0.5 * rows["xyz"], rows["xyz"][:, [1, 2, 0]]
+    for which in (alternating, random):
+        for other in (other_range, other_axes):
+            mixed = rows.copy()
+            mixed["xyz"] = np.where(which[:, None], rows["xyz"], other)
+            found = result(check_one_source(of_gyroscope(mixed)))
+            assert found.severity is FAIL
+            assert "gyroscope: the readings alternate between two values" in found.measured
+            assert "two sensors" in found.fix
+
+
+def test_steps_and_coarse_readings_are_one_sensor(rng: np.random.Generator) -> None:
+    rows = np.zeros(3000, dtype=INERTIAL_DTYPE)
+    rows["t_ns"] = np.arange(3000) * 1_000_000
+    # Steps of a motor; then a stationary sensor whose last bit toggles.
+    rows["xyz"][:, 2] = np.sign(np.sin(np.arange(3000) / 40.0)) + rng.normal(0.0, 0.005, 3000)
+    assert check_one_source(of_gyroscope(rows)) is None
+    rows["xyz"] = 0.3 + 0.03 * rng.integers(0, 2, (3000, 3))
+    assert check_one_source(of_gyroscope(rows)) is None
+
+
+def of_gyroscope(rows: RecordArray) -> Inspection:
+    return inspection(samples=Samples(rows, rows[:0], "imu.txt"))
+
+
+def test_poses_with_wrong_stamps_are_a_warning(tmp_path: Path) -> None:
+    stamps = 1_600_000_000.0 + 0.01 * np.arange(300)
+    stamps[0], stamps[100] = 0.0, 1_600_010_000.0
+    lines = (f"{t:.6f} {0.01 * k:.3f} 0 0 0 0 0 1" for k, t in enumerate(stamps.tolist()))
+    (tmp_path / "truth.txt").write_text("\n".join(lines) + "\n")
+    truth, notes = read_trajectory(tmp_path / "truth.txt")
+    assert truth.t_ns.size == 298
+    assert np.ptp(truth.t_ns) == pytest.approx(2.98e9, abs=1e3)
+    found = result(check_truth(inspection(truth=truth, notes=notes)))
+    assert found.severity is WARNING
+    assert "dropped 2 pose(s) with a wrong time stamp" in found.measured

@@ -92,7 +92,7 @@ def test_rows_without_order_stop(asyneio: Asyneio, tmp_path: Path) -> None:
     by_pixel = events[np.argsort(events[:, 1], kind="stable")]
     status, said, _ = converted(asyneio, write(tmp_path / "events.txt", by_pixel))
     assert status == 1
-    assert "Sort it: sort -s -g" in " ".join(said.split())
+    assert "Sort it, in its folder: sort -s -g" in " ".join(said.split())
 
 
 @pytest.mark.slow

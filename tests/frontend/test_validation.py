@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from asyneio.config import FrontendConfig
-from asyneio.errors import RecordingError
+from asyneio.config import Config, FrontendConfig
+from asyneio.errors import ConfigError, RecordingError
 from asyneio.frontend import Frontend
 from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.frontend.haste.tracker import HasteTracker
@@ -52,6 +52,7 @@ WRONG: list[tuple[Change, str]] = [
     (with_value("t_ns", 2**63 - 1), "t_ns = 9223372036854775807; expected nanoseconds"),
     (with_value("t_ns", -(2**63)), "t_ns = -9223372036854775808; expected nanoseconds"),
     (lambda e: e[::-1], "is .* s earlier than the previous event"),
+    (np.ma.masked_array, "found a masked array .*compressed.* expected an array"),
     (lambda e: e.tolist(), "found a list, expected an array"),
     (lambda e: e.reshape(2, -1), r"shape \(2, 10000\), expected an array \(N,\)"),
     (lambda e: e["t_ns"], "found an array of type int64"),
@@ -167,3 +168,29 @@ def test_the_epoch_of_the_clock_changes_nothing(tracker: str) -> None:
 def test_a_share_is_a_share(share: float) -> None:
     with pytest.raises(RecordingError, match="expected 0 to 1"):
         Frontend(FrontendConfig(), WIDTH, HEIGHT).set_outlier_share(share)
+
+
+@pytest.mark.parametrize("size", [(40.0, 30), (40, "30"), (None, 30), ((40, 30), 30)])
+def test_a_size_of_another_type_is_rejected(size: tuple[object, object]) -> None:
+    with pytest.raises(RecordingError, match=r"expected two integers .int.: convert"):
+        Frontend(FrontendConfig(), *size)  # type: ignore[arg-type]
+
+
+def test_a_size_of_numpy_integers_is_accepted() -> None:
+    events = make_events(100)
+    assert Frontend(FrontendConfig(), np.uint16(WIDTH), np.int64(HEIGHT)).process(events).size == 0  # type: ignore[arg-type]
+
+
+def test_all_settings_instead_of_those_of_the_front_end_are_rejected() -> None:
+    with pytest.raises(
+        ConfigError, match=r"found a Config .* expected a FrontendConfig: pass config.frontend"
+    ):
+        Frontend(Config(), WIDTH, HEIGHT)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=r"found a dict .* for the defaults, pass FrontendConfig"):
+        Frontend({}, WIDTH, HEIGHT)  # type: ignore[arg-type]
+
+
+def test_masked_gyroscope_samples_are_rejected() -> None:
+    masked = np.ma.masked_array(np.zeros(3, dtype=INERTIAL_DTYPE))
+    with pytest.raises(RecordingError, match=r"found a masked array .* for the gyroscope"):
+        Frontend(FrontendConfig(), WIDTH, HEIGHT).process(make_events(10), masked)

@@ -29,6 +29,7 @@ from asyneio.errors import AsyneioError
 from asyneio.version import __version__
 
 EXIT_FAILURE = 1
+EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
 
 #: Environment variable that enables the traceback of unexpected errors.
@@ -77,6 +78,7 @@ def main() -> None:
     """Entry point. Exit status: 0 complete output, 1 incomplete output, 2 wrong usage, 130 interrupted."""
     prepare_environment()
     prepare_streams()
+    _check_arguments(sys.argv[1:])
     try:
         app(prog_name="asyneio")
     except SystemExit as end:
@@ -104,6 +106,23 @@ def main() -> None:
         )
 
 
+def _check_arguments(arguments: list[str]) -> None:
+    """Exit with status 2 at an empty argument: as a path, it would be the current directory."""
+    for number, argument in enumerate(arguments):
+        name, equals, value = argument.partition("=")
+        if argument.startswith("--") and equals and not value.strip():
+            where = f"after {name}="
+        elif not argument.strip():
+            where = f"after {arguments[number - 1]}" if number else "first"
+        else:
+            continue
+        _fail(
+            f"found an empty argument ({where}), expected a value or a path: is a variable of the shell "
+            "empty? The current directory is .",
+            EXIT_USAGE,
+        )
+
+
 def _described(error: OSError) -> str:
     """What to do about an error of the system."""
     try:
@@ -114,6 +133,6 @@ def _described(error: OSError) -> str:
     return f"{where}{error.strerror or error}; check the path and free space"
 
 
-def _fail(message: str) -> None:
+def _fail(message: str, status: int = EXIT_FAILURE) -> None:
     print(f"asyneio: {' '.join(message.split())}", file=sys.stderr)
-    sys.exit(EXIT_FAILURE)
+    sys.exit(status)

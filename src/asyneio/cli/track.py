@@ -107,17 +107,22 @@ def _track(recording: EventRecording, settings: FrontendConfig, gyroscope: bool)
 def _write(
     recording: EventRecording, run: TrackRun, summary: dict[str, Any], folder: Path, animation: bool
 ) -> list[Path]:
-    """Write tracks, pictures and summary; files of an earlier run are removed. Returns the files."""
+    """Write pictures, summary and, last, tracks; files of an earlier run are removed. Returns the files.
+
+    Raises:
+        RecordingError: a file cannot be written, for instance because the disk is full; then there is no
+            tracks.csv, so that incomplete results are not read as a tracks folder.
+    """
     import json
 
     from asyneio.io.parsing.atomic import write_text
 
-    for stale in (TRACKS_FILE, PICTURE_FILE, ANIMATION_FILE):
+    for stale in (TRACKS_FILE, PICTURE_FILE, ANIMATION_FILE, SUMMARY_FILE):
         (folder / stale).unlink(missing_ok=True)
-    written = _write_tracks(recording, run.observations, folder) if run.observations.size else []
-    written += _draw(recording, run, folder, animation) if run.observations.size else []
+    drawn = _draw(recording, run, folder, animation) if run.observations.size else []
     write_text(folder / SUMMARY_FILE, json.dumps(summary, indent=2) + "\n")
-    return [*written, folder / SUMMARY_FILE]
+    tracks = _write_tracks(recording, run.observations, folder) if run.observations.size else []
+    return [*tracks, *drawn, folder / SUMMARY_FILE]
 
 
 def _check_folder(recording: Path, folder: Path) -> None:

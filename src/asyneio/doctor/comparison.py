@@ -15,7 +15,7 @@ from asyneio.inertial.stationarity import possible
 from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE
 from asyneio.io.recording.assembly import USUAL_SIZES
 from asyneio.progress import ProgressCallback
-from asyneio.rotation.alignment import Alignment, align
+from asyneio.rotation.alignment import RELATED, Alignment, align
 from asyneio.rotation.apparent import apparent_rotation
 from asyneio.rotation.camera_rates import (
     CameraRates,
@@ -23,6 +23,7 @@ from asyneio.rotation.camera_rates import (
     rates_from_events,
     rates_from_tracks,
 )
+from asyneio.rotation.clock_rate import ClockRate, find_clock_rate, slowed
 from asyneio.rotation.epipolar import gains_of_tracks
 from asyneio.rotation.focal import RateModel
 from asyneio.rotation.gains import Gains, gains_of
@@ -32,7 +33,9 @@ from asyneio.types import NS_PER_S, CameraIntrinsics, FloatArray, RecordArray
 
 #: Focal length over width without intrinsics: 60 degrees field of view. Rates about x and y have its error.
 _GUESSED_FOCAL = 0.87
-_FOUND = tuple[CameraRates, Alignment | None, Gains | None]
+_FOUND = tuple[CameraRates, Alignment | None, Gains | None, ClockRate | None]
+#: Offset [s] to the calibrated one from which the rates of the clocks are compared.
+_DOUBTFUL_S = 0.02
 
 
 def with_alignment(
@@ -61,14 +64,21 @@ def with_alignment(
         inspection.gravity.scale if inspection.gravity and inspection.gravity.gyroscope_complaint() else 1.0
     )
     try:
-        rates, alignment, gains = _compared(inspection, excerpts, scale, progress)
+        rates, alignment, gains, clock_rate = _compared(inspection, excerpts, scale, progress)
         if scale == 1.0 and gains is not None and gains.gyroscope_observable and _far_off(gains.gyroscope):
             scale = gains.gyroscope
-            rates, alignment, gains = _compared(inspection, excerpts, scale, progress)
+            rates, alignment, gains, clock_rate = _compared(inspection, excerpts, scale, progress)
     except (AsyneioError, np.linalg.LinAlgError):
         # Impossible intrinsics and impossible readings are reported by their own checks.
         return replace(inspection, camera=None if guessed else camera, intrinsics_guessed=False)
-    return replace(inspection, rates=rates, alignment=alignment, gains=gains, gyroscope_scale=scale)
+    return replace(
+        inspection,
+        rates=rates,
+        alignment=alignment,
+        gains=gains,
+        gyroscope_scale=scale,
+        clock_rate=clock_rate,
+    )
 
 
 def guess_size(figures: EventFigures) -> tuple[int, int]:
@@ -86,7 +96,11 @@ def _far_off(scale: float) -> bool:
 def _compared(
     inspection: Inspection, excerpts: list[RecordArray], scale: float, progress: ProgressCallback | None
 ) -> _FOUND:
-    """Rates, alignment and gains, with the gyroscope readings divided by `scale`."""
+    """Rates, alignment and gains, with the gyroscope readings divided by `scale`.
+
+    The last element is the rate of the camera's clock, if it differs from that of the gyroscope. Then the
+    rates are those of a clock of the same rate, and there are no gains.
+    """
     streams, calibration, camera = inspection.streams, inspection.calibration, inspection.camera
     assert streams is not None
     assert camera is not None
@@ -100,8 +114,21 @@ def _compared(
         gyroscope["t_ns"] -= shift_ns
         rates = rates_from_events(excerpts, camera, gyroscope, progress)
     claimed: FloatArray = calibration.T_b_c[:3, :3].T if calibration else np.eye(3)
-    alignment = align(rates, readings, claimed, shift_ns * 1e-9)
-    return rates, alignment, _gains(inspection, rates, alignment, TurnOf(readings))
+    shift_s = shift_ns * 1e-9
+    alignment = align(rates, readings, claimed, shift_s)
+    if _doubtful(alignment, shift_s):
+        clock_rate = find_clock_rate(rates, readings, claimed, shift_s)
+        if clock_rate is not None:
+            rates = slowed(rates, clock_rate.rate)
+            return rates, align(rates, readings, claimed, clock_rate.start_s), None, clock_rate
+    return rates, alignment, _gains(inspection, rates, alignment, TurnOf(readings)), None
+
+
+def _doubtful(alignment: Alignment | None, shift_s: float) -> bool:
+    """Whether clocks of different rates may explain more than a constant offset."""
+    if alignment is None or alignment.explained < RELATED:
+        return True
+    return abs(alignment.offset_s - shift_s) > _DOUBTFUL_S
 
 
 def _gains(

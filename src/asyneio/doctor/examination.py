@@ -24,6 +24,7 @@ from asyneio.doctor.checks.event_time import (
 from asyneio.doctor.checks.extrinsics import check_extrinsics, check_time_offset
 from asyneio.doctor.checks.image_scale import check_image_scale
 from asyneio.doctor.checks.imu_scale import check_imu_scale
+from asyneio.doctor.checks.imu_sources import check_one_source
 from asyneio.doctor.checks.imu_time import (
     check_duration,
     check_imu_gaps,
@@ -68,6 +69,7 @@ CHECKS: tuple[Callable[[Inspection], CheckResult | None], ...] = (
     check_imu_rate,
     check_imu_order,
     check_imu_gaps,
+    check_one_source,
     check_imu_units,
     check_dead_axes,
     check_spikes_and_saturation,
@@ -95,8 +97,8 @@ _OF_EVENTS = {
 
 #: Checks of the IMU, its calibration and its clock, which tracking does not need.
 _OF_THE_IMU = {
-    "inertial samples", "imu rate", "imu order", "imu gaps", "imu units", "imu axes", "imu range",
-    "stationary", "imu gravity", "imu scale", "imu noise", "clocks", "extrinsics", "image scale",
+    "inertial samples", "imu rate", "imu order", "imu gaps", "imu sources", "imu units", "imu axes",
+    "imu range", "stationary", "imu gravity", "imu scale", "imu noise", "clocks", "extrinsics", "image scale",
     "time offset",
 }  # fmt: skip
 

@@ -15,12 +15,14 @@ from asyneio.doctor.result import CheckResult, Severity
 from asyneio.doctor.stationary import StationarySpans, find_stationary
 from asyneio.inertial.gravity_axes import axis_complaint
 from asyneio.inertial.gravity_witness import GravityWitness, ask_gravity
+from asyneio.io.parsing.clock_wraps import unwrapped
 from asyneio.io.parsing.isolated_stamps import isolated
 from asyneio.io.recording.clock_jumps import ClockPart
 from asyneio.io.recording.contents import Samples
 from asyneio.io.recording.inertial_units import InertialStreams
 from asyneio.rotation.alignment import Alignment
 from asyneio.rotation.camera_rates import CameraRates
+from asyneio.rotation.clock_rate import ClockRate
 from asyneio.rotation.gains import Gains
 from asyneio.types import Calibration, CameraIntrinsics, PoseTrajectory, RecordArray
 
@@ -74,6 +76,7 @@ class Inspection:
         alignment: of these rates with the gyroscope.
         files: files of the folder, used or not.
         gyroscope_scale: scale by which the gyroscope readings were divided before the alignment.
+        clock_rate: rate of the camera's clock, if it differs from that of the gyroscope.
         gains: ratios of the camera's motion to the gyroscope readings divided by that scale.
         failures: parts that could not be read.
         notes: messages in which a run would report repairs and assumptions.
@@ -97,6 +100,7 @@ class Inspection:
     files: FolderFiles | None = None
     gyroscope_scale: float = 1.0
     gains: Gains | None = None
+    clock_rate: ClockRate | None = None
     failures: tuple[ReadFailure, ...] = ()
     notes: tuple[str, ...] = field(default=())
 
@@ -117,12 +121,13 @@ class Inspection:
 
     @cached_property
     def readings(self) -> tuple[Readings, ...]:
-        """Samples of each sensor that has any, in file order, without isolated wrong timestamps."""
+        """Samples of each sensor that has any, in file order, without wrap-arounds of the clock and isolated
+        wrong timestamps."""
         if self.samples is None:
             return ()
         found = []
         for name in ("gyroscope", "accelerometer"):
-            rows = getattr(self.samples, name)
+            rows, _ = unwrapped(getattr(self.samples, name), name)
             if rows.size:
                 wrong = isolated(rows["t_ns"])
                 found.append(Readings(name, rows[~wrong], int(np.count_nonzero(wrong))))

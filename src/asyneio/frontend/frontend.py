@@ -13,7 +13,7 @@ from asyneio.errors import RecordingError
 from asyneio.frontend.gradient.tracker import GradientTracker
 from asyneio.frontend.haste.tracker import HasteTracker
 from asyneio.frontend.tracker import NO_ROLL, TURN_DTYPE, FrontendStatistics, Tracker
-from asyneio.frontend.validation import EventValidator, check_gyroscope
+from asyneio.frontend.validation import EventValidator, check_config, check_gyroscope, checked_size
 from asyneio.types import INERTIAL_DTYPE, OBSERVATION_DTYPE, EventRecording, IntArray, RecordArray
 
 #: The roll rate is constant over this time.
@@ -37,10 +37,13 @@ class Frontend:
         height: of the sensor [px].
 
     Raises:
-        RecordingError: a size that no sensor has.
+        ConfigError: `config` is not a FrontendConfig.
+        RecordingError: a size that is no integer, or that no sensor has.
     """
 
     def __init__(self, config: FrontendConfig, width: int, height: int) -> None:
+        check_config(config)
+        width, height = checked_size(width, height)
         self._border = EventValidator(width, height)
         self._tracker: Tracker = _TRACKERS[config.tracker](config, width, height)
         self._roll_rate = 0.0

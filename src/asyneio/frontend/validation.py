@@ -6,9 +6,12 @@ One compiled pass, about a nanosecond per event; the trackers need some tens to 
 
 from __future__ import annotations
 
+import operator
+
 import numpy as np
 
-from asyneio.errors import RecordingError
+from asyneio.config import Config, FrontendConfig
+from asyneio.errors import ConfigError, RecordingError
 from asyneio.frontend.surface import NEVER_NS
 from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, INERTIAL_DTYPE, RecordArray
@@ -31,12 +34,7 @@ class EventValidator:
     """
 
     def __init__(self, width: int, height: int) -> None:
-        if not (1 <= width <= _MOST_PIXELS and 1 <= height <= _MOST_PIXELS):
-            raise RecordingError(
-                f"found a sensor of {width} x {height} pixels, expected 1 to {_MOST_PIXELS} a side; give the "
-                "sensor's width and height in pixels"
-            )
-        self._width, self._height = width, height
+        self._width, self._height = checked_size(width, height)
         self._latest_ns = _EARLIEST_NS
 
     def validated(self, events: RecordArray) -> RecordArray:
@@ -80,13 +78,50 @@ class EventValidator:
         )
 
 
+def checked_size(width: object, height: object) -> tuple[int, int]:
+    """Width and height [px] as integers.
+
+    Raises:
+        RecordingError: not integers, or a size that no sensor has.
+    """
+    sides = []
+    for side in (width, height):
+        try:
+            sides.append(operator.index(side))  # type: ignore[arg-type]
+        except TypeError as error:
+            raise RecordingError(
+                f"found a sensor of {width!r} x {height!r} pixels, expected two integers (int): convert "
+                f"{side!r}, of type {type(side).__name__}"
+            ) from error
+    if not all(1 <= side <= _MOST_PIXELS for side in sides):
+        raise RecordingError(
+            f"found a sensor of {width} x {height} pixels, expected 1 to {_MOST_PIXELS} a side; give the "
+            "sensor's width and height in pixels"
+        )
+    return sides[0], sides[1]
+
+
+def check_config(config: object) -> None:
+    """Reject anything that is not the section `frontend` of the settings.
+
+    Raises:
+        ConfigError: another type, such as all settings.
+    """
+    if isinstance(config, FrontendConfig):
+        return
+    fix = "pass config.frontend" if isinstance(config, Config) else "for the defaults, pass FrontendConfig()"
+    raise ConfigError(
+        f"found a {type(config).__name__} for the settings of the front end, expected a FrontendConfig: {fix}"
+    )
+
+
 def check_gyroscope(samples: RecordArray) -> None:
     """Reject anything that is not an array of samples.
 
     Raises:
         RecordingError: another type or shape than INERTIAL_DTYPE (N,).
     """
-    if not isinstance(samples, np.ndarray) or samples.dtype != INERTIAL_DTYPE or samples.ndim != 1:
+    if not _is_array(samples) or samples.dtype != INERTIAL_DTYPE or samples.ndim != 1:
         raise RecordingError(
             f"found {_described(samples)} for the gyroscope, expected an array (N,) of INERTIAL_DTYPE: t_ns, "
             "xyz [rad/s]"
@@ -95,7 +130,7 @@ def check_gyroscope(samples: RecordArray) -> None:
 
 def _as_events(events: RecordArray) -> RecordArray:
     """Events with integer fields of any width as EVENT_DTYPE; values that do not fit are an error."""
-    if not isinstance(events, np.ndarray) or events.ndim != 1 or events.dtype.names != EVENT_DTYPE.names:
+    if not _is_array(events) or events.ndim != 1 or events.dtype.names != EVENT_DTYPE.names:
         raise RecordingError(
             f"found {_described(events)}, expected an array (N,) of EVENT_DTYPE: t_ns [ns], x, y [px], p"
         )
@@ -114,8 +149,15 @@ def _as_events(events: RecordArray) -> RecordArray:
     return out
 
 
+def _is_array(value: object) -> bool:
+    """Whether compiled code accepts a value: an array, not a masked one, whose mask it would ignore."""
+    return isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray)
+
+
 def _described(value: object) -> str:
     """The type of a value, for a message."""
+    if isinstance(value, np.ma.MaskedArray):
+        return "a masked array (pass its .compressed() rows)"
     if isinstance(value, np.ndarray):
         return f"an array of type {value.dtype} and shape {value.shape}"
     return f"a {type(value).__name__}"

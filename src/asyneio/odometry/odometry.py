@@ -9,6 +9,7 @@ from asyneio.config import Config
 from asyneio.errors import EstimationError, InertialError
 from asyneio.estimation.solver.covariance import joint_covariance
 from asyneio.inertial.repeats import RenewedPackets
+from asyneio.odometry.arguments import check_constructor, check_packet
 from asyneio.odometry.attitude import AttitudeFilter
 from asyneio.odometry.blas import with_one_blas_thread
 from asyneio.odometry.health.monitor import Step
@@ -61,13 +62,15 @@ class Odometry:
             not reach back to it.
 
     Raises:
+        ConfigError: `config` is not a Config.
         EstimationError: `initial_state` is not a valid state.
-        CalibrationError: a noise density of the IMU is not positive.
+        CalibrationError: `calibration` is not a Calibration, or a noise density of the IMU is not positive.
     """
 
     def __init__(
         self, config: Config, calibration: Calibration, initial_state: InitialState | None = None
     ) -> None:
+        check_constructor(config, calibration, initial_state)
         keep_freed_memory()
         self._initial_state = None if initial_state is None else checked(initial_state)
         self._config = config
@@ -89,7 +92,11 @@ class Odometry:
 
         A knot after which the state is LOST gives no estimate. A packet that ends before the previous one
         ended begins a new segment.
+
+        Raises:
+            RecordingError: `packet` is not a Packet.
         """
+        check_packet(packet)
         packet = self._renewed.passed(packet)  # drop repeated readings of held samples
         interruption = self._append(packet)  # gate samples, undistort observations once
         if interruption:  # the clock was set back, samples are missing, or the scene changed

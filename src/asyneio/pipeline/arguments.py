@@ -35,7 +35,7 @@ def check_recording(recording: object) -> None:
 
 def _check_array(rows: object, name: str, dtype: np.dtype[np.void], dtype_name: str) -> None:
     expected = f"expected an array (N,) of asyneio.types.{dtype_name} in native byte order"
-    if not isinstance(rows, np.ndarray):
+    if not isinstance(rows, np.ndarray) or isinstance(rows, np.ma.MaskedArray):
         raise RecordingError(f"{name}: found a {type(rows).__name__}, {expected}")
     if rows.ndim != 1 or rows.dtype != dtype:
         raise RecordingError(

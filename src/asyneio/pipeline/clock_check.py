@@ -12,6 +12,7 @@ import numpy as np
 from asyneio.inertial.stationarity import possible
 from asyneio.rotation.alignment import OFFSET_OBSERVABLE_S, align
 from asyneio.rotation.camera_rates import rates_from_tracks
+from asyneio.rotation.clock_rate import find_clock_rate
 from asyneio.rotation.time_offset import clock_fix
 from asyneio.types import NS_PER_S, Calibration, CalibrationEstimate, RecordArray
 
@@ -29,7 +30,7 @@ def contradicted_clock(
     gyroscope: RecordArray,
     observations: RecordArray,
 ) -> str:
-    """What is wrong with the time offset, as a phrase; empty if nothing is.
+    """What is wrong with the time offset or the rate of the clocks, as a phrase; empty if nothing is.
 
     Args:
         found: calibration as estimated at the end of a run; None if it did not end in a segment.
@@ -43,7 +44,12 @@ def contradicted_clock(
     try:
         rates = rates_from_tracks(observations[begin:], calibration.camera)
         used = 0.0 if found is None else found.time_offset_s
-        seen = align(rates, gyroscope[possible(gyroscope["xyz"])], calibration.T_b_c[:3, :3].T, used)
+        readings, claimed = gyroscope[possible(gyroscope["xyz"])], calibration.T_b_c[:3, :3].T
+        seen = align(rates, readings, claimed, used)
+        if found is None or (seen is not None and abs(seen.offset_s - used) > _LEAST_S):
+            clock = find_clock_rate(rates, readings, claimed, used)
+            if clock is not None:
+                return f"{clock.text(calibration.timeshift_ns / NS_PER_S)}; {clock.fix()}"
     except np.linalg.LinAlgError:
         return ""
     if seen is None or seen.offset_sigma_s > OFFSET_OBSERVABLE_S or seen.explained < _EXPLAINED:

@@ -18,6 +18,7 @@ from asyneio.pipeline.clock_check import contradicted_clock
 from asyneio.pipeline.compilation import Compilation, compile_ahead, watch_compilation
 from asyneio.pipeline.fingerprint import fingerprint_of
 from asyneio.pipeline.frontend_thread import ObservationStream
+from asyneio.pipeline.inverted_check import inverted_accelerometer
 from asyneio.pipeline.packets import (
     calibration_of,
     check_clock_jumps,
@@ -148,6 +149,10 @@ def run_recording(
     contradiction = contradicted_clock(
         found, calibration, recording.gyroscope, observations
     ) or contradicted_scale(found, config, calibration, recording.gyroscope, observations)
+    if not (contradiction or loop.done.estimates or loop.error or estimator or initial_state):
+        contradiction = inverted_accelerometer(
+            recording, observations, grid, lambda: Odometry(config, calibration)
+        )
     notes = source.notes()
     if not contradiction:
         notes += scale_notes(found, calibration, recording.gyroscope, observations)

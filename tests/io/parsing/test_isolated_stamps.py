@@ -71,5 +71,8 @@ def test_first_and_last_stamps_of_another_epoch(count: int, dropped: int, end: b
 def test_rows_that_are_not_sorted_are_named(rng: np.random.Generator) -> None:
     rows = np.zeros(400, dtype=INERTIAL_DTYPE)
     rows["t_ns"] = rng.permutation(stamps())
-    with pytest.raises(RecordingError, match=r"not sorted by time.*\(sort -s -g imu.txt > sorted.txt\)"):
+    with pytest.raises(
+        RecordingError,
+        match=r"not sorted by time.*\(in the folder of the file: sort -s -g imu.txt > sorted.txt\)",
+    ):
         sort_in_time(rows, "imu.txt")

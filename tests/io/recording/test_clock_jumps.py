@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.clock_wraps import PERIODS_NS
 from asyneio.io.recording.cache import EventTable, load_events
 from asyneio.io.recording.clock_jumps import MAX_JUMPS, PAUSE_NS, EventJoiner
+from asyneio.io.recording.contents import Samples
 from asyneio.io.recording.event_source import SAMPLE_DTYPE, join_events
-from asyneio.types import NS_PER_S, RecordArray
+from asyneio.io.recording.sample_jumps import join_samples, jumps_back
+from asyneio.types import INERTIAL_DTYPE, NS_PER_S, RecordArray
 from tests.io.event_recordings import make_events
 from tests.io.recordings import START_NS
 
@@ -25,6 +28,7 @@ class Pieces:
     def __init__(self, events: RecordArray, cuts: list[int], path: Path) -> None:
         self._pieces = np.split(events, sorted(cuts))
         self.path = path
+        path.parent.mkdir(exist_ok=True)
         path.touch()
 
     def chunks(self) -> Iterator[tuple[RecordArray, float]]:
@@ -162,3 +166,46 @@ def test_events_without_a_jump_pass_unchanged_and_at_once(rng: np.random.Generat
     (part,) = joiner.parts()
     assert (part.start_ns, part.end_ns) == (int(events["t_ns"][0]), int(events["t_ns"][-1]))
     assert part.start_ns >= START_NS
+
+
+@pytest.mark.parametrize("period_ns", PERIODS_NS)
+def test_a_counter_that_wraps_around_continues(
+    rng: np.random.Generator, tmp_path: Path, period_ns: int
+) -> None:
+    true = make_events(rng, 3 * COUNT)
+    stored = true.copy()
+    stored["t_ns"][COUNT:] -= period_ns
+    for number, cuts in enumerate(([], [COUNT], [COUNT - 3, COUNT + 1, COUNT + 900, COUNT + 1001])):
+        table = load(stored, cuts, tmp_path / str(number))
+        assert len(table.parts) == 1
+        np.testing.assert_array_equal(np.sort(table.events["t_ns"]), true["t_ns"])
+        assert sum("the clock wraps around before event" in note for note in table.notes) == 1
+        assert f"{period_ns / NS_PER_S:.6f} s are added" in " ".join(table.notes)
+    # A late event from before is isolated; those before it are not lost.
+    stored["t_ns"][COUNT + 10] += period_ns
+    found = load(stored, [], tmp_path / "late").events
+    np.testing.assert_array_equal(found, np.delete(true, COUNT + 10))
+
+
+def test_a_wrap_around_before_a_jump(rng: np.random.Generator, tmp_path: Path) -> None:
+    first, second = make_events(rng, 2 * COUNT), make_events(rng, COUNT)
+    stored = np.concatenate([first, second])
+    stored["t_ns"][COUNT:] -= PERIODS_NS[0]
+    wanted = load(np.concatenate([first, second]), [], tmp_path / "a")
+    found = load(stored, [100, 9000, 20_000], tmp_path / "b")
+    assert found.parts == wanted.parts
+    np.testing.assert_array_equal(found.events, wanted.events)
+
+
+def test_samples_and_events_wrap_around_each_by_itself(rng: np.random.Generator, tmp_path: Path) -> None:
+    events = make_events(rng, 2 * COUNT)
+    stamps = np.linspace(events["t_ns"][0], events["t_ns"][-1], 500).astype(np.int64)
+    stored = stamps - PERIODS_NS[0] * (np.arange(500) >= 300)
+    rows = np.zeros(500, dtype=INERTIAL_DTYPE)
+    rows["t_ns"] = stored
+    samples = Samples(rows, rows.copy(), "imu.txt")
+    assert not jumps_back(samples)
+    joined = join_samples(samples, load(events, [], tmp_path).parts)
+    np.testing.assert_array_equal(joined.gyroscope["t_ns"], stamps)
+    np.testing.assert_array_equal(joined.accelerometer["t_ns"], stamps)
+    assert ["wraps around before row 301" in note for note in joined.notes] == [True]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -305,3 +307,24 @@ def test_real_recording(data_dir: Path) -> None:
     assert found.calibration.timeshift_ns == 375_000
     assert found.observations["t_ns"][0] == 1_520_527_958_513_480_192 + 375_000
     assert np.linalg.det(found.calibration.T_b_c[:3, :3]) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "name", ["imu.csv", "camchain-imucam.yaml", "imu.yaml", "groundtruth.tum", "tracks.csv"]
+)
+def test_a_folder_that_cannot_be_completed_has_no_tracks(
+    rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    recording = make_recording(rng)
+    write_tracks_folder(recording, tmp_path)  # of an earlier run
+    mkstemp = tempfile.mkstemp
+
+    def full(dir: Path, prefix: str, suffix: str) -> tuple[int, str]:
+        if prefix == f".{name}.":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return mkstemp(dir=dir, prefix=prefix, suffix=suffix)
+
+    monkeypatch.setattr("tempfile.mkstemp", full)
+    with pytest.raises(RecordingError, match=f"cannot write .*{name}: No space left on device"):
+        write_tracks_folder(recording, tmp_path)
+    assert not (tmp_path / "tracks.csv").exists()

@@ -89,7 +89,10 @@ def check_extrinsics(inspection: Inspection) -> CheckResult | None:
 
 def check_time_offset(inspection: Inspection) -> CheckResult | None:
     """The time offset between the rotations of camera and gyroscope, against that of the calibration."""
-    found = inspection.alignment
+    clock, found = inspection.clock_rate, inspection.alignment
+    if clock is not None:
+        rate = {"clock_rate": clock.rate, "first_s": clock.start_s, "last_s": clock.end_s}
+        return fail("time offset", clock.text(), "clocks of the same rate", clock.fix(), **rate)
     if found is None or found.explained < _EXPLAINED:
         return None
     claimed = inspection.calibration.timeshift_ns / NS_PER_S if inspection.calibration else 0.0

@@ -8,6 +8,7 @@ import numpy as np
 from asyneio.doctor.checks.imu_time import streams_of
 from asyneio.doctor.inspection import Inspection, note, ok, warning
 from asyneio.doctor.result import CheckResult
+from asyneio.io.recording.trajectory_reader import WRONG_STAMPS
 from asyneio.types import NS_PER_S
 
 #: Pauses longer than this [s] are excluded from comparisons; a higher speed than this [m/s] is a jump.
@@ -46,6 +47,10 @@ def check_truth(inspection: Inspection) -> CheckResult | None:
         measured += f"; quaternion norms off by {norms:.2g}, up to {fastest:.3g} m/s"
         fix = "check the columns (quaternions x y z w, positions in metres); motion capture may have jumped"
         return warning("ground truth", measured, f"unit quaternions, below {_SPEED:g} m/s", fix, **values)
+    wrong = next((text for text in inspection.notes if WRONG_STAMPS in text), "")
+    if wrong:
+        fix = "a run drops them; check how the time stamps were written"
+        return warning("ground truth", f"{measured}; {wrong}", "time stamps of one clock", fix, **values)
     if pauses:
         return note(
             "ground truth", f"{measured}; {pauses} pause(s)", "", "pauses are not evaluated", **values

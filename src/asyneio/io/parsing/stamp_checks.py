@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+import shlex
+
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.clock_wraps import unwrapped
 from asyneio.io.parsing.isolated_stamps import MAX_DISORDER_NS as MAX_DISORDER_NS
 from asyneio.io.parsing.isolated_stamps import drop_isolated_rows
 from asyneio.types import NS_PER_S, IntArray, RecordArray
@@ -36,15 +39,22 @@ _MAX_LENGTH_RATIO = 1000
 _UNITS = {10**3: "microseconds", 10**6: "milliseconds", 10**9: "seconds"}
 
 
+def sort_command(name: str) -> str:
+    """The command that sorts a text file with times in the first column, in its folder."""
+    return f"sort -s -g {shlex.quote(name)} > sorted.txt"
+
+
 def sort_in_time(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, ...]]:
     """Rows in ascending `t_ns`, equal stamps in file order, and notes on what changed.
 
-    Isolated wrong stamps are dropped first.
+    A clock that wraps around continues, then isolated wrong stamps are dropped.
 
     Raises:
         RecordingError: a stamp is more than MAX_DISORDER_NS earlier than a previous one.
     """
+    rows, wrapped = unwrapped(rows, what)
     rows, notes = drop_isolated_rows(rows, what)
+    notes = wrapped + notes
     t_ns = rows["t_ns"]
     backward = np.flatnonzero(t_ns[1:] < t_ns[:-1])
     if backward.size == 0:
@@ -55,7 +65,8 @@ def sort_in_time(rows: RecordArray, what: str) -> tuple[RecordArray, tuple[str, 
     worst = int(np.argmax(disorder))
     if int(disorder[worst]) > MAX_DISORDER_NS:
         if backward.size > _MOST_RESETS:
-            sort = f"(sort -s -g {what} > sorted.txt)" if what.lower().endswith(".txt") else "by their time"
+            text = what.lower().endswith(".txt")
+            sort = f"(in the folder of the file: {sort_command(what)})" if text else "by their time"
             raise RecordingError(
                 f"{what}: its rows are not sorted by time, which runs backwards {backward.size} times, by up "
                 f"to {int(disorder[worst]) / 1e6:.1f} ms: sort them {sort}"

@@ -30,7 +30,7 @@ from asyneio.progress import ProgressCallback
 from asyneio.types import EVENT_DTYPE, RecordArray
 
 #: Increased whenever a decoder or a check changes its output.
-READER_VERSION = 2
+READER_VERSION = 3
 #: Smaller sources are converted fast enough without a cache.
 CACHE_FROM_BYTES = 32 * 2**20
 #: Upper bound on the size of an entry relative to its source (two for text with eight bytes per line).

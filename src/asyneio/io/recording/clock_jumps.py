@@ -5,6 +5,9 @@ A recording stays one ascending sequence: what follows a jump is moved by one of
 seconds, so that it begins after a pause. The pause is longer than any that the estimator bridges, so a new
 segment begins. `sample_jumps.py` moves the inertial samples by the same offsets.
 
+A step back by the period of a 32-bit counter of microseconds is a wrap-around (`parsing/clock_wraps.py`): the
+period is added, and the segment continues.
+
 Only a step back that a run of later events confirms, in order among themselves, is a jump. Rows in any other
 order are left to `event_checks.py`.
 """
@@ -16,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from asyneio.io.parsing.clock_wraps import wrap_note, wrap_period
 from asyneio.io.parsing.stamp_checks import MAX_DISORDER_NS
 from asyneio.io.recording.event_checks import MAX_LATE_RUN, MAX_STAMP_NS
 from asyneio.io.recording.event_source import join_events
@@ -42,8 +46,8 @@ _LATEST, _RUN, _RUN_START, _RUN_FIRST, _RUN_LATEST = range(5)
 
 @dataclass(frozen=True)
 class ClockPart:
-    """The events between two jumps: first and last stamp in the file [ns], what is added to them [ns], and
-    the number of the first event in the file."""
+    """The events between two jumps: first and last stamp in the file, without wrap-arounds [ns], what is
+    added to them [ns], and the number of the first event in the file."""
 
     start_ns: int
     end_ns: int
@@ -68,6 +72,8 @@ class EventJoiner:
         self._parts: list[ClockPart] = []
         self._taken = 0
         self._notes: list[str] = []
+        #: Added to new events for all wrap-arounds, and before the newest one.
+        self._wrapped_ns = self._before_ns = 0
         #: Number of short parts at the start that were dropped.
         self.dropped_parts = 0
 
@@ -76,6 +82,7 @@ class EventJoiner:
 
         Each comes with whether everything before it is dropped, because it was too short.
         """
+        events = self._unwrapped(events)
         if self._waiting.size:
             events = join_events([self._waiting, events])
             self._waiting = events[:0]
@@ -86,6 +93,13 @@ class EventJoiner:
         given, restart = 0, False
         found = int(_find_jump(*columns, *self._size, 0, state))
         while found >= 0:
+            if self._wraps():
+                start = int(state[_RUN_START])
+                events = self._wrapped(events, given)
+                columns = (events["t_ns"], events["x"], events["y"])
+                state[_RUN] = 0
+                found = int(_find_jump(*columns, *self._size, start, state))
+                continue
             if self._is_jump():
                 start = int(state[_RUN_START])
                 yield self._moved(events[given:start]), restart
@@ -124,6 +138,35 @@ class EventJoiner:
         t_ns = events["t_ns"][(events["x"] < width) & (events["y"] < height)]
         if t_ns.size:
             self._parts.append(ClockPart(int(t_ns[0]), int(t_ns[0])))
+
+    def _wraps(self) -> bool:
+        return wrap_period(int(self._state[_LATEST]) - int(self._state[_RUN_FIRST])) > 0
+
+    def _wrapped(self, events: RecordArray, given: int) -> RecordArray:
+        """Events after a wrap-around, with the late events behind all others; those before `given` remain."""
+        state = self._state
+        latest_ns = int(state[_LATEST])
+        period_ns = wrap_period(latest_ns - int(state[_RUN_FIRST]))
+        self._before_ns, self._wrapped_ns = self._wrapped_ns, self._wrapped_ns + period_ns
+        where = f"before event {self._taken + int(state[_RUN_START])}"
+        self._notes.append(wrap_note(self._what, period_ns, where))
+        moved = events.copy()
+        t_ns = moved["t_ns"][given:]
+        late = (t_ns > -MAX_STAMP_NS) & (t_ns < latest_ns - period_ns // 2)
+        np.add(t_ns, period_ns, out=t_ns, where=late)
+        return moved
+
+    def _unwrapped(self, events: RecordArray) -> RecordArray:
+        """New events with the periods of all wrap-arounds so far; stamps out of range are unchanged."""
+        if self._wrapped_ns == 0:
+            return events
+        moved = events.copy()
+        t_ns = moved["t_ns"]
+        inside = (t_ns > -MAX_STAMP_NS) & (t_ns < MAX_STAMP_NS)
+        # Events from before the newest wrap-around may arrive late.
+        late = np.abs(t_ns + self._before_ns - self._state[_LATEST]) < MIN_JUMP_NS
+        np.add(t_ns, np.where(late, self._before_ns, self._wrapped_ns), out=t_ns, where=inside)
+        return moved
 
     def _is_jump(self) -> bool:
         back_ns = int(self._state[_LATEST]) - int(self._state[_RUN_FIRST])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from asyneio.errors import RecordingError
-from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE, MAX_DISORDER_NS
+from asyneio.io.parsing.stamp_checks import MAX_BAD_SHARE, MAX_DISORDER_NS, sort_command
 from asyneio.io.recording.event_source import join_events
 from asyneio.jit import njit
 from asyneio.types import EVENT_DTYPE, NS_PER_S, BoolArray, IntArray, RecordArray
@@ -144,7 +144,7 @@ class EventChecker:
 def _sorting(name: str) -> str:
     """How to sort the file by time."""
     if name.lower().endswith(".txt"):
-        return f"Sort it: sort -s -g {name} > sorted.txt"
+        return f"Sort it, in its folder: {sort_command(name)}"
     return "Sort it by its time column, or export it again sorted by time"
 
 

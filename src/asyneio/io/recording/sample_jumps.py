@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.clock_wraps import unwrapped
 from asyneio.io.parsing.isolated_stamps import MAX_DISORDER_NS, drop_isolated_rows
 from asyneio.io.recording.clock_jumps import MARGIN_NS, MIN_PART_NS, ClockPart
 from asyneio.io.recording.contents import Samples
@@ -20,12 +21,13 @@ from asyneio.types import NS_PER_S, IntArray, RecordArray
 
 
 def jumps_back(samples: Samples) -> bool:
-    """Whether the clock of a sensor jumps back, apart from isolated wrong stamps."""
-    return any(len(_split(drop_isolated_rows(stream, "")[0])) > 1 for stream in _streams(samples))
+    """Whether the clock of a sensor jumps back, apart from wrap-arounds and isolated wrong stamps."""
+    rows = (drop_isolated_rows(unwrapped(stream, "")[0], "")[0] for stream in _streams(samples))
+    return any(len(_split(stream)) > 1 for stream in rows)
 
 
 def join_samples(samples: Samples, parts: tuple[ClockPart, ...], dropped_parts: int = 0) -> Samples:
-    """Samples in the time of the joined events; unchanged if neither of them jumps.
+    """Samples in the time of the joined events; unchanged if neither of them jumps or wraps around.
 
     Args:
         samples: as stored in the file.
@@ -37,6 +39,7 @@ def join_samples(samples: Samples, parts: tuple[ClockPart, ...], dropped_parts: 
     """
     if samples.error or min(stream.size for stream in _streams(samples)) < 2:
         return samples
+    samples = _unwrapped(samples)
     if len(parts) == 1 and not jumps_back(samples):
         return samples
     same = np.array_equal(samples.gyroscope["t_ns"], samples.accelerometer["t_ns"])
@@ -47,6 +50,14 @@ def join_samples(samples: Samples, parts: tuple[ClockPart, ...], dropped_parts: 
         streams.append(joined)
         notes += () if same and sensor == "accelerometer" else added
     return replace(samples, gyroscope=streams[0], accelerometer=streams[1], notes=notes)
+
+
+def _unwrapped(samples: Samples) -> Samples:
+    """Samples whose clock continues after wrap-arounds, with a note."""
+    gyroscope, notes = unwrapped(samples.gyroscope, samples.name)
+    accelerometer, more = unwrapped(samples.accelerometer, samples.name)
+    added = notes or more
+    return replace(samples, gyroscope=gyroscope, accelerometer=accelerometer, notes=samples.notes + added)
 
 
 def _streams(samples: Samples) -> tuple[RecordArray, RecordArray]:

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asyneio.errors import RecordingError
+from asyneio.io.parsing.clock_wraps import unwrapped
 from asyneio.io.parsing.column_names import POSITION, QUATERNION, find_axes, find_bare_axes
 from asyneio.io.parsing.csv_table import bad_lines_note
 from asyneio.io.parsing.stamp_checks import drop_equal_stamps
@@ -30,6 +31,10 @@ from asyneio.io.parsing.zip_member import ZipMember
 from asyneio.io.recording.tum import MAX_NORM_ERROR, POSE_DTYPE, poses_of
 from asyneio.types import NS_PER_S, FloatArray, IntArray, PoseTrajectory, RecordArray
 
+#: Text of the note on poses with wrong stamps.
+WRONG_STAMPS = "pose(s) with a wrong time stamp, more than an hour from all others"
+#: Pause [ns] after which few poses are not part of a trajectory; at most this number, or one in a hundred.
+_FAR_NS, _MOST_FAR = 3600.0 * NS_PER_S, 3
 #: Plausible rates of motion capture, to determine the time unit without a header.
 POSE_RATES_HZ = (2.0, 1_999.0)
 _EXPECTED = (
@@ -150,12 +155,14 @@ def _poses(
         )
     table = np.empty(good.size, dtype=POSE_DTYPE)
     table["t_ns"], table["p"], table["q"] = t_ns, position, quaternion
-    poses, sorted_note = _sorted(table[good], name)
+    poses, wrapped = unwrapped(table[good], name)
+    poses, sorted_note = _sorted(poses, name)
+    poses, far_note = _without_far(poses, name)
     poses, dropped_note = drop_equal_stamps(poses, name)
     notes: tuple[str, ...] = (*rows.notes, *bad_lines_note(rows.path, rows.bad))
     if not good.all():
         notes += (f"{name}: skipped {int((~good).sum())} line(s) without a pose",)
-    return poses_of(poses), notes + sorted_note + dropped_note
+    return poses_of(poses), notes + wrapped + sorted_note + far_note + dropped_note
 
 
 def _sorted(rows: RecordArray, name: str) -> tuple[RecordArray, tuple[str, ...]]:
@@ -165,6 +172,18 @@ def _sorted(rows: RecordArray, name: str) -> tuple[RecordArray, tuple[str, ...]]
         return rows, ()
     note = f"{name}: sorted by time, which ran backwards {backward} time(s)"
     return rows[np.argsort(rows["t_ns"], kind="stable")], (note,)
+
+
+def _without_far(rows: RecordArray, name: str) -> tuple[RecordArray, tuple[str, ...]]:
+    """Sorted rows without a few far from all others, whose stamps are wrong, and a note."""
+    # Differences of integers would overflow for absurd stamps.
+    far = np.flatnonzero(np.diff(rows["t_ns"].astype(np.float64)) > _FAR_NS) + 1
+    parts = np.split(rows, far)
+    main = max(parts, key=len)
+    few = rows.size - main.size
+    if not 0 < few <= max(_MOST_FAR, rows.size // 100) or main.size < 2 * few:
+        return rows, ()
+    return main, (f"{name}: dropped {few} {WRONG_STAMPS}",)
 
 
 def _unit_share(quaternion: FloatArray) -> float:

@@ -18,12 +18,21 @@ def write_tracks_folder(recording: Recording, path: Path) -> None:
     """Write tracks, inertial samples, calibration and ground truth (if any), each file atomically.
 
     Gyroscope and accelerometer share `imu.csv` if their stamps are equal, otherwise each has its own file.
-    Files of an earlier call in the other layout, and an old ground truth, are removed.
+    Files of an earlier call in the other layout, and an old ground truth, are removed. `tracks.csv`, by which
+    a tracks folder is recognized, is the last file: a folder that could not be completed has none.
 
     Raises:
         RecordingError: a file cannot be written.
     """
     observations = recording.observations
+    (path / "tracks.csv").unlink(missing_ok=True)
+    _write_inertial(path, recording.gyroscope, recording.accelerometer)
+    write_camchain(path / "camchain-imucam.yaml", recording.calibration)
+    write_imu_noise(path / "imu.yaml", recording.calibration.noise)
+    if recording.ground_truth is None:
+        (path / "groundtruth.tum").unlink(missing_ok=True)
+    else:
+        write_tum(path / "groundtruth.tum", recording.ground_truth)
     write_csv(
         path / "tracks.csv",
         "t_ns,id,u,v",
@@ -34,13 +43,6 @@ def write_tracks_folder(recording: Recording, path: Path) -> None:
             observations["v"].tolist(),
         ),
     )
-    _write_inertial(path, recording.gyroscope, recording.accelerometer)
-    write_camchain(path / "camchain-imucam.yaml", recording.calibration)
-    write_imu_noise(path / "imu.yaml", recording.calibration.noise)
-    if recording.ground_truth is None:
-        (path / "groundtruth.tum").unlink(missing_ok=True)
-    else:
-        write_tum(path / "groundtruth.tum", recording.ground_truth)
 
 
 def write_csv(path: Path, header: str, columns: Iterable[list[int] | list[float]]) -> None:
