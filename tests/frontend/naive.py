@@ -249,7 +249,8 @@ class NaiveFrontend:
             change = self.unsupported / self.unmeasured - self.unsupported_share
             self.unsupported_share += change * elapsed_ns / (elapsed_ns + 100 * MS)
             noise = (self.unsupported_share - 0.2) / (0.8 - 0.2)
-            self.window_px = 2.0 / (1.0 - min(max(noise, 0.0), 0.5)) if self.stretches else 2.0
+            longer = self.stretches and self.unsupported_share > 0.32
+            self.window_px = 2.0 / (1.0 - min(max(noise, 0.0), 0.5)) if longer else 2.0
         self.unmeasured = self.unsupported = 0
         self.managed_ns = t_ns
         for feature in list(self.features):

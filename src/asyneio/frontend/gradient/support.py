@@ -64,9 +64,9 @@ def measure_noise(state: Record, pixels: int, elapsed_ns: int) -> None:
         state.unsupported_share += (share - state.unsupported_share) * gain
         noise = (state.unsupported_share - _OF_EDGES) / (_OF_NOISE - _OF_EDGES)
         noise = min(max(noise, 0.0), 1.0 - 1.0 / MAX_STRETCH)
-        state.stretch = 1.0 / (1.0 - noise)
         # Those of edges are less than half of the events without support.
         state.filters = 2.0 * (1.0 - noise) * _OF_EDGES < state.unsupported_share
+        state.stretch = 1.0 / (1.0 - noise) if state.filters else 1.0
     state.unmeasured = state.unsupported = 0
 
 
