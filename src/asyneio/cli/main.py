@@ -106,10 +106,16 @@ def main() -> None:
         )
 
 
+#: Options whose empty value has a meaning: no preset.
+_MAY_BE_EMPTY = ("--preset",)
+
+
 def _check_arguments(arguments: list[str]) -> None:
     """Exit with status 2 at an empty argument: as a path, it would be the current directory."""
     for number, argument in enumerate(arguments):
         name, equals, value = argument.partition("=")
+        if name in _MAY_BE_EMPTY or (number and arguments[number - 1] in _MAY_BE_EMPTY):
+            continue
         if argument.startswith("--") and equals and not value.strip():
             where = f"after {name}="
         elif not argument.strip():

@@ -74,7 +74,7 @@ def test_rows_out_of_order_are_named_and_the_cure_works(tmp_path: Path, events: 
     (tmp_path / "events.txt").write_text("".join(lines))
     with pytest.raises(RecordingError, match="not sorted by time") as caught:
         open_recording(tmp_path)
-    command = str(caught.value).split("Sort it: ")[1]
+    command = str(caught.value).split("Sort it, in its folder: ")[1]
     subprocess.run(f"{command} && mv sorted.txt events.txt", shell=True, cwd=tmp_path, check=True)
     assert_events(read(tmp_path).events, events)
 
