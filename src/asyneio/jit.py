@@ -31,6 +31,7 @@ def njit(
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
+        """The kernel; the function itself without compilation."""
         if config.DISABLE_JIT:
             return function
         if numba.version_info[:2] not in TESTED:

@@ -15,11 +15,14 @@ from asyneio.io.parsing.folder_lock import folder_lock
 
 #: Folder of the checkpoints inside the folder of results.
 CHECKPOINT_FOLDER = ".checkpoint"
+#: Time after which an interrupt is repeated [s].
+_AGAIN_S = 0.02
 
 
 @contextmanager
 def results_folder(folder: Path) -> Iterator[None]:
-    """Inside the block, the folder exists and belongs to this process; SIGTERM is handled like Ctrl-C.
+    """Inside the block, the folder exists and belongs to this process; SIGTERM is handled like Ctrl-C, and
+    neither is lost.
 
     Temporary files of a killed run are removed at the beginning, the folder itself at the end if it is empty.
 
@@ -28,7 +31,7 @@ def results_folder(folder: Path) -> Iterator[None]:
     """
     make_folder(folder)
     try:
-        with folder_lock(folder), _interrupted_by_sigterm():
+        with folder_lock(folder), _interrupts():
             remove_temporary(folder)
             yield
     finally:
@@ -36,17 +39,33 @@ def results_folder(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _interrupted_by_sigterm() -> Iterator[None]:
-    """Inside the block, SIGTERM raises KeyboardInterrupt; without effect outside the main thread."""
+def _interrupts() -> Iterator[None]:
+    """Inside the block, SIGTERM and Ctrl-C raise KeyboardInterrupt; without effect outside the main thread.
 
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
+    Python only prints an exception that is raised in a `__del__`, and kernels that are being compiled release
+    many objects: there, the interrupt is repeated a little later.
+    """
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        while frame is not None:
+            if frame.f_code.co_name == "__del__":
+                again = threading.Timer(_AGAIN_S, signal.raise_signal, (number,))
+                again.daemon = True
+                again.start()
+                return
+            frame = frame.f_back
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, interrupt)
+    # A shell ignores SIGINT in what it starts in the background; that stays.
+    handled = [signal.SIGTERM]
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        handled.append(signal.SIGINT)
+    before = {number: signal.signal(number, interrupt) for number in handled}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

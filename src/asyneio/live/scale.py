@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the estimated scale factors of the IMU contradict their prior, in a live run and at its end."""
+"""Whether scale and clocks are contradicted: the scale in a live run, both at its end."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class ScaleCheck:
         self._due_ns, self._in_a_row = None, 0
 
     def result(self, found: CalibrationEstimate | None) -> tuple[str, tuple[str, ...]]:
-        """What is wrong with the scale of the trajectory at the end (empty if nothing is), and notes.
+        """What is wrong with the scale or the clocks at the end (empty if nothing is), and notes.
 
         Both are those of `run_recording`, from the tracks of the last 30 s.
         """

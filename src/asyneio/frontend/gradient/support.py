@@ -31,7 +31,7 @@ SUPPORT_SHARE = 0.05
 MAX_SUPPORT_NS = 1_000 * NS_PER_S
 #: Time over which the event rate and the share of events without support are averaged [ns].
 RATE_TIME_NS = 100_000_000
-#: Share of events without support among those of edges, 0.04 to 0.25 in scenes without noise, and among those
+#: Share of events without support among those of edges, 0.04 to 0.3 in scenes without noise, and among those
 #: of noise: if half of the events are noise, exp(-8 SUPPORT_SHARE / 2).
 _OF_EDGES, _OF_NOISE = 0.2, 0.8
 #: Largest factor by which the windows of features become longer.
